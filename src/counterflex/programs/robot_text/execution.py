@@ -27,9 +27,6 @@ class ToolInSpindle(Protocol):
 class Execution:
     """Motions and blocks of a program as far as it has run.
 
-    Args:
-        in_spindle: Tells the tool in the spindle.
-
     Attributes:
         motions: Each motion, without rotary words.
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 from counterflex.app.compensation.languages import WritingOrder, Written, robot_text, writer_settings
 from counterflex.app.compensation.next_steps import against_fixed_tool, tool_frames
@@ -13,53 +13,31 @@ from counterflex.app.robot_axes import part_in_world
 from counterflex.app.robot_programs import refuse_held_part, shared_facts
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry import pose
-from counterflex.integrations.fanuc.language import LIMITS
 from counterflex.integrations.fanuc.language.read.frames import FanucCell
 from counterflex.integrations.fanuc.language.spelling import values_text
 from counterflex.integrations.fanuc.language.writer import (
     FanucSettings,
+    FanucWords,
     FanucWriter,
     fanuc_frames,
     fanuc_motion,
-    fanuc_program,
     speed_text,
 )
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
-from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import Limits, check_name
 from counterflex.programs.program import Program
 from counterflex.report.data import Fact
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 from counterflex.robot.model.opw import TURN
 
 
-class FanucEmitter(RobotEmitter[FanucSettings]):
+class FanucEmitter(FanucWords, RobotEmitter[FanucSettings]):
     """FANUC TP: J, L, C."""
-
-    language: ClassVar[str] = "fanuc"
-    limits: ClassVar[Limits] = LIMITS
-    stop: ClassVar[str] = "PAUSE"
-    sign: ClassVar[str] = "!"
-
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
-        """One listing."""
-        check_name(name, LIMITS, "FANUC")
-        return {f"{name}.ls": fanuc_program(name, lines)}
-
-    def call(self, part: str) -> str:
-        """CALL."""
-        return f"CALL {part.upper()}"
 
     def frames(self, tool: int) -> None:
         """UFRAME_NUM, UTOOL_NUM."""
         self.lines += fanuc_frames(self.settings, tool)
-
-    def dwell(self, move: Move) -> None:
-        """WAIT."""
-        self.lines.append(f"WAIT {number(move.motion.duration_s, 4)}(sec)")
 
     @property
     def _termination(self) -> str:
@@ -70,17 +48,9 @@ class FanucEmitter(RobotEmitter[FanucSettings]):
         word, speed = ("J", f"{self.settings.axis_percent}%") if free else ("L", speed_text(speed_m_s))
         self.lines.append(fanuc_motion(self.settings, self.tool, word, [T_part_tcp], speed, self._termination))
 
-    def arc_shares(self, move: Move) -> list[float] | None:
-        """Halves at most: C goes less than a turn; a helix becomes straight moves."""
-        return self.halves(move)
-
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """C through the middle of a piece."""
-        Ts = [
-            pose.make(self.orientation(move, share), move.at(share))
-            for share in (0.5 * (start_share + end_share), end_share)
-        ]
-        speed = speed_text(self._speed(move))
+        Ts, speed = self.through(move, start_share, end_share), speed_text(self._speed(move))
         self.lines.append(fanuc_motion(self.settings, self.tool, "C", Ts, speed, self._termination))
 
 

@@ -25,11 +25,7 @@ from counterflex.programs.robot_text.in_place import InPlace
 
 
 class WrittenValues:
-    """Values of targets, mm and deg.
-
-    Attributes:
-        values: As written last, in the active base.
-    """
+    """Values of targets, mm and deg."""
 
     def __init__(self, program: KrlProgram) -> None:
         self.program = program

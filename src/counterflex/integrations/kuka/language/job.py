@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from counterflex.app.compensation.languages import WritingOrder, Written, robot_text, writer_settings
 from counterflex.app.compensation.next_steps import against_fixed_tool, tool_frames
@@ -14,52 +14,31 @@ from counterflex.app.robot_programs import refuse_held_part, shared_facts
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
-from counterflex.integrations.kuka.language import LIMITS
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.writer import (
     KrlSettings,
+    KrlWords,
     KrlWriter,
-    krl_data,
     krl_frames,
     krl_pose,
-    krl_source,
 )
 from counterflex.programs.convert.emitter import Conversion, turn_deg
 from counterflex.programs.convert.robot_languages import FLAT_M, RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import Limits, check_name
 from counterflex.programs.program import Program
 from counterflex.report.data import Fact
 
 _NEARLY_WHOLE_DEG: Final = 340.0
 
 
-class KrlEmitter(RobotEmitter[KrlSettings]):
+class KrlEmitter(KrlWords, RobotEmitter[KrlSettings]):
     """KUKA KRL: PTP, LIN, CIRC."""
-
-    language: ClassVar[str] = "krl"
-    limits: ClassVar[Limits] = LIMITS
-    stop: ClassVar[str] = "HALT"
-    sign: ClassVar[str] = ";"
-
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
-        """``.src`` and ``.dat``."""
-        check_name(name, LIMITS, "KRL")
-        return {f"{name}.src": krl_source(name, lines), f"{name}.dat": krl_data(name, [])}
-
-    def call(self, part: str) -> str:
-        """A subprogram."""
-        return f"{part}( )"
 
     def frames(self, tool: int) -> None:
         """$TOOL, $BASE, speeds."""
         self.lines += krl_frames(self.settings, tool)
         self._velocity = ""
-
-    def dwell(self, move: Move) -> None:
-        """WAIT SEC."""
-        self.lines.append(f"WAIT SEC {number(move.motion.duration_s, 4)}")
 
     def _set(self, speed_m_s: float) -> None:
         text = number(speed_m_s, 8).rstrip("0")

@@ -159,11 +159,6 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
 def check_main(text: str, name: str, where: str) -> None:
     """Check that a controller loads a program: its file has the name of its main routine, and a name that KRL takes.
 
-    Args:
-        text: Of the ``.src`` file.
-        name: Of the file, without its ending.
-        where: For messages.
-
     Raises:
         ProgramError: They differ.
         InputError: The name is too long or holds other characters than letters, digits and underscores.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import Any
 
 from counterflex.app.compensation.languages import WritingOrder, Written, robot_text, writer_settings
 from counterflex.app.compensation.next_steps import against_fixed_tool, tool_frames
@@ -13,42 +14,29 @@ from counterflex.app.robot_axes import part_in_world, pose_text
 from counterflex.app.robot_programs import refuse_held_part, shared_facts
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
-from counterflex.geometry import pose
-from counterflex.integrations.staubli.language import LIMITS
 from counterflex.integrations.staubli.language.application import Application, Val3Settings
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import Limits
 from counterflex.programs.program import Program
-from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.robot_writer.writer import RobotWriter
+from counterflex.programs.robot_writer.writer import RobotWords, RobotWriter
 from counterflex.report.data import Fact
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 
 
-class Val3Emitter(RobotEmitter[Val3Settings]):
-    """Staubli VAL3: movej, movel, movec; the points in the data file."""
+class Val3Words(RobotWords[Val3Settings]):
+    """Programs of an application."""
 
-    language: ClassVar[str] = "val3"
-    limits: ClassVar[Limits] = LIMITS
-    stop: ClassVar[str] = "waitEndMove()\n  get()"
-    sign: ClassVar[str] = "//"
+    language, sign, stop, wait = "val3", "//", "waitEndMove()\n  get()", "delay({})"
 
-    def __init__(
-        self, program: Program, settings: Val3Settings, functions: MachineFunctions, tolerance_m: float
-    ) -> None:
-        super().__init__(program, settings, functions, tolerance_m)
-        self.application = Application(settings)
+    @cached_property
+    def application(self) -> Application:
+        """Its points, speeds and tools."""
+        return Application(self.settings)
 
-    def end(self) -> dict[str, str]:
-        """Programs, data and project."""
-        files = super().end()
-        return files | self.application.project(list(files))
-
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """A program file."""
         return self.application.program(name, lines)
 
@@ -56,8 +44,14 @@ class Val3Emitter(RobotEmitter[Val3Settings]):
         """A program of the application."""
         return f"call {part}()"
 
-    def frames(self, tool: int) -> None:
-        """Every statement names its tool, every point its frame."""
+
+class Val3Emitter(Val3Words, RobotEmitter[Val3Settings]):
+    """Staubli VAL3: movej, movel, movec; the points in the data file."""
+
+    def end(self) -> dict[str, str]:
+        """Programs, data and project."""
+        files = super().end()
+        return files | self.application.project(list(files))
 
     def dwell(self, move: Move) -> None:
         """delay, at rest."""
@@ -72,29 +66,14 @@ class Val3Emitter(RobotEmitter[Val3Settings]):
         word = "movej" if free else "movel"
         self.lines.append(f"{word}({self.application.point(T_part_tcp)},{self._behind(0.0 if free else speed_m_s)}")
 
-    def arc_shares(self, move: Move) -> list[float] | None:
-        """Halves at most: movec goes less than a turn; a helix becomes straight moves."""
-        return self.halves(move)
-
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """Movec through the middle of a piece."""
-        middle, last = (
-            self.application.point(pose.make(self.orientation(move, share), move.at(share)))
-            for share in (0.5 * (start_share + end_share), end_share)
-        )
+        middle, last = (self.application.point(T) for T in self.through(move, start_share, end_share))
         self.lines.append(f"movec({middle},{last},{self._behind(self._speed(move))}")
 
 
-class Val3Writer(RobotWriter[Val3Settings]):
+class Val3Writer(Val3Words, RobotWriter[Val3Settings]):
     """The words of VAL3: every point is a ``movel`` to an element of ``pPath`` in the part frame."""
-
-    dialect, limits, suffix = "val3", LIMITS, "pgx"
-    comment, stop, wait = "//", "waitEndMove()\n  get()", "delay({})"
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.application = Application(self.settings)
-        self._parts: list[str] = []
 
     def point(self, index: int) -> list[str]:
         """A point: movel, stopping at the first one and where it must be reached."""
@@ -116,22 +95,9 @@ class Val3Writer(RobotWriter[Val3Settings]):
         """Line that waits, at rest: the controller runs ahead of the motion."""
         return f"delay({number(time_s, 3)})"
 
-    def call(self, part: str) -> str:
-        """Call of a part."""
-        return f"call {part}()"
-
-    def main(self, body: Sequence[str]) -> str:
-        """The main program."""
-        return self.application.program(self.settings.name, body)[f"{self.settings.name}.pgx"]
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """The program of a part."""
-        self._parts.append(f"{name}.pgx")
-        return self.application.program(name, body)
-
-    def data(self) -> dict[str, str]:
+    def data(self, files: list[str]) -> dict[str, str]:
         """Points, speeds, project."""
-        return self.application.project([f"{self.settings.name}.pgx", *self._parts])
+        return self.application.project(files)
 
     def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
         app = self.application

@@ -64,12 +64,6 @@ class Statement:
 class Job:
     """A job, divided.
 
-    Args:
-        text: As read.
-        name: Of the file, for errors.
-        complete: Refuse a text without END.
-        encoding: Of the file.
-
     Attributes:
         positions: Entries by kind and number.
         statements: Instructions behind NOP, comments and empty lines included.
@@ -302,12 +296,7 @@ class Job:
 
 
 class Folder:
-    """Jobs that a job can call.
-
-    Args:
-        files: Those that lie in its folder.
-        complete: Refuse a text without END.
-    """
+    """Jobs that a job can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
@@ -315,10 +304,6 @@ class Folder:
 
     def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Job | None:
         """Return a job by its name; None where the folder has none.
-
-        Args:
-            name: Of the job.
-            refuse: Makes the error of a message and a hint.
 
         Raises:
             ProgramError: Several files have the name, or it cannot be read.

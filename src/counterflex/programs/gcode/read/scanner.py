@@ -88,9 +88,6 @@ def error_at(
 def scan_plain(text: str) -> tuple[Word, ...] | None:
     """Read a line that holds nothing but letters and literal numbers.
 
-    Args:
-        text: The line without its end.
-
     Returns:
         Its words; None where the line needs the full scanner.
     """

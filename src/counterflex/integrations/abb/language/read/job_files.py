@@ -53,9 +53,6 @@ class _Index:
 def modules_of(file: Path) -> list[Path]:
     """Return the files of a program, that of the program itself first.
 
-    Args:
-        file: A module, or a ``.pgf``.
-
     Raises:
         ProgramError: A file is missing, or which one is meant is not known.
     """

@@ -37,10 +37,6 @@ def arcs_of(chain: Sequence[Motion], fault: Fault) -> list[Motion]:
     Which three points the controller takes for a piece in a longer chain does not matter where all lie on one circle;
     other chains are refused.
 
-    Args:
-        chain: As straight motions.
-        fault: Makes the error of a message and a hint.
-
     Raises:
         ProgramError: The chain is shorter than three, or lies on no single circle.
     """

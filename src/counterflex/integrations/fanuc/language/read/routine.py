@@ -101,12 +101,7 @@ class Routine:
 
 
 class Folder:
-    """Listings that a program can call.
-
-    Args:
-        files: Those that lie in its folder.
-        complete: Refuse a text without /END.
-    """
+    """Listings that a program can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
@@ -114,10 +109,6 @@ class Folder:
 
     def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Routine | None:
         """Return the listing of a program; None where the folder has none.
-
-        Args:
-            name: Of the program.
-            refuse: Makes the error of a message and a hint.
 
         Raises:
             ProgramError: Several files have the name, or it cannot be read.

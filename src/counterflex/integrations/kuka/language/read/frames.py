@@ -114,10 +114,6 @@ class Frames(NumberedFrames):
     def require(self, where: str, code: str) -> None:
         """Refuse a Cartesian motion before tool and base are known, or in others than the cell has.
 
-        Args:
-            where: File, line and column of the motion.
-            code: The motion.
-
         Raises:
             ProgramError: One is not.
         """

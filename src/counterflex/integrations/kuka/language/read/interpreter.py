@@ -64,13 +64,7 @@ def _mentions(job: Job) -> Counter[tuple[str, str]]:
 
 
 class Interpreter(Motions):
-    """State of the controller while a job runs.
-
-    Args:
-        job: Its files.
-        cell: See :class:`KrlCell`.
-        complete: Refuse a text without END.
-    """
+    """State of the controller while a job runs."""
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)

@@ -56,11 +56,6 @@ class _Active:
 class Motions(Modes):
     """Motions that a job makes.
 
-    Args:
-        job: Its files.
-        cell: See :class:`KrlCell`.
-        complete: Refuse a text without END.
-
     Attributes:
         moves: What stands behind each motion in the text.
         loose: See :class:`~counterflex.integrations.kuka.language.program.KrlProgram`.
