@@ -10,10 +10,9 @@ from counterflex.app.compensation.next_steps import against_fixed_tool, tool_fra
 from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world
-from counterflex.app.robot_programs import refuse_held_part, shared_facts
+from counterflex.app.robot_programs import numbered_facts, refuse_held_part
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
-from counterflex.integrations.fanuc.language.read.frames import FanucCell
 from counterflex.integrations.fanuc.language.spelling import values_text
 from counterflex.integrations.fanuc.language.writer import (
     FanucSettings,
@@ -27,6 +26,7 @@ from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.program import Program
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.report.data import Fact
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 from counterflex.robot.model.opw import TURN
@@ -54,20 +54,9 @@ class FanucEmitter(FanucWords, RobotEmitter[FanucSettings]):
         self.lines.append(fanuc_motion(self.settings, self.tool, "C", Ts, speed, self._termination))
 
 
-def cell_of(cell: Cell) -> FanucCell:
-    """What a FANUC program is held against.
-
-    Raises:
-        InputError: The robot holds the part: such programs (remote TCP) are not read.
-    """
-    refuse_held_part(cell, "FANUC")
-    controller, tools = cell.tables.controller, cell.tables.tools
-    return FanucCell(
-        **shared_facts(cell, "fanuc"),
-        tool_number=controller.tool_number,
-        base_number=controller.base_number,
-        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-    )
+def cell_of(cell: Cell) -> NumberedCell:
+    """What a FANUC program is held against; a cell whose robot holds the part is refused."""
+    return NumberedCell(**numbered_facts(cell, "fanuc", "FANUC"))
 
 
 def configuration(branch: str, axes_rad: Sequence[float] | None = None) -> str:

@@ -10,7 +10,7 @@ from counterflex.app.compensation.next_steps import against_fixed_tool, tool_fra
 from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world, pose_text
-from counterflex.app.robot_programs import refuse_held_part, shared_facts
+from counterflex.app.robot_programs import numbered_facts
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
@@ -72,19 +72,8 @@ class KrlEmitter(KrlWords, RobotEmitter[KrlSettings]):
 
 
 def cell_of(cell: Cell) -> KrlCell:
-    """What a KRL program is held against.
-
-    Raises:
-        InputError: The robot holds the part: KRL programs for such cells are not read.
-    """
-    refuse_held_part(cell, "KRL")
-    controller, tools = cell.tables.controller, cell.tables.tools
-    return KrlCell(
-        **shared_facts(cell, "krl"),
-        tool_number=controller.tool_number,
-        base_number=controller.base_number,
-        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-    )
+    """What a KRL program is held against; a cell whose robot holds the part is refused."""
+    return KrlCell(**numbered_facts(cell, "krl", "KRL"))
 
 
 def _settings(program: Program, cell: Cell, common: dict[str, Any]) -> KrlSettings:

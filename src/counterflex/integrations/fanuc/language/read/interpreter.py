@@ -14,12 +14,12 @@ from counterflex.core.units import MM_PER_S
 from counterflex.integrations.fanuc.language.program import FanucMotion
 from counterflex.integrations.fanuc.language.read.branches import ASSIGNED, Step, divided
 from counterflex.integrations.fanuc.language.read.flow import JUMP, Flow
-from counterflex.integrations.fanuc.language.read.frames import FanucCell
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
 from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault
 from counterflex.integrations.fanuc.language.read.table import ACTING, row_of
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.program import Word
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown
@@ -49,7 +49,7 @@ class Interpreter(Flow):
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
     """
 
-    def __init__(self, routine: Routine, folder: Folder, cell: FanucCell | None) -> None:
+    def __init__(self, routine: Routine, folder: Folder, cell: NumberedCell | None) -> None:
         super().__init__(cell)
         self.routine, self.folder, self.file = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)

@@ -16,7 +16,7 @@ from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.fanuc.language.program import FanucMotion
-from counterflex.integrations.fanuc.language.read.frames import FanucCell, Frames, position_of
+from counterflex.integrations.fanuc.language.read.frames import Frames, position_of
 from counterflex.integrations.fanuc.language.read.listing import Statement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, motion_form
 from counterflex.integrations.fanuc.language.read.routine import Routine, fault
@@ -25,6 +25,7 @@ from counterflex.integrations.fanuc.language.read.values import CONFIG, Values
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.unknown import Unknown, known
 
 _SAME_CIRCLE_M: Final = 5e-6
@@ -73,7 +74,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
     """
 
-    def __init__(self, cell: FanucCell | None) -> None:
+    def __init__(self, cell: NumberedCell | None) -> None:
         self.values = Values()
         self.frames = Frames(cell, self.values)
         super().__init__(self.frames)
