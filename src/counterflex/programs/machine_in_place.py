@@ -115,6 +115,11 @@ class MachineInPlace(ABC):
         self.written: Float = np.full((len(self.rows.way), 3), np.nan)
         self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
         self.arc_error_m = self.dropped_rad = 0.0
+        self.prepare()
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Set what the language keeps while it writes."""
 
     @staticmethod
     def unit_m(program: Program) -> float:

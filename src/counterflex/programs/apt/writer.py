@@ -12,14 +12,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MINUTE
 from counterflex.programs.apt import tool_on_circle
-from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor
-from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
-from counterflex.programs.rotary.poses import CommandedWords
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion
 
 _AXIS_DIGITS: Final = 3
 """A component of the tool axis has three decimals more than a length: 1e-7."""
@@ -37,16 +35,9 @@ class AptInPlace(MachineInPlace):
 
     unrolls: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        super().__init__(program, compensated, tolerance_m, decimals, words)
-        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
+    def prepare(self) -> None:
+        """Begin where the program begins."""
+        self._here: Float = np.array(self.program.motions[0].p_start if self.program.motions else np.zeros(3))
         self._feed_written = 1.0
         self._feed_block: Block | None = None
         self._circle: Block | None = None

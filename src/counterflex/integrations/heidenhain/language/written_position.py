@@ -12,11 +12,9 @@ from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language import VECTOR_DECIMALS
 from counterflex.integrations.heidenhain.language.emitter import feed_text, signed
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of, spelled
-from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
-from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Modal, Motion, Program
-from counterflex.programs.rotary.poses import CommandedWords
+from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Modal, Motion
 
 _POLAR: Final = frozenset(("C", "CP", "LP"))
 
@@ -24,16 +22,9 @@ _POLAR: Final = frozenset(("C", "CP", "LP"))
 class WrittenPosition(MachineInPlace):
     """Position, pole and feed of the written program."""
 
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        super().__init__(program, compensated, tolerance_m, decimals, words)
-        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
+    def prepare(self) -> None:
+        """Begin where the program begins."""
+        self._here: Float = np.array(self.program.motions[0].p_start if self.program.motions else np.zeros(3))
         self._nominal: Float = self._here.copy()
         self._feed: float | None = None
         self._pole: tuple[float, float] | None = None

@@ -10,14 +10,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import INCH, MM
-from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.spelling import Spell, spelling_of
 from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
 from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
-from counterflex.programs.rotary.poses import CommandedWords
 
 MOTION_CODES: Final = frozenset(
     (0.0, 1.0, 2.0, 3.0, 33.0, 38.2, 38.3, 38.4, 38.5, 73.0, 76.0, 80.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 87.0, 88.0)
@@ -44,21 +42,15 @@ class WrittenMachine(MachineInPlace):
 
     """
 
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        super().__init__(program, compensated, tolerance_m, decimals, words)
+    def prepare(self) -> None:
+        """Begin where the program begins."""
         self.off = [0.0, 0.0, 0.0]
-        self.nominal: list[float] = list(map(float, program.motions[0].p_start)) if program.motions else [0.0] * 3
+        motions = self.program.motions
+        self.nominal: list[float] = list(map(float, motions[0].p_start)) if motions else [0.0] * 3
         self.written_motion: str | None = None
         self.feed_written = 1.0
-        self.spelling = spelling_of(program.dialect)
-        self.turns = TurnWords(self.rows.angles, decimals, self.spelling.vector_word)
+        self.spelling = spelling_of(self.program.dialect)
+        self.turns = TurnWords(self.rows.angles, self._decimals, self.spelling.vector_word)
 
     @staticmethod
     def unit_m(program: Program) -> float:
