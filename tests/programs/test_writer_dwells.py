@@ -13,7 +13,8 @@ from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
+from counterflex.programs.gcode.write.writer import write_gcode
+from counterflex.programs.machine_in_place import GcodeText
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 

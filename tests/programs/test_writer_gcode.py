@@ -19,7 +19,8 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read import reader as gcode_reader
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.write.writer import GcodeText, write_gcode
+from counterflex.programs.gcode.write.writer import write_gcode
+from counterflex.programs.machine_in_place import GcodeText
 from counterflex.programs.program import Motion, Program
 
 ROOT = Path(__file__).resolve().parents[2]

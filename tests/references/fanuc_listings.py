@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.geometry import pose
-from counterflex.integrations.fanuc.language.read.frames import FanucCell
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
 DOWN = (180.0, 0.0, 180.0)
@@ -27,7 +27,7 @@ def listing(*statements: str, entries: str = "") -> str:
     return f"/PROG  PART\n/ATTR\nOWNER\t= MNEDITOR;\n/MN\n{lines}/POS\n{entries}/END\n"
 
 
-def cell(**changes: object) -> FanucCell:
+def cell(**changes: object) -> NumberedCell:
     """A cell with one tool and statements for the spindle."""
     table = MachineFunctions("fanuc", {
         3: ["GO[1]={s}", "DO[1:spindle]=ON"], 5: ["DO[1:spindle]=OFF"], 6: ["CALL TOOLCHG({t})"],
@@ -36,4 +36,4 @@ def cell(**changes: object) -> FanucCell:
         "where": "cell.toml", "tools": [4], "T_flange_tcp": pose.make(np.eye(3), np.array([0.0, 0.0, 0.1])),
         "T_base_part": np.eye(4), "functions": table, "tool_number": 1, "base_number": 1, "tool_of_data": {},
     }  # fmt: skip
-    return FanucCell(**(about | changes))  # type: ignore[arg-type]
+    return NumberedCell(**(about | changes))  # type: ignore[arg-type]

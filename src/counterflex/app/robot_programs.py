@@ -94,6 +94,22 @@ def shared_facts(cell: Cell, language: str) -> dict[str, Any]:
     }
 
 
+def numbered_facts(cell: Cell, dialect: str, language: str) -> dict[str, Any]:
+    """The same of a language that names tools and frames by numbers, see ``NumberedCell`` there.
+
+    Raises:
+        InputError: The robot holds the part: such programs are not read.
+    """
+    refuse_held_part(cell, language)
+    controller, tools = cell.tables.controller, cell.tables.tools
+    return {
+        **shared_facts(cell, dialect),
+        "tool_number": controller.tool_number,
+        "base_number": controller.base_number,
+        "tool_of_data": {tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
+    }
+
+
 def _tip_of_axes(cell: Cell, language: str, axes_deg: Sequence[float], external: Mapping[int, float]) -> Float:
     """Return (4, 4) m, the TCP frame in the part frame where the controller shows these axes, external ones too."""
     T_base_tcp = tcp_of_axes(cell, language, np.asarray(axes_deg, dtype=np.float64) * DEG)

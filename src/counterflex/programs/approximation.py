@@ -25,9 +25,6 @@ _EXACT_ONCE: Final = 9.0
 def approximation_m(program: Program) -> Float:
     """Distance from its end at which the rounding of each motion begins, as far as the program says it.
 
-    Args:
-        program: As read.
-
     Returns:
         (motions,) m; 0 is an exact stop, NaN where the program leaves it to the controller or names no distance.
     """

@@ -27,12 +27,6 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 def motion_table(program: Program) -> MotionTable:
     """Return the motions of a three-axis program as columns.
 
-    Args:
-        program: As read.
-
-    Returns:
-        One row for each of ``program.motions``.
-
     Raises:
         ProgramError: The program turns a rotary axis: how A, B and C turn the tool in the part frame belongs to the
             machine that the program was written for and is not defined for a robot.
@@ -55,12 +49,6 @@ def programmed_motions(program: Program) -> MotionTable:
     """Return the motions as columns, points as programmed; where the tool turns they need not be those of its tip.
 
     A motion of rotary axes alone has no length; its feed is given as 1 m/s, which means nothing.
-
-    Args:
-        program: As read.
-
-    Returns:
-        One row for each of ``program.motions``.
     """
     motions, n = program.motions, len(program.motions)
     centre, normal = np.zeros((n, 3)), np.zeros((n, 3))

@@ -100,9 +100,6 @@ def differences(before: Program, after: Program) -> list[Change]:
         before: The first program.
         after: The second one, with at least as many motions.
 
-    Returns:
-        One change for each motion of the first program.
-
     Raises:
         InputError: They are no versions of one program: rapids and waits differ in number, there are fewer motions, or
             external axes go elsewhere.

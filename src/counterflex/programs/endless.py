@@ -62,11 +62,7 @@ class LoopWatch:
 
 
 def frozen(value: object) -> object:
-    """Return a copy of plain data that compares by value; of other objects who they are.
-
-    Args:
-        value: Numbers, texts, containers and records of these.
-    """
+    """Return a copy of plain data that compares by value; of other objects who they are."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     if isinstance(value, Mapping):

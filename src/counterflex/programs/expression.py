@@ -176,11 +176,6 @@ def parse_whole(text: str, grammar: Grammar) -> Node:
 def evaluate(node: Node, grammar: Grammar, scope: Scope) -> Value:
     """Return the value of an expression; an operator with an unknown operand gives that unknown value.
 
-    Args:
-        node: The tree.
-        grammar: Of the language.
-        scope: Names and functions.
-
     Raises:
         ExpressionError: An operator does not fit its operands.
     """

@@ -103,9 +103,6 @@ def _compiled() -> tuple[tuple[Signs, tuple[re.Pattern[str], ...], tuple[re.Patt
 def foreign_language(lines: Sequence[str]) -> Foreign | None:
     """Recognise a text that is no G-code.
 
-    Args:
-        lines: Of the text, without line ends.
-
     Returns:
         The language, or None where nothing tells it.
     """

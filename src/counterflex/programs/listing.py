@@ -118,14 +118,6 @@ def _held(held: Orientations | None, index: int) -> tuple[float | None, ...]:
 def write_listing(program: Program, target: str | os.PathLike[str], held: Orientations | None = None) -> int:
     """Write the table as comma-separated values, whole or not at all.
 
-    Args:
-        program: As read.
-        target: File to write.
-        held: Orientation of the tool.
-
-    Returns:
-        Number of motions written.
-
     Raises:
         OutputError: The file cannot be written.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class MachineInPlace(ABC):
         if words is not None:
             compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
             angles = (words.angle_rad, words.angle_command_rad)
-        self.program, self.tolerance_m = program, tolerance_m
+        self.program, self.tolerance_m, self._angles = program, tolerance_m, angles
         self.rows = motion_rows(program, compensated, tolerance_m, angles)
         self.changed = bool(self.rows.moved.any() or np.any(self.rows.share != 1.0))
         self._decimals = decimals
@@ -115,6 +115,11 @@ class MachineInPlace(ABC):
         self.written: Float = np.full((len(self.rows.way), 3), np.nan)
         self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
         self.arc_error_m = self.dropped_rad = 0.0
+        self.prepare()
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Set what the language keeps while it writes."""
 
     @staticmethod
     def unit_m(program: Program) -> float:
@@ -176,7 +181,7 @@ class MachineInPlace(ABC):
             writer.put_head(lines, header_lines(program, tolerance_m, cell, job))
         dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
         error = max(written_error(rows, writer.written, writer.checked), writer.arc_error_m) if changed else 0.0
-        own = {
+        own: dict[str, Any] = {
             "text": program.newline.join(lines),
             "moved_motions": int(rows.moved.sum()) if changed else 0,
             "unrolled": changed and writer.unrolls and not program.straight,

@@ -103,9 +103,6 @@ def motion_rows(
         tolerance_m: See :func:`write_gcode`.
         angles: (n, 3) rad each, rotary angles of the program and those to command; None where nothing turns.
 
-    Returns:
-        The table.
-
     Raises:
         InputError: The path names motions that the program lacks, or ends a motion elsewhere than the program.
     """

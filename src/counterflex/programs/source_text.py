@@ -39,9 +39,6 @@ def read_text(file: Path) -> tuple[str, str]:
 def common_encoding(texts: Mapping[str, tuple[str, str]]) -> str:
     """Return the encoding of all files of a job, which are written back in one.
 
-    Args:
-        texts: Text and encoding by name.
-
     Raises:
         ProgramError: They differ in it.
     """

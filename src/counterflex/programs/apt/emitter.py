@@ -9,7 +9,6 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.machine_languages import DECIMALS, MachineEmitter
 from counterflex.programs.convert.steps import Move, Process
 from counterflex.programs.gcode.write.written_line import number
@@ -95,6 +94,4 @@ class AptEmitter(MachineEmitter):
         self._goto(move, move.at(end_share))
 
 
-def convert(order: Conversion) -> AptEmitter:
-    """Return the writer of a conversion."""
-    return AptEmitter(order.program.name, order.stem, order.tolerance_m)
+convert = AptEmitter.of

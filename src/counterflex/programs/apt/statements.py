@@ -91,10 +91,6 @@ def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
     of it. A comment that ends in ``$`` goes on in the next line, unless that is a statement; ``$$-> CSYS / ...`` is how
     Creo writes its coordinate system.
 
-    Args:
-        lines: Without line ends.
-        name: Of the file, for errors.
-
     Raises:
         ProgramError: A line that is no statement, or a file that ends within one.
     """

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, as_positive
-from counterflex.core.errors import InputError, ProgramError
-from counterflex.core.units import INCH, MINUTE
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
+from counterflex.core.units import MINUTE
 from counterflex.programs.apt import tool_on_circle
-from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
-from counterflex.programs.gcode.write.writer import GcodeText, header_lines
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor, motion_rows, written_error
-from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
-from counterflex.programs.rotary.poses import CommandedWords
+from counterflex.programs.machine_in_place import MachineInPlace
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion
 
 _AXIS_DIGITS: Final = 3
 """A component of the tool axis has three decimals more than a length: 1e-7."""
@@ -28,102 +26,25 @@ _PER_MINUTE: Final = 94
 _SAME_M: Final = 1e-12
 
 
-def write_apt(
-    program: Program,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    decimals: int = 4,
-    cell: str = "",
-    header: bool = True,
-    job: str = "",
-    words: CommandedWords | None = None,
-) -> GcodeText:
-    """Write a file back with its targets replaced by the commanded ones.
+class AptInPlace(MachineInPlace):
+    """Walks through the statements of a file.
 
-    Statements whose motions are not corrected stay byte for byte. A corrected GOTO gets its numbers edited in place and
-    further GOTO before it where one straight line is not enough; a corrected CIRCLE stays one, or becomes several, or
-    GOTO, within the tolerance. FEDRAT is put before pieces whose feed changes, and back behind them.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance of a commanded sample from the written path at the same place, > 0, m.
-        decimals: Of written coordinates in mm, 2 to 6; inch files get one more.
-        cell: Name of the cell, for the comment at the head.
-        header: Write comments that say what made the file; never where nothing changed.
-        job: Hash of the plan, for the comment.
-        words: Of a file that turns the tool, what to command; ``compensated`` is not asked then.
-
-    Returns:
-        Text and counts.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: A corrected motion cannot be written.
+    A corrected GOTO gets its numbers edited in place and further GOTO before it; a corrected CIRCLE stays one, or
+    becomes several, or GOTO. FEDRAT is put before pieces whose feed changes, and back behind them.
     """
-    as_positive("tolerance_m", tolerance_m)
-    if not 2 <= decimals <= 6:
-        raise InputError("decimals is out of range", value=decimals, limit="2 .. 6")
-    writer = _Writer(program, compensated, tolerance_m, decimals, words)
-    rows = writer.rows
-    changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
-    lines = writer.run() if changed else list(program.lines)
-    if changed and header:
-        lines[:0] = [f"$$ {text}" for text in header_lines(program, tolerance_m, cell, job)]
-    dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
-    return GcodeText(
-        text=program.newline.join(lines),
-        moved_motions=int(rows.moved.sum()) if changed else 0,
-        split_motions=writer.split_motions,
-        vertices_added=writer.vertices_added,
-        arcs_kept=writer.arcs_kept,
-        arcs_split=writer.arcs_split,
-        arcs_as_lines=writer.arcs_as_lines,
-        radius_replaced=0,
-        completed_blocks=0,
-        cycles_expanded=0,
-        unrolled=False,
-        tolerance_m=tolerance_m,
-        resolution_m=writer.resolution_m,
-        largest_written_error_m=max(written_error(rows, writer.written, writer.checked), writer.arc_error_m)
-        if changed else 0.0,
-        largest_dwell_error_m=rows.dwell_error_m,
-        largest_dropped_rotation_rad=dropped if words is None else words.dropped_rad,
-    )  # fmt: skip
 
+    unrolls: ClassVar[bool] = False
 
-class _Writer:
-    """Walks through the statements of a file."""
-
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        angles = None
-        if words is not None:
-            compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
-            angles = (words.angle_rad, words.angle_command_rad)
-        self.program, self.tolerance_m = program, tolerance_m
-        self.rows = motion_rows(program, compensated, tolerance_m, angles)
-        units = {block.modal.unit_m for block in program.blocks if block.motion_count}
-        self._unit_m = min(units, default=1e-3)
-        self._digits = decimals + (self._unit_m == INCH)
-        self.resolution_m = self._unit_m * 10.0**-self._digits
-        self.lines: list[str] = []
-        self.written: Float = np.full((len(self.rows.way), 3), np.nan)
-        self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
-        self.arc_error_m = 0.0
-        self.split_motions = self.vertices_added = 0
-        self.arcs_kept = self.arcs_split = self.arcs_as_lines = 0
-        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
+    def prepare(self) -> None:
+        """Begin where the program begins."""
+        self._here: Float = np.array(self.program.motions[0].p_start if self.program.motions else np.zeros(3))
         self._feed_written = 1.0
         self._feed_block: Block | None = None
         self._circle: Block | None = None
+
+    def put_head(self, lines: list[str], texts: list[str]) -> None:
+        """Before all statements."""
+        lines[:0] = [f"$$ {text}" for text in texts]
 
     def run(self) -> list[str]:
         """All lines of the written file."""
@@ -341,3 +262,6 @@ class _Writer:
         ):
             text = text[: word.start] + self._coordinate(value) + text[word.end :]
         self.lines.extend(text.split("\n"))
+
+
+write_apt = AptInPlace.write

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
 
@@ -28,6 +28,11 @@ class MachineEmitter(Emitter):
     def __init__(self, source: str, name: str, tolerance_m: float) -> None:
         super().__init__(source, name, tolerance_m)
         self.feed = ""
+
+    @classmethod
+    def of(cls, order: Conversion) -> Self:
+        """Return the writer of a conversion."""
+        return cls(order.program.name, order.stem, order.tolerance_m)
 
     def plane(self, move: Move) -> int:
         """17, 18 or 19. Raises a ProgramError for a circle about another axis, or with a tool that is not upright."""
@@ -69,15 +74,20 @@ class GcodeEmitter(MachineEmitter):
     words_of_codes: ClassVar[bool] = True
     """M-codes have words of their own."""
     ending: ClassVar[str] = ".ngc"
+    head: ClassVar[str] = "G21 G17 G90 G94 G54"
+    """Units, plane, distances."""
+    turning_head: ClassVar[tuple[str, ...]] = ("G43.5",)
+    """Switches the tool axis on."""
+    remark: ClassVar[str] = "({})"
+    pause: ClassVar[str] = "G4 P{}"
+    """A dwell in seconds."""
     vector: ClassVar[tuple[str, str, str]] = ("I", "J", "K")
     codes: ClassVar[frozenset[int]] = OWN_CODES | frozenset((19, *range(50, 54), *range(62, 69), *range(100, 200)))
 
     def begin(self) -> None:
         """Units, plane, distances."""
         self.comment(self.origin())
-        self.lines.append("G21 G17 G90 G94 G54")
-        if self.turning:
-            self.lines.append("G43.5")
+        self.lines += [self.head, *(self.turning_head if self.turning else ())]
         self._plane = 17
 
     def end(self) -> dict[str, str]:
@@ -85,8 +95,8 @@ class GcodeEmitter(MachineEmitter):
         return {f"{self.name}{self.ending}": "\n".join([*self.lines, "M30", ""])}
 
     def comment(self, text: str) -> None:
-        """In parentheses."""
-        self.lines.append(f"({text})")
+        """On a line of its own."""
+        self.lines.append(self.remark.format(text))
 
     def process(self, step: Process) -> None:
         """M-codes."""
@@ -101,7 +111,7 @@ class GcodeEmitter(MachineEmitter):
 
     def dwell(self, move: Move) -> None:
         """G4 in seconds."""
-        self.lines.append(f"G4 P{number(move.motion.duration_s, 4)}")
+        self.lines.append(self.pause.format(number(move.motion.duration_s, 4)))
 
     def straight(self, move: Move, share: float) -> None:
         """G0 or G1."""
@@ -146,6 +156,4 @@ class GcodeEmitter(MachineEmitter):
         return f"P{count}"
 
 
-def gcode(order: Conversion) -> GcodeEmitter:
-    """Return the writer of a conversion."""
-    return GcodeEmitter(order.program.name, order.stem, order.tolerance_m)
+gcode = GcodeEmitter.of

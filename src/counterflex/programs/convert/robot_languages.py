@@ -12,11 +12,11 @@ from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.programs.convert.emitter import Emitter, turn_deg
 from counterflex.programs.convert.steps import Move, Process
-from counterflex.programs.limits import Limits
+from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
-from counterflex.programs.robot_writer.writer import RobotSettings
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords
 
 S = TypeVar("S", bound=RobotSettings)
 FLAT_M: Final = 1e-7
@@ -26,7 +26,7 @@ _STEM: Final = 20
 """Characters of a name before the number of a part."""
 
 
-class RobotEmitter(Emitter, Generic[S]):
+class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
     """What languages of robots share.
 
     Args:
@@ -36,9 +36,8 @@ class RobotEmitter(Emitter, Generic[S]):
         tolerance_m: See :class:`Emitter`.
     """
 
-    limits: ClassVar[Limits]
-    stop: ClassVar[str]
-    sign: ClassVar[str]
+    dwell_decimals: ClassVar[int] = 4
+    """Of the time of a dwell, s."""
 
     def __init__(self, program: Program, settings: S, functions: MachineFunctions, tolerance_m: float) -> None:
         super().__init__(program.name, settings.name, tolerance_m)
@@ -95,6 +94,19 @@ class RobotEmitter(Emitter, Generic[S]):
             self._entered = self.tool = tool
             self.frames(tool)
 
+    def dwell(self, move: Move) -> None:
+        """Wait."""
+        self.lines.append(self.wait.format(number(move.motion.duration_s, self.dwell_decimals)))
+
+    def arc_shares(self, move: Move) -> list[float] | None:
+        """Halves at most: a circle through a point goes less than a turn; a helix becomes straight moves."""
+        return self.halves(move)
+
+    def through(self, move: Move, start_share: float, end_share: float) -> list[Float]:
+        """Poses (4, 4) m in the middle and at the end of a piece of a circle."""
+        shares = (0.5 * (start_share + end_share), end_share)
+        return [pose.make(self.orientation(move, share), move.at(share)) for share in shares]
+
     def halves(self, move: Move) -> list[float] | None:
         """Shares of a circle in halves at most, for a statement that goes less than a turn; None of a helix."""
         if abs(move.rise_m) > FLAT_M:
@@ -129,17 +141,9 @@ class RobotEmitter(Emitter, Generic[S]):
         self.points += 1
         self._in_part += 1
 
-    @abstractmethod
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
-        """Files of a program: the main one, or a part that it calls."""
-
-    @abstractmethod
-    def call(self, part: str) -> str:
-        """Statement that calls a part."""
-
-    @abstractmethod
     def frames(self, tool: int) -> None:
-        """Lines that set the frames of a tool."""
+        """Set the frames of a tool, where motions do not name them."""
+        del tool
 
     @abstractmethod
     def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:

@@ -56,9 +56,6 @@ class Away(Generic[Move]):
 class ExecutionByAxes(Execution, Generic[Move]):
     """Execution of a language that sends the robot to places by axes, too.
 
-    Args:
-        in_spindle: Tells the tool in the spindle.
-
     Attributes:
         moves: What stands behind each motion in the text.
         away: Motions by axes since the last Cartesian one, and waits there.
@@ -103,9 +100,6 @@ class ExecutionByAxes(Execution, Generic[Move]):
 
     def arrive(self, refuse: Callable[[Away[Move]], ProgramError]) -> None:
         """Make the motions by axes before a Cartesian motion, where others came before them.
-
-        Args:
-            refuse: Makes the error of a place that is not known.
 
         Raises:
             ProgramError: The robot goes to such a place between Cartesian motions.

@@ -105,6 +105,21 @@ class RobotTextCell:
             )  # fmt: skip
 
 
+@dataclass(frozen=True, kw_only=True)
+class NumberedCell(RobotTextCell):
+    """Of a language that names tools and frames by the numbers of the controller.
+
+    Attributes:
+        tool_number: ``controller.tool_number``: the tool frame that the cell plans with.
+        base_number: ``controller.base_number``: the frame that is the part frame.
+        tool_of_data: Number of the tool by that of its frame (``tools.tool_data``).
+    """
+
+    tool_number: int
+    base_number: int
+    tool_of_data: Mapping[int, int]
+
+
 @dataclass
 class NumberedFrames:
     """Tools and frames that a program names by the numbers of the controller, and what is active.
@@ -113,16 +128,16 @@ class NumberedFrames:
         cell: What they are held against; None takes every frame.
         tool_word: What a tool frame is called, with ``{}`` for its number: ``TOOL_DATA[{}]``.
         base_word: The same of the frame of the targets.
-        tool_number: ``controller.tool_number``.
-        base_number: ``controller.base_number``.
-        tool_of_data: Number of the tool by that of its frame (``tools.tool_data``).
+        tool_number: Of the cell, as those that follow see :class:`NumberedCell`.
+        base_number: See there.
+        tool_of_data: See there.
         tool: Number of the tool in the spindle; 0 where nothing says it.
         tool_known: The program said which tool frame is active.
         base_known: The program said which frame its targets are in.
         R_tcp_tool: (3, 3) the tool frame in the cell's TCP frame.
     """
 
-    cell: RobotTextCell | None
+    cell: NumberedCell | None
     tool_word: str
     base_word: str
     tool_number: int = 1
@@ -132,6 +147,11 @@ class NumberedFrames:
     tool_known: bool = False
     base_known: bool = False
     R_tcp_tool: Float = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        if self.cell is not None:
+            self.tool_number, self.base_number = self.cell.tool_number, self.cell.base_number
+            self.tool_of_data = self.cell.tool_of_data
 
     def set_tool_data(self, number: int, where: str) -> None:
         """The tool frame with a number is active.
@@ -213,9 +233,6 @@ class ExternalAxes:
 
     def changes(self, motions: Sequence[Motion]) -> dict[int, dict[int, float]]:
         """Values that axes go to, by motion and number of the axis.
-
-        Args:
-            motions: Of the program.
 
         Raises:
             ProgramError: One moves along a circle, which is a cut. Whether a line is one, only the stock tells.

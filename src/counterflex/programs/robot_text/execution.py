@@ -27,9 +27,6 @@ class ToolInSpindle(Protocol):
 class Execution:
     """Motions and blocks of a program as far as it has run.
 
-    Args:
-        in_spindle: Tells the tool in the spindle.
-
     Attributes:
         motions: Each motion, without rotary words.
         rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
@@ -55,11 +52,7 @@ class Execution:
             yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
 
     def left_out(self, name: str) -> tuple[str, ...]:
-        """Return file and line of each motion by axes that is none of the path, see :class:`RobotProgram`.
-
-        Args:
-            name: Of the main file.
-        """
+        """Return file and line of each motion by axes that is none of the path, see :class:`RobotProgram`."""
         blocks = [self._blocks[index] for index in self.by_axes if index < len(self._blocks)]
         return tuple(dict.fromkeys(block.where(name) for block in blocks if block.motion_count == 0))
 

@@ -39,13 +39,7 @@ Stated = tuple[StatedPosture, str]
 
 @dataclass(frozen=True, slots=True)
 class StatedTurns:
-    """Ranges of axes 1, 4 and 6 as the controller shows them.
-
-    Attributes:
-        low_deg: Lower ends.
-        high_deg: Upper ends.
-        words: That state them.
-    """
+    """Ranges of axes 1, 4 and 6 as the controller shows them."""
 
     low_deg: tuple[float, ...]
     high_deg: tuple[float, ...]

@@ -38,9 +38,6 @@ def implied_stops(program: Program) -> ImpliedStops:
 
     What counts is what the robot was told: a spindle that was started stays started until something stops it, also
     where the program gives it no speed (``S0``). It is stopped before it is started the other way round.
-
-    Args:
-        program: As read: what was executed, in order.
     """
     out = ImpliedStops()
     direction, cooled = 0, False

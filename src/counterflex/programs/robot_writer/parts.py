@@ -75,9 +75,6 @@ def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, 
         points: Its points.
         language: How a block, a dwell, a point and a change of tool are said.
         points_per_file: Largest number of points of a part.
-
-    Returns:
-        The lines.
     """
     out = RobotParts()
     count, place, moved = 0, -1, 0

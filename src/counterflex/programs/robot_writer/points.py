@@ -148,9 +148,6 @@ def choose_points(
         rapid_m_s: Speed of rapids, m/s.
         events: Motions before which something else than motion happens.
 
-    Returns:
-        The points.
-
     Raises:
         InputError: Shapes do not fit, or a value is out of range.
     """
@@ -346,10 +343,6 @@ def acts(block: Block) -> bool:
 
 def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int]:
     """The program in the order of execution.
-
-    Args:
-        program: The program.
-        points: Its points.
 
     Yields:
         A block (its text and M-codes belong here), a dwell time in s (float), or the index of a point (int).

@@ -12,7 +12,6 @@ from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.path.toolpath import ToolPath
 from counterflex.programs.compensated import mark
-from counterflex.programs.limits import Limits
 from counterflex.programs.program import Block, Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 from counterflex.programs.robot_writer.parts import first_tool, robot_parts
@@ -74,7 +73,34 @@ class RobotSettings:
 S = TypeVar("S", bound=RobotSettings)
 
 
-class RobotWriter(ABC, Generic[S]):
+class RobotWords(ABC, Generic[S]):
+    """Words of a language, which commanded paths and converted programs are written with alike.
+
+    Attributes:
+        settings: Names, frames, speeds.
+        tool: Number of the tool in the spindle.
+    """
+
+    language: ClassVar[str]
+    sign: ClassVar[str]
+    """Begins a comment."""
+    stop: ClassVar[str]
+    """Waits for a person (M0)."""
+    wait: ClassVar[str]
+    """Line of a dwell, with ``{}`` for its time in s."""
+    settings: S
+    tool: int
+
+    @abstractmethod
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """Files of a program by name: the main one, or a part that it calls."""
+
+    @abstractmethod
+    def call(self, part: str) -> str:
+        """Line that runs a part."""
+
+
+class RobotWriter(RobotWords[S], Generic[S]):
     """Writes a commanded path as a robot program in the part frame, with a linear motion to every point.
 
     Speeds follow the programmed feed. Spindle, coolant and tool change are what ``block_lines`` says, M0 and M1 stop
@@ -84,7 +110,6 @@ class RobotWriter(ABC, Generic[S]):
 
     Attributes:
         speed: Speed that was last set, m/s; None where none was.
-        tool: Number of the tool in the spindle.
 
     Args:
         program: The program the path was sampled from (its comments and M-codes are carried along).
@@ -102,15 +127,6 @@ class RobotWriter(ABC, Generic[S]):
         ProgramError: A block needs lines that are not known.
     """
 
-    dialect: ClassVar[str]
-    limits: ClassVar[Limits]
-    suffix: ClassVar[str]
-    indent: ClassVar[str] = ""
-    comment: ClassVar[str]
-    stop: ClassVar[str]
-    wait: ClassVar[str]
-    """Line of a dwell, with ``{}`` for its time in s."""
-
     def __init__(
         self,
         program: Program,
@@ -123,10 +139,10 @@ class RobotWriter(ABC, Generic[S]):
         block_lines: BlockLines | None = None,
     ) -> None:
         settings.check()
-        self.program, self.settings, self.tolerance_m = program, settings, tolerance_m
+        self.original, self.settings, self.tolerance_m = program, settings, tolerance_m
         self.first_tool = self.tool = first_tool(program)
         self.speed: float | None = None
-        self.block_lines = block_lines or MachineFunctions(self.dialect).lines
+        self.block_lines = block_lines or MachineFunctions(self.language).lines
         self.points = choose_points(
             program,
             path,
@@ -140,17 +156,18 @@ class RobotWriter(ABC, Generic[S]):
 
     def text(self) -> RobotText:
         """Files and figures."""
-        program, settings, points = self.program, self.settings, self.points
+        program, settings, points = self.original, self.settings, self.points
         parts = robot_parts(program, points, self, settings.points_per_file)
         split = len(parts.parts) > 1
         names = [f"{settings.name}_{i:03d}" for i in range(1, len(parts.parts) + 1)] if split else []
         path = [self.call(part) for part in names] if split else parts.parts[0]
         main = [*self.start(parts.lead), *parts.opening, *path, *parts.ending, *self.finish()]
-        files = {f"{settings.name}.{self.suffix}": self.main(main)}
+        files = self.program(settings.name, main)
         for part, content in zip(names, parts.parts, strict=False):
-            files |= self.part(part, content)
+            files |= self.program(part, content)
+        data = self.data(list(files))
         return RobotText(
-            files=files | self.data(),
+            files={name: text for name, text in files.items() if name not in data} | data,
             points=len(points.row),
             merged_points=points.merged,
             too_close=points.too_close,
@@ -163,21 +180,20 @@ class RobotWriter(ABC, Generic[S]):
     def origin(self) -> list[str]:
         """Comments: what made the program, from what, in which cell, for which job."""
         settings = self.settings
-        messages = [f"made by counterflex {__version__} from {_plain(self.program.name)}"]
+        messages = [f"made by counterflex {__version__} from {_plain(self.original.name)}"]
         messages += [f"cell {_plain(settings.cell)}"] if settings.cell else []
         messages += [mark(settings.job)] if settings.job else []
-        return [f"{self.comment} {line}" for line in messages]
+        return [f"{self.sign} {line}" for line in messages]
 
     def block(self, block: Block) -> list[str]:
         """Lines for what a block does beside moving, its comment included."""
         text = carried_text(block)
-        lines = [f"{self.comment} {text}"] if text else []
-        lines += [*self.block_lines(block), *([self.stop] if stops(block) else [])]
-        return [f"{self.indent}{line}" for line in lines]
+        lines = [f"{self.sign} {text}"] if text else []
+        return [*lines, *self.block_lines(block), *([self.stop] if stops(block) else [])]
 
     def dwell(self, time_s: float) -> str:
         """Line that waits."""
-        return self.indent + self.wait.format(f"{time_s:.3f}")
+        return self.wait.format(f"{time_s:.3f}")
 
     def external_at(self, index: int) -> Mapping[int, float]:
         """Values of the external axes at a point, by number."""
@@ -206,20 +222,9 @@ class RobotWriter(ABC, Generic[S]):
         """Lines at the end of the main routine that put back what the program changed for itself."""
         return []
 
-    @abstractmethod
-    def call(self, part: str) -> str:
-        """Line that runs a part."""
-
-    @abstractmethod
-    def main(self, body: Sequence[str]) -> str:
-        """Text of the main file."""
-
-    @abstractmethod
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """Files of a part, by name."""
-
-    def data(self) -> dict[str, str]:
-        """Files beside the main one, by name."""
+    def data(self, files: list[str]) -> dict[str, str]:
+        """Files beside the programs, by name; ``files`` are those of the programs."""
+        del files
         return {}
 
 

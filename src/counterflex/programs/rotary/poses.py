@@ -125,9 +125,6 @@ def commanded_words(turned: TurnedPath, words: Words, correction_part: Float, ro
         words: What the program's words mean.
         correction_part: (n, 3) m, added to the tip.
         rotvec_part: (n, 3) rad, correction of the orientation in part axes; a turn about the tool axis means nothing.
-
-    Returns:
-        The words.
     """
     path = turned.path
     moved = np.any(correction_part != 0.0, axis=1) | np.any(rotvec_part != 0.0, axis=1)

@@ -47,9 +47,6 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
     """Return the diameter of each tool that a comment or a statement of APT names, m, and its line.
 
     A comment that names no tool is about the one in the spindle. Without a unit, lengths are in that of the program.
-
-    Args:
-        program: As read.
     """
     unit = program.blocks[-1].modal.unit_m if program.blocks else MM
     out: dict[int, tuple[float, int]] = {}

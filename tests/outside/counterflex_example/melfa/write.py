@@ -61,7 +61,7 @@ class Text:
 class MelfaWriter(RobotWriter[MelfaSettings]):
     """Every point is ``Mvs`` to a position of its own."""
 
-    dialect, limits, suffix, comment, stop, wait = "melfa", LIMITS, "prg", "'", "Hlt", "Dly {}"
+    language, sign, stop, wait = "melfa", "'", "Hlt", "Dly {}"
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -87,38 +87,27 @@ class MelfaWriter(RobotWriter[MelfaSettings]):
         """A part."""
         return f'CallP "{part}"'
 
-    def main(self, body: Sequence[str]) -> str:
-        """The main program."""
-        return self.made.program(body)
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """A part."""
-        return {f"{name}.prg": self.made.program(body)}
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """One file."""
+        return {f"{name}.prg": self.made.program(lines)}
 
 
 class MelfaEmitter(RobotEmitter[MelfaSettings]):
     """Mov, Mvs, Mvr."""
 
-    language, limits, stop, sign = "melfa", LIMITS, "Hlt", "'"
+    language, sign, stop, wait = "melfa", "'", "Hlt", "Dly {}"
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.made = Text(self.settings)
 
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """One file."""
         return {f"{name}.prg": self.made.program(lines)}
 
     def call(self, part: str) -> str:
         """A part."""
         return f'CallP "{part}"'
-
-    def frames(self, tool: int) -> None:
-        """They stand at the head."""
-
-    def dwell(self, move: Move) -> None:
-        """Dly."""
-        self.lines.append(f"Dly {move.motion.duration_s:.4f}")
 
     def _set(self, move: Move) -> None:
         self.lines += [f"Spd {self._speed(move) / MM_PER_S:.6f}", f"Cnt {0 if self.exact or self.first else 1}"]
@@ -131,10 +120,6 @@ class MelfaEmitter(RobotEmitter[MelfaSettings]):
     def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:  # noqa: ARG002 (Spd says it before)
         """Mov or Mvs."""
         self.lines.append(f"{'Mov' if free else 'Mvs'} {self.made.position(T_part_tcp)}")
-
-    def arc_shares(self, move: Move) -> list[float] | None:
-        """Halves at most."""
-        return self.halves(move)
 
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """Mvr through the middle of a piece."""

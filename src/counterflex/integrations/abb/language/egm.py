@@ -42,9 +42,6 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
         where: Its name, for messages.
         last: Last MoveL of the path where it stands in another module, see :func:`last_move`.
 
-    Returns:
-        The text.
-
     Raises:
         ProgramError: It is no program of a start posture and MoveL, it uses EGM itself or another tool on its path, or
             guidance cannot keep an instruction within its path.
@@ -156,11 +153,7 @@ def _code(line: str) -> str:
 
 
 def _check_names(lines: list[str], where: str) -> None:
-    """Refuse names of modules, procedures, tools and work objects that a controller does not load.
-
-    Raises:
-        ProgramError: A name is too long or a word of the language.
-    """
+    """Refuse names of modules, procedures, tools and work objects that a controller does not load."""
     for number, line in enumerate(lines, start=1):
         code = _code(line)
         named = _PROC.match(code) or _MODULE.match(code)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,7 +18,7 @@ from counterflex.geometry import rotation
 from counterflex.integrations.abb.language import LIMITS
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
 
 _NO_EXTERNAL = "9E9"
 UNSUPERVISED: Final = ("ConfJ \\Off;", "ConfL \\Off;")
@@ -97,9 +98,6 @@ def rapid_pose(T_a_b: Float, quat_wxyz: Float | None = None) -> str:
     Args:
         T_a_b: (4, 4), m.
         quat_wxyz: (4,) its quaternion; None is the one with q1 >= 0.
-
-    Returns:
-        The two aggregates, comma between.
     """
     p = ",".join(number(float(v), LIMITS.position_decimals) for v in T_a_b[:3, 3] / MM)
     values = rotation.quat_wxyz(T_a_b[:3, :3]) if quat_wxyz is None else quat_wxyz
@@ -120,25 +118,50 @@ class SteadyQuaternions:
         return self._last
 
 
-class RapidWriter(RobotWriter[RapidSettings]):
-    """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
+class RapidWords(RobotWords[RapidSettings]):
+    """Modules, the main one with what all declare."""
 
-    dialect, limits, suffix, indent = "rapid", LIMITS, "mod", "    "
-    comment, stop, wait = "!", "Stop;", "WaitTime {};"
+    language, sign, stop, wait = "rapid", "!", "Stop;", "WaitTime {};"
 
     @cached_property
     def _quaternions(self) -> SteadyQuaternions:
         return SteadyQuaternions()
+
+    @property
+    def _wobj(self) -> str:
+        return self.settings.work_object or f"w_{self.settings.name[:30]}"
+
+    def _tool_name(self, tool: int) -> str:
+        return self.settings.tool_data.get(tool, f"t_{self.settings.name[:30]}")
+
+    @abstractmethod
+    def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
+        """Comments at the head, whether a tool of its own is named, and names of speeds with their values."""
+
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """One module."""
+        settings, head = self.settings, list[str]()
+        check_name(f"{name}_m", LIMITS, "RAPID")
+        if name == settings.name:
+            head, own, speeds = self.declared()
+            head += [rapid_tool(settings, self._tool_name(0))] if own else []
+            head += [] if settings.work_object else [rapid_part(settings, self._wobj)]
+            head += [f"CONST speeddata {speed}:={value};" for speed, value in speeds]
+        return {f"{name}.mod": rapid_module(name, [f"  {one}" for one in head], [f"    {line}" for line in lines])}
+
+    def call(self, part: str) -> str:
+        """A routine of another module."""
+        return f"{part};"
+
+
+class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
+    """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
 
     @cached_property
     def _speeds(self) -> dict[float, str]:
         """Names of the speeddata by speed, m/s."""
         used = {float(speed) for speed in self.points.speed_m_s if speed > 0.0} | {self.settings.rapid_m_s}
         return {speed: f"v_{self.settings.name[:24]}_{i}" for i, speed in enumerate(sorted(used), start=1)}
-
-    @property
-    def _wobj(self) -> str:
-        return self.settings.work_object or f"w_{self.settings.name[:30]}"
 
     def point(self, index: int) -> list[str]:
         """A point: MoveL, fine at the first one and where it must be reached."""
@@ -148,49 +171,25 @@ class RapidWriter(RobotWriter[RapidSettings]):
     def enter(self, tool: int, place: int) -> list[str]:
         """The way back behind a change of tool."""
         self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [*self._indented(UNSUPERVISED), self._move(place, "fine")]
+        return [*UNSUPERVISED, self._move(place, "fine")]
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """First tool, start posture."""
         settings = self.settings
         axes = ",".join(number(a / DEG, 5) for a in settings.start_axes_rad)
         tool, speed = self._tool_name(self.first_tool), self._speed_data(settings.start_m_s)
-        move = (
-            f"    MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
-        )
-        return [*lead, *self._indented(UNSUPERVISED), move]
+        move = f"MoveAbsJ [[{axes}],{rapid_external(settings.external_axes)}],{speed},fine,{tool}\\WObj:={self._wobj};"
+        return [*lead, *UNSUPERVISED, move]
 
     def finish(self) -> list[str]:
         """Supervision of the configuration on again, as it was."""
-        return self._indented(SUPERVISED)
+        return list(SUPERVISED)
 
-    def _indented(self, lines: Sequence[str]) -> list[str]:
-        return [f"{self.indent}{line}" for line in lines]
-
-    def call(self, part: str) -> str:
-        """Call of a part."""
-        return f"    {part};"
-
-    def main(self, body: Sequence[str]) -> str:
-        """The main module, with where the program comes from, tool, work object and speeds."""
-        settings = self.settings
-        used = {motion.tool for motion in self.program.motions if motion.tool}
-        own = not used or not used <= settings.tool_data.keys()
-        declarations = [
-            *(f"  {line}" for line in self.origin()),
-            *([f"  {rapid_tool(settings, self._tool_name(0))}"] if own else []),
-            *([] if settings.work_object else [f"  {rapid_part(settings, self._wobj)}"]),
-            *(f"  CONST speeddata {name}:={self._speed_data(speed)};" for speed, name in self._speeds.items()),
-        ]
-        return rapid_module(settings.name, declarations, body)
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """The module of a part."""
-        check_name(f"{name}_m", LIMITS, "RAPID")
-        return {f"{name}.mod": rapid_module(name, [], body)}
-
-    def _tool_name(self, tool: int) -> str:
-        return self.settings.tool_data.get(tool, f"t_{self.settings.name[:30]}")
+    def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
+        """Where the program comes from, tool and speeds."""
+        used = {motion.tool for motion in self.original.motions if motion.tool}
+        own = not used or not used <= self.settings.tool_data.keys()
+        return self.origin(), own, [(name, self._speed_data(speed)) for speed, name in self._speeds.items()]
 
     def _speed_data(self, speed_m_s: float) -> str:
         return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
@@ -200,7 +199,7 @@ class RapidWriter(RobotWriter[RapidSettings]):
         T = self.points.Ts_part_tcp[index]
         target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{rapid_external(self.external_at(index))}]"
         speed = self._speeds[self.speed or self.settings.rapid_m_s]
-        return f"    MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
+        return f"MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 
 
 def rapid_external(values: Mapping[int, float]) -> str:

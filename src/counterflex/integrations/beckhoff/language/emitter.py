@@ -6,11 +6,9 @@ import math
 import re
 from typing import ClassVar, Final
 
-from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.machine_languages import TURN_HINT, GcodeEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.spelling import Spelling
-from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import LINUXCNC
 
 SPELLING: Final = Spelling("U", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%"))
@@ -22,23 +20,16 @@ class TwincatEmitter(GcodeEmitter):
     language: ClassVar[str] = "twincat"
     words_of_codes: ClassVar[bool] = False
     ending: ClassVar[str] = ".nc"
+    head: ClassVar[str] = "G17 G54 G71 G90"
+    turning_head: ClassVar[tuple[str, ...]] = ()
+    pause: ClassVar[str] = "G4 X{}"
     codes: ClassVar[frozenset[int]] = frozenset(range(160)) - {2, 17, 30}
-
-    def begin(self) -> None:
-        """Units, plane, distances."""
-        self.comment(self.origin())
-        self.lines.append("G17 G54 G71 G90")
-        self._plane = 17
 
     def straight(self, move: Move, share: float) -> None:
         """G0 or G1. Raises a ProgramError for a tool that is not upright."""
         if self.turning:
             raise self.refuse(move.line, "tool axis", "the tool is not upright", TURN_HINT)
         super().straight(move, share)
-
-    def dwell(self, move: Move) -> None:
-        """G4 in seconds."""
-        self.lines.append(f"G4 X{number(move.motion.duration_s, 4)}")
 
     def arc_shares(self, move: Move) -> list[float] | None:
         """One turn at a time."""
@@ -50,6 +41,4 @@ class TwincatEmitter(GcodeEmitter):
         raise AssertionError(count)
 
 
-def convert(order: Conversion) -> TwincatEmitter:
-    """Return the writer of a conversion."""
-    return TwincatEmitter(order.program.name, order.stem, order.tolerance_m)
+convert = TwincatEmitter.of

@@ -33,11 +33,7 @@ _ADDED_TERMINATION = "CNT100"
 
 
 class _Edits:
-    """Changes of one listing.
-
-    Args:
-        listing: As read.
-    """
+    """Changes of one listing."""
 
     def __init__(self, listing: FanucListing) -> None:
         self.listing, self.spans = listing, Spans()

@@ -15,7 +15,7 @@ from counterflex.integrations.fanuc.language.program import wpr_of
 from counterflex.integrations.fanuc.language.spelling import remarks, short, values_text
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
 
 _CONFIG: Final = re.compile(r"[NF] [UD] [TB], -?\d, -?\d, -?\d")
 _POSE: Final = "\0"
@@ -141,11 +141,23 @@ def _remarks_cut(lines: Sequence[str]) -> Iterator[str]:
             yield text
 
 
-class FanucWriter(RobotWriter[FanucSettings]):
-    """The words of FANUC TP: every point is an ``L`` with a position of its own in the user frame."""
+class FanucWords(RobotWords[FanucSettings]):
+    """Listings."""
 
-    dialect, limits, suffix = "fanuc", LIMITS, "ls"
-    comment, stop, wait = "!", "PAUSE", "WAIT {}(sec)"
+    language, sign, stop, wait = "fanuc", "!", "PAUSE", "WAIT {}(sec)"
+
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """One listing."""
+        check_name(name, LIMITS, "FANUC")
+        return {f"{name}.ls": fanuc_program(name, lines)}
+
+    def call(self, part: str) -> str:
+        """CALL."""
+        return f"CALL {part.upper()}"
+
+
+class FanucWriter(FanucWords, RobotWriter[FanucSettings]):
+    """The words of FANUC TP: every point is an ``L`` with a position of its own in the user frame."""
 
     def point(self, index: int) -> list[str]:
         """A point: L, FINE at the first one and where it must be reached."""
@@ -178,19 +190,6 @@ class FanucWriter(RobotWriter[FanucSettings]):
                 texts = [f"{c} {number(float(v), 3)}" for c, v in zip("XYZWPR", values, strict=True)]
                 out += [f"! {name}", *(f"! {a} {b}" for a, b in zip(texts[::2], texts[1::2], strict=True))]
         return out
-
-    def call(self, part: str) -> str:
-        """Call of a part."""
-        return f"CALL {part.upper()}"
-
-    def main(self, body: Sequence[str]) -> str:
-        """The main listing."""
-        return fanuc_program(self.settings.name, body)
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """The listing of a part."""
-        check_name(name, LIMITS, "FANUC")
-        return {f"{name}.ls": fanuc_program(name, body)}
 
     def _move(self, index: int, speed_m_s: float, termination: str) -> str:
         T = self.points.Ts_part_tcp[index]

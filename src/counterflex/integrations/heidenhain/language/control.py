@@ -33,17 +33,7 @@ _ENDS: Final = frozenset((2, 30))
 
 
 class Control:
-    """What the control does in a block.
-
-    Args:
-        source: The main program.
-        machine: What is known of the machine.
-
-    Attributes:
-        values: Parameters.
-        maker: Makes the motions.
-        blocks: Executed blocks.
-    """
+    """What the control does in a block."""
 
     def __init__(self, source: Source, machine: MillingMachine) -> None:
         self._source = source

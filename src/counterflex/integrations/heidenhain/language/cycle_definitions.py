@@ -45,13 +45,6 @@ def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float 
 def define_frame(part: Statement, number: int, state: State, values: Values, name: str) -> bool:
     """Execute a cycle that changes coordinates; whether it tilts the working plane.
 
-    Args:
-        part: All its lines.
-        number: Of the cycle.
-        state: Changed.
-        values: Parameters.
-        name: Of the program, for errors.
-
     Raises:
         ProgramError: It cannot be executed exactly.
     """

@@ -10,7 +10,6 @@ import numpy as np
 
 from counterflex.core.units import MM
 from counterflex.integrations.heidenhain.language import LIMITS, VECTOR_DECIMALS
-from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.machine_languages import OWN_CODES, MachineEmitter
 from counterflex.programs.convert.steps import Move, Process
 from counterflex.programs.gcode.write.written_line import number
@@ -139,6 +138,4 @@ def dwell_lines(time_s: float) -> list[str]:
     return ["CYCL DEF 9.0 DWELL TIME", f"CYCL DEF 9.1 DWELL {number(time_s, 3)}"]
 
 
-def convert(order: Conversion) -> HeidenhainEmitter:
-    """Return the writer of a conversion."""
-    return HeidenhainEmitter(order.program.name, order.stem, order.tolerance_m)
+convert = HeidenhainEmitter.of

@@ -4,98 +4,24 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_positive
-from counterflex.core.errors import InputError, ProgramError
+from counterflex.core.arrays import Float
+from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language import LIMITS
 from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
 from counterflex.integrations.heidenhain.language.emitter import dwell_lines
 from counterflex.integrations.heidenhain.language.source import code_of
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of
-from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.gcode.write.writer import GcodeText, header_lines
-from counterflex.programs.motion_rows import feed_factor, written_error
+from counterflex.programs.motion_rows import feed_factor
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
-from counterflex.programs.rotary.poses import CommandedWords
 
 _FLOW: Final = re.compile(
     r"\s*(?:LBL\b|CALL\b|FN\s*\d|Q[LRS]?\d+\s*=|BEGIN\s+PGM\b|END\s+PGM\b|M\s*(?:2|30)\s*$)", re.IGNORECASE
 )
 _PARAMETER: Final = re.compile(r"(?<![A-Z0-9])(?:[A-Z]{0,6}[+-]?\s*)Q[LR]?\d+(?!\d*\s*=)", re.IGNORECASE)
-
-
-def write_heidenhain(
-    program: Program,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    decimals: int = LIMITS.position_decimals,
-    cell: str = "",
-    header: bool = True,
-    job: str = "",
-    words: CommandedWords | None = None,
-) -> GcodeText:
-    """Write a program back with its targets replaced by the commanded ones.
-
-    Statements whose motions are not corrected stay byte for byte, but for coordinates that they would inherit from a
-    corrected position: these are written. A corrected L gets its coordinates edited in place and further L behind it
-    where one straight line is not enough (these have no block number: the control numbers blocks itself). A corrected
-    arc stays one about a CC of its own, or becomes several, or L, within the tolerance. RND whose lines are corrected
-    becomes an arc. A drilling cycle that is corrected is written out as L. F is written before pieces whose feed
-    changes. A program with labels and calls is written in the order of execution.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance of a commanded sample from the written path at the same place, > 0, m.
-        decimals: Of written coordinates in mm, 2 to 6; inch programs get one more.
-        cell: Name of the cell, for the comment at the head.
-        header: Write comments that say what made the program; never where nothing changed.
-        job: Hash of the plan, for the comment.
-        words: Of a program that turns the tool, what to command; ``compensated`` is not asked then.
-
-    Returns:
-        Text and counts.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: A corrected motion cannot be written.
-    """
-    as_positive("tolerance_m", tolerance_m)
-    if not 2 <= decimals <= 6:
-        raise InputError("decimals is out of range", value=decimals, limit="2 .. 6")
-    writer = _Writer(program, compensated, tolerance_m, decimals, words)
-    rows = writer.rows
-    changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
-    if changed:
-        _refuse_unsaid(program)
-    lines = writer.run() if changed else list(program.lines)
-    if changed and header:
-        place = 1 + next((k for k, line in enumerate(lines) if "BEGIN PGM" in line.upper()), -1)
-        lines[place:place] = [f";{text}" for text in header_lines(program, tolerance_m, cell, job)]
-    dropped = float(np.max(np.linalg.norm(compensated.rotvec_part_command, axis=1), initial=0.0))
-    return GcodeText(
-        text=program.newline.join(lines),
-        moved_motions=int(rows.moved.sum()) if changed else 0,
-        split_motions=writer.split_motions,
-        vertices_added=writer.vertices_added,
-        arcs_kept=writer.arcs_kept,
-        arcs_split=writer.arcs_split,
-        arcs_as_lines=writer.arcs_as_lines,
-        radius_replaced=0,
-        completed_blocks=writer.completed_blocks,
-        cycles_expanded=writer.cycles_expanded,
-        unrolled=not program.straight,
-        tolerance_m=tolerance_m,
-        resolution_m=writer.resolution_m,
-        largest_written_error_m=max(written_error(rows, writer.written, writer.checked), writer.arc_error_m)
-        if changed else 0.0,
-        largest_dwell_error_m=rows.dwell_error_m,
-        largest_dropped_rotation_rad=max(writer.dropped_rad, dropped if words is None else words.dropped_rad),
-    )  # fmt: skip
 
 
 def _refuse_unsaid(program: Program) -> None:
@@ -109,8 +35,21 @@ def _refuse_unsaid(program: Program) -> None:
             )  # fmt: skip
 
 
-class _Writer(ArcWriter):
-    """Walks through the statements of a program."""
+class HeidenhainInPlace(ArcWriter):
+    """Walks through the statements of a program.
+
+    A corrected L gets its coordinates edited in place and further L behind it (these have no block number: the control
+    numbers blocks itself). A corrected arc stays one about a CC of its own, or becomes several, or L. RND whose lines
+    are corrected becomes an arc. A drilling cycle that is corrected is written out as L. F is written before pieces
+    whose feed changes. A program with labels and calls is written in the order of execution.
+    """
+
+    own_decimals: ClassVar[int] = LIMITS.position_decimals
+
+    def put_head(self, lines: list[str], texts: list[str]) -> None:
+        """Behind BEGIN PGM."""
+        place = 1 + next((k for k, line in enumerate(lines) if "BEGIN PGM" in line.upper()), -1)
+        lines[place:place] = [f";{text}" for text in texts]
 
     def _chained(self) -> set[int]:
         """Motions that must be written because they share a corner (RND) with a corrected one."""
@@ -125,6 +64,7 @@ class _Writer(ArcWriter):
 
     def run(self) -> list[str]:
         """All lines of the written program."""
+        _refuse_unsaid(self.program)
         straight, source, at = self.program.straight, self.program.lines, 0
         self._forced = self._chained()
         if len(self.written):
@@ -315,3 +255,6 @@ class _Writer(ArcWriter):
                 feed = " FMAX" if motion.kind == "rapid" else self._f(block, motion, 1.0, None)
                 self.lines.append(f"L {coordinates} R0{feed}")
             self._arrive(k, motion)
+
+
+write_heidenhain = HeidenhainInPlace.write

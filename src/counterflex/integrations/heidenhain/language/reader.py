@@ -39,9 +39,6 @@ def read_heidenhain(
             program names its axes.
         folder: Where programs of CALL PGM are.
 
-    Returns:
-        The program as executed, a block for each statement.
-
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
 

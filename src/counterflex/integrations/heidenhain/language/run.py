@@ -55,13 +55,7 @@ class Call:
 
 
 class Run(Control):
-    """One run of a program.
-
-    Args:
-        source: The main program.
-        machine: What is known of it.
-        library: Finds programs that CALL PGM names.
-    """
+    """One run of a program."""
 
     def __init__(self, source: Source, machine: MillingMachine, library: Library) -> None:
         super().__init__(source, machine)

@@ -94,10 +94,6 @@ def _statements(lines: tuple[str, ...]) -> Iterator[Statement]:
 class Source:
     """A program: its statements, labels and unit.
 
-    Args:
-        name: File name, for errors.
-        lines: Without line ends.
-
     Raises:
         ProgramError: A label is set twice, or the head is missing.
     """

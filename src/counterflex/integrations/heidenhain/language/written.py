@@ -29,11 +29,7 @@ def function_of(block: Block) -> str:
 
 
 class PathLine:
-    """The line of a path statement.
-
-    Args:
-        block: The block.
-    """
+    """The line of a path statement."""
 
     def __init__(self, block: Block) -> None:
         self.text, self.words = block.text, tuple(word for word in block.words if word.end > word.start)

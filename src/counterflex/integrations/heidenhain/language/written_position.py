@@ -7,55 +7,24 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
-from counterflex.core.units import DEG, INCH, MINUTE
+from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language import VECTOR_DECIMALS
 from counterflex.integrations.heidenhain.language.emitter import feed_text, signed
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of, spelled
-from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, motion_rows
-from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Modal, Motion, Program
-from counterflex.programs.rotary.poses import CommandedWords
+from counterflex.programs.machine_in_place import MachineInPlace
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
+from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Block, Modal, Motion
 
 _POLAR: Final = frozenset(("C", "CP", "LP"))
 
 
-class WrittenPosition:
-    """Position, pole and feed of the written program, and the counts of the result.
+class WrittenPosition(MachineInPlace):
+    """Position, pole and feed of the written program."""
 
-    Args:
-        program: As read.
-        compensated: Commanded rows.
-        tolerance_m: Bound for straight pieces and arcs.
-        decimals: Of coordinates in mm.
-        words: Of a program that turns the tool, what to command.
-    """
-
-    def __init__(
-        self,
-        program: Program,
-        compensated: CompensatedPath,
-        tolerance_m: float,
-        decimals: int,
-        words: CommandedWords | None,
-    ) -> None:
-        angles = None
-        if words is not None:
-            compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
-            angles = (words.angle_rad, words.angle_command_rad)
-        self.program, self.tolerance_m, self._angles = program, tolerance_m, angles
-        self.rows = motion_rows(program, compensated, tolerance_m, angles)
-        units = {block.modal.unit_m for block in program.blocks if block.motion_count}
-        self._unit_m = min(units, default=1e-3)
-        self._digits = decimals + (self._unit_m == INCH)
-        self.resolution_m = self._unit_m * 10.0**-self._digits
-        self.lines: list[str] = []
-        self.written: Float = np.full((len(self.rows.way), 3), np.nan)
-        self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
-        self.arc_error_m = self.dropped_rad = 0.0
-        self.split_motions = self.vertices_added = self.completed_blocks = self.cycles_expanded = 0
-        self.arcs_kept = self.arcs_split = self.arcs_as_lines = 0
-        self._here: Float = np.array(program.motions[0].p_start if program.motions else np.zeros(3))
+    def prepare(self) -> None:
+        """Begin where the program begins."""
+        self._here: Float = np.array(self.program.motions[0].p_start if self.program.motions else np.zeros(3))
         self._nominal: Float = self._here.copy()
         self._feed: float | None = None
         self._pole: tuple[float, float] | None = None

@@ -15,11 +15,7 @@ Edit = tuple[int, int, str]
 
 
 class Edits:
-    """Edits of a file, applied together at the end, so that places stay those of the source.
-
-    Args:
-        source: Its lines.
-    """
+    """Edits of a file, applied together at the end, so that places stay those of the source."""
 
     def __init__(self, source: Sequence[str]) -> None:
         self._source = source

@@ -159,11 +159,6 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
 def check_main(text: str, name: str, where: str) -> None:
     """Check that a controller loads a program: its file has the name of its main routine, and a name that KRL takes.
 
-    Args:
-        text: Of the ``.src`` file.
-        name: Of the file, without its ending.
-        where: For messages.
-
     Raises:
         ProgramError: They differ.
         InputError: The name is too long or holds other characters than letters, digits and underscores.
@@ -275,13 +270,6 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
 
 def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
     """A program that stands still with RSI on, for watching the link: correction is never enabled.
-
-    Args:
-        name: Of the program.
-        switching: See there.
-        tool: Number of TOOL_DATA.
-        base: Number of BASE_DATA.
-        seconds: How long it stands.
 
     Raises:
         InputError: The name or the time cannot be used.

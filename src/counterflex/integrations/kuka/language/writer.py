@@ -14,7 +14,7 @@ from counterflex.geometry import rotation
 from counterflex.integrations.kuka.language import LIMITS
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +80,23 @@ def krl_pose(T_a_b: Float) -> str:
     return ",".join(words)
 
 
-class KrlWriter(RobotWriter[KrlSettings]):
-    """The words of KRL: every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
+class KrlWords(RobotWords[KrlSettings]):
+    """Files of KRL."""
 
-    dialect, limits, suffix = "krl", LIMITS, "src"
-    comment, stop, wait = ";", "HALT", "WAIT SEC {}"
+    language, sign, stop, wait = "krl", ";", "HALT", "WAIT SEC {}"
+
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """``.src`` and ``.dat``."""
+        check_name(name, LIMITS, "KRL")
+        return {f"{name}.src": krl_source(name, lines), f"{name}.dat": krl_data(name, [])}
+
+    def call(self, part: str) -> str:
+        """A subprogram."""
+        return f"{part}( )"
+
+
+class KrlWriter(KrlWords, RobotWriter[KrlSettings]):
+    """The words of KRL: every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
 
     def point(self, index: int) -> list[str]:
         """A point: LIN, or PTP to the first one where its S and T are given; $VEL.CP before it where that changes."""
@@ -111,21 +123,9 @@ class KrlWriter(RobotWriter[KrlSettings]):
         """Where the program comes from, first tool, frames and speeds, start posture."""
         return [*self.origin(), *lead, *krl_frames(self.settings, self.first_tool), "PTP XSTART"]
 
-    def call(self, part: str) -> str:
-        """Call of a part."""
-        return f"{part}( )"
-
-    def main(self, body: Sequence[str]) -> str:
-        """The main ``.src``."""
-        return krl_source(self.settings.name, body)
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """``.src`` and ``.dat`` of a part."""
-        check_name(name, LIMITS, "KRL")
-        return {f"{name}.src": krl_source(name, body), f"{name}.dat": krl_data(name, [])}
-
-    def data(self) -> dict[str, str]:
+    def data(self, files: list[str]) -> dict[str, str]:
         """The main ``.dat``: the start posture."""
+        del files
         angles = enumerate(self.settings.start_axes_rad, start=1)
         axes = ",".join(f"A{i} {number(a / DEG, LIMITS.angle_decimals)}" for i, a in angles)
         axes += krl_external(self.settings.external_axes)

@@ -65,11 +65,7 @@ def pose_text(T: Float) -> str:
 
 
 class Application:
-    """Points, speeds and tools of an application, as its programs come to need them.
-
-    Args:
-        settings: Names, frames, speeds.
-    """
+    """Points, speeds and tools of an application, as its programs come to need them."""
 
     def __init__(self, settings: Val3Settings) -> None:
         self.settings = settings

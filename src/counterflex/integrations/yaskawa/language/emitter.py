@@ -12,14 +12,16 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle, turned
-from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.spelling import speed_text
-from counterflex.integrations.yaskawa.language.writer import InformSettings, inform_job, inform_motion, written_pose
+from counterflex.integrations.yaskawa.language.writer import (
+    InformSettings,
+    InformWords,
+    inform_motion,
+    written_pose,
+)
 from counterflex.programs.convert.emitter import turn_deg
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
-from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.limits import Limits, check_name
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
 
@@ -30,20 +32,10 @@ _WITHIN_M: Final = 0.9 * UM
 """Largest distance of a written arc from the programmed one: positions are rounded to 1 um."""
 
 
-class InformEmitter(RobotEmitter[InformSettings]):
-    """INFORM: MOVJ, MOVL, MOVC.
+class InformEmitter(InformWords, RobotEmitter[InformSettings]):
+    """INFORM: MOVJ, MOVL, MOVC."""
 
-    Args:
-        program: See :class:`RobotEmitter`.
-        settings: See there.
-        functions: See there.
-        tolerance_m: See there.
-    """
-
-    language: ClassVar[str] = "inform"
-    limits: ClassVar[Limits] = LIMITS
-    stop: ClassVar[str] = "PAUSE"
-    sign: ClassVar[str] = "'"
+    dwell_decimals: ClassVar[int] = 2
 
     def __init__(
         self, program: Program, settings: InformSettings, functions: MachineFunctions, tolerance_m: float
@@ -56,22 +48,6 @@ class InformEmitter(RobotEmitter[InformSettings]):
         cuts = len(self._cuts)
         super()._count()
         self._in_arc = self._in_arc and len(self._cuts) == cuts
-
-    def program(self, name: str, lines: list[str]) -> dict[str, str]:
-        """One job."""
-        check_name(name, LIMITS, "INFORM")
-        return {f"{name}.JBI": inform_job(name, self.settings.base, lines)}
-
-    def call(self, part: str) -> str:
-        """CALL."""
-        return f"CALL JOB:{part.upper()}"
-
-    def frames(self, tool: int) -> None:
-        """Every position names its frame and its tool."""
-
-    def dwell(self, move: Move) -> None:
-        """TIMER."""
-        self.lines.append(f"TIMER T={number(move.motion.duration_s, 2)}")
 
     def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
         """MOVJ or MOVL."""
@@ -110,11 +86,11 @@ class InformEmitter(RobotEmitter[InformSettings]):
         """MOVC: at its start, unless an arc ends there, in the middle, and at its end."""
         speed = f"V={speed_text(self._speed(move))}"
         exact, self.exact = self.exact, False
-        shares = (0.5 * (start_share + end_share), end_share)
+        middle, end = self.through(move, start_share, end_share)
         if not self._in_arc:
             R = move.R_part_start if start_share == 0.0 else self.orientation(move, start_share)
             self._append("MOVC", pose.make(R, move.at(start_share)), speed)
-        self._append("MOVC", pose.make(self.orientation(move, shares[0]), move.at(shares[0])), speed)
+        self._append("MOVC", middle, speed)
         self.exact = exact
-        self._append("MOVC", pose.make(self.orientation(move, shares[1]), move.at(shares[1])), speed, " FPT")
+        self._append("MOVC", end, speed, " FPT")
         self._in_arc = True

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.units import MM
-from counterflex.integrations.yaskawa.language.program import Span
 from counterflex.integrations.yaskawa.language.source import Job, Statement
 from counterflex.integrations.yaskawa.language.table import OPTION, TABLE
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.robot_text.process_words import NUMBER
+from counterflex.programs.robot_text.program import Span
 from counterflex.programs.statement_table import Treatment
 
 _I: Final = re.IGNORECASE
@@ -70,11 +70,6 @@ class Form:
 
 def form_of(job: Job, statement: Statement, match: re.Match[str]) -> Form:
     """Divide a motion.
-
-    Args:
-        job: Its job.
-        statement: The instruction.
-        match: Of its word.
 
     Raises:
         ProgramError: It is not understood, or has an option that is not read.

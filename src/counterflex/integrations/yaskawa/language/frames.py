@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,25 +12,19 @@ from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.integrations.yaskawa.language.program import USER, WORLD, Header, frame_of
 from counterflex.integrations.yaskawa.language.values import PositionValue
-from counterflex.programs.robot_text.cell import NumberedFrames, RobotTextCell
+from counterflex.programs.robot_text.cell import NumberedCell, NumberedFrames
 
 _APART_M: Final = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class InformCell(RobotTextCell):
+class InformCell(NumberedCell):
     """Data of a cell that a job is read against.
 
     Attributes:
-        tool_number: ``controller.tool_number``: the tool file that the cell plans with.
-        base_number: ``controller.base_number``: the user frame that is the part frame.
-        tool_of_data: Number of the tool by its tool file (``tools.tool_data``).
         pulses_per_deg: (6,) of the axes S L U R B T; empty where the cell file does not say them.
     """
 
-    tool_number: int
-    base_number: int
-    tool_of_data: Mapping[int, int]
     pulses_per_deg: tuple[float, ...] = ()
 
 
@@ -47,9 +40,6 @@ class Frames(NumberedFrames):
 
     def __init__(self, cell: InformCell | None) -> None:
         super().__init__(cell, "///TOOL {}", "///USER {}")
-        if cell is not None:
-            self.tool_number, self.base_number = cell.tool_number, cell.base_number
-            self.tool_of_data = cell.tool_of_data
         self.made: dict[int, Float] = {}
         self._first: tuple[int, Float | None] | None = None
         self._last: Header | None = None

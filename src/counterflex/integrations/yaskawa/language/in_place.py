@@ -35,12 +35,7 @@ _LINE_END: Final = re.compile(r"\r\n|\n|\r|\Z")
 
 
 class _Edits:
-    """Changes of one job.
-
-    Args:
-        job: As read.
-        newline: Its line end.
-    """
+    """Changes of one job."""
 
     def __init__(self, job: JobText, newline: str) -> None:
         self.job, self.newline, self.spans = job, newline, Spans()

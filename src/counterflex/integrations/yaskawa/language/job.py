@@ -12,7 +12,7 @@ from counterflex.app.compensation.next_steps import against_fixed_tool, tool_fra
 from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import axes_in, part_in_world
-from counterflex.app.robot_programs import refuse_held_part, shared_facts
+from counterflex.app.robot_programs import numbered_facts, refuse_held_part
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.integrations.yaskawa.language.emitter import InformEmitter
@@ -28,21 +28,10 @@ from counterflex.robot.kinematics.inverse_seeds import branch_of
 
 
 def cell_of(cell: Cell) -> InformCell:
-    """What a job is held against.
-
-    Raises:
-        InputError: The robot holds the part: such jobs (external reference points) are not read.
-    """
-    refuse_held_part(cell, "INFORM")
-    controller, tools = cell.tables.controller, cell.tables.tools
+    """What a job is held against; a cell whose robot holds the part is refused."""
     own = cell.tables.robot.controller_axes
-    return InformCell(
-        **shared_facts(cell, DIALECT),
-        tool_number=controller.tool_number,
-        base_number=controller.base_number,
-        tool_of_data={tool.tool_data: tool.number for tool in tools if tool.tool_data is not None},
-        pulses_per_deg=() if own is None or own.pulses_per_deg is None else own.pulses_per_deg,
-    )
+    pulses = () if own is None or own.pulses_per_deg is None else own.pulses_per_deg
+    return InformCell(**numbered_facts(cell, DIALECT, "INFORM"), pulses_per_deg=pulses)
 
 
 def configurations(cell: Cell, start: str | Float) -> Callable[[Float], str]:

@@ -302,9 +302,6 @@ class Motions(ExecutionByAxes[InformMotion]):
     def close_arcs(self, *, rest: bool = False) -> None:
         """Make the arcs of a row of MOVC that has ended.
 
-        Args:
-            rest: A dwell ends it.
-
         Raises:
             ProgramError: It has fewer than three points, or they lie on no single circle.
         """

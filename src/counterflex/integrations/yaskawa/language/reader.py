@@ -44,9 +44,6 @@ def read_inform(
         complete: Refuse a text without END: it may have been cut off.
         folder: Jobs that it can call; None has none.
 
-    Returns:
-        The program as executed.
-
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.

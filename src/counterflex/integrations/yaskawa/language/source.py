@@ -19,10 +19,10 @@ from counterflex.integrations.yaskawa.language.program import (
     Header,
     JobText,
     Position,
-    Span,
 )
 from counterflex.integrations.yaskawa.language.table import OPENS, row_of
 from counterflex.programs.robot_text.process_words import NUMBER
+from counterflex.programs.robot_text.program import Span
 from counterflex.programs.source_text import read_text
 from counterflex.programs.statement_table import Statement as Row
 
@@ -63,12 +63,6 @@ class Statement:
 
 class Job:
     """A job, divided.
-
-    Args:
-        text: As read.
-        name: Of the file, for errors.
-        complete: Refuse a text without END.
-        encoding: Of the file.
 
     Attributes:
         positions: Entries by kind and number.
@@ -302,12 +296,7 @@ class Job:
 
 
 class Folder:
-    """Jobs that a job can call.
-
-    Args:
-        files: Those that lie in its folder.
-        complete: Refuse a text without END.
-    """
+    """Jobs that a job can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
@@ -315,10 +304,6 @@ class Folder:
 
     def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Job | None:
         """Return a job by its name; None where the folder has none.
-
-        Args:
-            name: Of the job.
-            refuse: Makes the error of a message and a hint.
 
         Raises:
             ProgramError: Several files have the name, or it cannot be read.

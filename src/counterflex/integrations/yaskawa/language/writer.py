@@ -12,7 +12,7 @@ from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.program import USER, Header, frame_of, values_of
 from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
 
 _POSE: Final = "\0"
 """Stands between an instruction and the entry of its position until the positions of a job are numbered."""
@@ -101,11 +101,23 @@ def inform_job(name: str, base: int, lines: Sequence[str]) -> str:
     return job_text(name, Header(USER, base), entries, out)
 
 
-class InformWriter(RobotWriter[InformSettings]):
-    """The words of INFORM: every point is a MOVL with a position of its own in the user frame."""
+class InformWords(RobotWords[InformSettings]):
+    """Jobs."""
 
-    dialect, limits, suffix = "inform", LIMITS, "JBI"
-    comment, stop, wait = "'", "PAUSE", "TIMER T={}"
+    language, sign, stop, wait = "inform", "'", "PAUSE", "TIMER T={}"
+
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """One job."""
+        check_name(name, LIMITS, "INFORM")
+        return {f"{name}.JBI": inform_job(name, self.settings.base, lines)}
+
+    def call(self, part: str) -> str:
+        """CALL."""
+        return f"CALL JOB:{part.upper()}"
+
+
+class InformWriter(InformWords, RobotWriter[InformSettings]):
+    """The words of INFORM: every point is a MOVL with a position of its own in the user frame."""
 
     def dwell(self, time_s: float) -> str:
         """Line that waits; TIMER takes 0.01 s."""
@@ -140,19 +152,6 @@ class InformWriter(RobotWriter[InformSettings]):
                 texts = numbers_text(values_of(T))
                 out += [f"' {name}", f"' X Y Z {' '.join(texts[:3])}", f"' RXYZ {' '.join(texts[3:])}"]
         return out
-
-    def call(self, part: str) -> str:
-        """Call of a part."""
-        return f"CALL JOB:{part.upper()}"
-
-    def main(self, body: Sequence[str]) -> str:
-        """The main job."""
-        return inform_job(self.settings.name, self.settings.base, body)
-
-    def part(self, name: str, body: Sequence[str]) -> dict[str, str]:
-        """The job of a part."""
-        check_name(name, LIMITS, "INFORM")
-        return {f"{name}.JBI": inform_job(name, self.settings.base, body)}
 
     def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
         T = self.points.Ts_part_tcp[index]

@@ -58,10 +58,6 @@ class Construct:
 class Source:
     """A program or an included file: its lines and the structure of its O words.
 
-    Args:
-        name: File name, for errors.
-        lines: Without line ends.
-
     Raises:
         ProgramError: A loop, condition or subroutine that is not closed, closed twice, or nested into another halfway.
     """

@@ -109,11 +109,7 @@ class Interpreter(FlowRunner):
         return self._mark_repeated()
 
     def _watch_jump(self, place: Place) -> None:
-        """Refuse a jump back that will be made for ever.
-
-        Args:
-            place: Of the line just executed.
-        """
+        """Refuse a jump back that will be made for ever."""
         now = self._place
         if now.source is place.source and now.index > place.index:
             return

@@ -57,9 +57,6 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
 
     Each line holds a number and a value; lengths are in mm, because the file does not say its unit.
 
-    Args:
-        path: The file.
-
     Returns:
         What it holds, in coordinates of the machine, with the zero of the part at G54.
 

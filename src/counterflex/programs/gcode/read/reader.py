@@ -56,9 +56,6 @@ def read_gcode(
             cut off.
         plain_lines: Read plain lines the short way; False gives the same program more slowly.
 
-    Returns:
-        The program as executed.
-
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory, unsafe or endless.
         InputError: An argument is out of range.
@@ -111,11 +108,7 @@ def read_gcode(
 
 
 def _refuse_hidden_ends(lines: Sequence[str], name: str) -> None:
-    """Refuse a carriage return within a line: it was the end of one, and two blocks would be read as one.
-
-    Raises:
-        ProgramError: There is one.
-    """
+    """Refuse a carriage return within a line: it was the end of one, and two blocks would be read as one."""
     for number, line in enumerate(lines, start=1):
         if "\r" in line.strip("\r"):
             column = line.strip("\r").index("\r") + 1
@@ -185,9 +178,6 @@ def read_gcode_file(
         step_limit: Largest number of lines executed.
         block_delete: Skip lines that begin with a slash.
         complete: Refuse a file that stops without M2, M30 or a closing ``%``.
-
-    Returns:
-        The program as executed.
 
     Raises:
         ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.

@@ -88,9 +88,6 @@ def error_at(
 def scan_plain(text: str) -> tuple[Word, ...] | None:
     """Read a line that holds nothing but letters and literal numbers.
 
-    Args:
-        text: The line without its end.
-
     Returns:
         Its words; None where the line needs the full scanner.
     """
@@ -146,9 +143,6 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
         text: The line without its end.
         name: Name of the program, for errors.
         line: 1-based number of the line, for errors.
-
-    Returns:
-        What it says.
 
     Raises:
         ProgramError: With file, line and column of the first thing that is not RS274/NGC.

@@ -42,12 +42,6 @@ _TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNHP", "CR", "AR", "
 class Block:
     """Words of a block, checked against the tables.
 
-    Args:
-        line: As scanned.
-        fault: Makes an error on this line from what, column, value and hint.
-        text: The line, for errors.
-        table: Words of the dialect.
-
     Raises:
         ProgramError: A word that is unknown, refused, or there twice.
 

@@ -62,12 +62,7 @@ class Frame:
 
 
 class Flow:
-    """Place of a running program.
-
-    Args:
-        source: The main program.
-        library: Finds subprograms.
-    """
+    """Place of a running program."""
 
     def __init__(self, source: Source, library: Library) -> None:
         self.source, self.index = source, source.first
@@ -244,11 +239,6 @@ class Flow:
 
     def call(self, name: str, arguments: str, repeats: int = 1) -> bool:
         """Enter a subprogram; whether there is one of that name.
-
-        Args:
-            name: Of it.
-            arguments: Text between the brackets.
-            repeats: How often it runs.
 
         Raises:
             ProgramError: Programs call each other too deeply, or an argument cannot be read.

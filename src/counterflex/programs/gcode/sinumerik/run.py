@@ -35,13 +35,7 @@ _ARC: Final = (*"IJK", "CR", "AR", "TURN")
 
 
 class Run:
-    """One run of a program.
-
-    Args:
-        source: The main program.
-        machine: What is known of it.
-        library: Finds subprograms.
-    """
+    """One run of a program."""
 
     table: ClassVar[WordTable] = SINUMERIK
 
@@ -188,11 +182,7 @@ class Run:
         return None
 
     def _enter(self, block: Block, call: Name, repeats: int) -> None:
-        """Enter a subprogram.
-
-        Raises:
-            ProgramError: There is none of that name, or it is no word of the language.
-        """
+        """Enter a subprogram."""
         name, arguments = call.name, call.arguments
         if name in ("CALL", "PCALL", "EXTCALL"):
             name, arguments = call.text.strip('"() '), ""

@@ -87,9 +87,6 @@ def straight_pieces(points: Float, share: Float, first: int, last: int, toleranc
         first: Index of the first point.
         last: Index of the last point.
         tolerance_m: Largest distance of a point from its piece at the same share, m.
-
-    Returns:
-        Pieces in order.
     """
     vertices = first + simplify(share[first : last + 1], points[first : last + 1], tolerance_m)
     return [ArcPiece(int(a), int(b), None, 0.0) for a, b in itertools.pairwise(vertices)]

@@ -37,13 +37,6 @@ class _Commanded:
 def emit_arc(machine: WrittenMachine, block: Block, line: WrittenLine, index: int, motion: Motion) -> None:
     """Write a block that moves on an arc.
 
-    Args:
-        machine: Position and lines so far.
-        block: The block.
-        line: Its line, edited here.
-        index: Of the motion in the program.
-        motion: The arc.
-
     Raises:
         ProgramError: The block must be changed but its words do not lead to its target.
     """

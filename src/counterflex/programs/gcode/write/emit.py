@@ -13,8 +13,8 @@ from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.write.arcs import emit_arc
 from counterflex.programs.gcode.write.machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, evaluated, flatten, number
-from counterflex.programs.motion_rows import MotionRows, feed_factor
-from counterflex.programs.program import Block, Modal, Motion, Program
+from counterflex.programs.motion_rows import feed_factor
+from counterflex.programs.program import Block, Modal, Motion
 
 _NO_TARGET: Final = frozenset(
     (4.0, 5.1, 10.0, 22.0, 28.0, 30.0, 43.1, 50.1, 51.1, 52.0, 53.0, 65.0, 68.0, 92.0, 92.1, 92.2, 92.3)
@@ -26,20 +26,14 @@ _POSITION_PARAMETER: Final = re.compile(r"#\s*(5[0-4]\d\d|<\s*_(abs_)?[xyz]\s*>)
 
 
 class Emitter(WrittenMachine):
-    """Writes a program block by block.
+    """Writes a program block by block."""
 
-    Args:
-        program: As read.
-        rows: The compensated path by motion.
-        tolerance_m: Bound for straight pieces and arcs.
-        decimals: Of written words in mm programs.
-    """
-
-    def __init__(self, program: Program, rows: MotionRows, tolerance_m: float, decimals: int) -> None:
-        super().__init__(program, rows, tolerance_m, decimals)
+    def prepare(self) -> None:
+        """Begin where the program begins."""
+        super().prepare()
         self._expanding = False
         self._exact = False  # G61: the program stops at every corner anyway
-        self._freeze = any(_POSITION_PARAMETER.search(line) for line in program.lines)
+        self._freeze = any(_POSITION_PARAMETER.search(line) for line in self.program.lines)
 
     def run(self) -> list[str]:
         """All lines of the written program."""

@@ -7,13 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
-from counterflex.core.units import INCH
+from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.write.spelling import Spell, spelling_of
 from counterflex.programs.gcode.write.turn_words import TurnWords
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
+from counterflex.programs.machine_in_place import MachineInPlace
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
 
 MOTION_CODES: Final = frozenset(
@@ -32,38 +33,29 @@ def work_axes(modal: Modal, points: Float) -> Float:
     return points if modal.R_part_work is None else points @ np.array(modal.R_part_work)
 
 
-class WrittenMachine:
+class WrittenMachine(MachineInPlace):
     """Position and modal motion of the machine at each block of the written program, and the counts of the result.
 
     The offset ``off`` is the written minus the nominal position of the source at the same block, in m; an axis that
     was never moved has exactly zero. It is what later blocks inherit where they leave out a word, count from the
     current position (G91) or set the origin there (G92).
 
-    Args:
-        program: As read.
-        rows: The compensated path by motion.
-        tolerance_m: Bound for straight pieces and arcs.
-        decimals: Of written words in mm programs.
     """
 
-    def __init__(self, program: Program, rows: MotionRows, tolerance_m: float, decimals: int) -> None:
-        self.program = program
-        self.rows = rows
-        self.tolerance_m = tolerance_m
-        self._decimals = decimals
-        self.lines: list[str] = []
+    def prepare(self) -> None:
+        """Begin where the program begins."""
         self.off = [0.0, 0.0, 0.0]
-        self.nominal: list[float] = list(map(float, program.motions[0].p_start)) if program.motions else [0.0] * 3
+        motions = self.program.motions
+        self.nominal: list[float] = list(map(float, motions[0].p_start)) if motions else [0.0] * 3
         self.written_motion: str | None = None
-        self.written: Float = np.full((len(rows.way), 3), np.nan)
-        self.checked: Bool = np.zeros(len(rows.way), dtype=np.bool_)
-        self.arc_error_m = 0.0
-        self.split_motions = self.vertices_added = 0
-        self.arcs_kept = self.arcs_split = self.arcs_as_lines = self.radius_replaced = 0
-        self.completed_blocks = self.cycles_expanded = 0
         self.feed_written = 1.0
-        self.spelling = spelling_of(program.dialect)
-        self.turns = TurnWords(rows.angles, decimals, self.spelling.vector_word)
+        self.spelling = spelling_of(self.program.dialect)
+        self.turns = TurnWords(self.rows.angles, self._decimals, self.spelling.vector_word)
+
+    @staticmethod
+    def unit_m(program: Program) -> float:
+        """The larger one, where a program has inches and millimetres."""
+        return max((block.modal.unit_m for block in program.blocks), default=MM)
 
     # ---- positions and numbers -------------------------------------------------------------------------------
 
@@ -301,11 +293,6 @@ class WrittenMachine:
         """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length.
 
         A piece without nominal length (the correction is taken back) gets what its commanded length takes, in addition.
-
-        Args:
-            start: Nominal length at the start of the motion.
-            ways: (k,) nominal length at the end of each piece.
-            steps: (k,) commanded length of each piece.
         """
         total = float(ways[-1]) - start
         if total <= 0.0:

@@ -45,12 +45,7 @@ class Effects:
 
 
 class EffectsOf:
-    """Finds effects of statements, those of the routines that they call included.
-
-    Args:
-        modules: The program.
-        process: Whether a machine function begins at a statement of a routine.
-    """
+    """Finds effects of statements, those of the routines that they call included."""
 
     def __init__(self, modules: Modules, process: Callable[[Routine, Simple], bool]) -> None:
         self._modules, self._process = modules, process

@@ -80,11 +80,6 @@ class Frames:
 
         :attr:`tool` is set where the name tells it.
 
-        Args:
-            tool: The tooldata, as written.
-            work_object: The wobjdata, as written.
-            at: Place in the text, for errors.
-
         Returns:
             (3, 3), and (4, 4) m or None where the targets are in the part frame.
 
@@ -204,11 +199,7 @@ def _frame(value: object) -> Float | None:
 
 
 def _on_side(values: tuple[bool, Float], what: str, name: str, on_robot: bool, cell: RapidCell, where: str) -> Float:
-    """Frame (4, 4) of a tool or work object that is on the robot, or not, as the cell has it.
-
-    Raises:
-        ProgramError: It is not.
-    """
+    """Frame (4, 4) of a tool or work object that is on the robot, or not, as the cell has it."""
     robhold, T = values
     if robhold != on_robot:
         held = cell.T_base_tcp is not None

@@ -45,11 +45,7 @@ class Instructions(Motions):
         """Return the data that statements assign something to, as their own routines see them."""
 
     def _given(self, statement: Statement, given: Sequence[Argument], count: int) -> list[object]:
-        """Values of the arguments of an instruction.
-
-        Raises:
-            ProgramError: There are others, or one is not known.
-        """
+        """Values of the arguments of an instruction."""
         if len(given) != count:
             raise self.fault(f"{statement.word} has {count} arguments", statement, hint="Post the program again")
         values = [self.memory.evaluated(argument.text, argument.start) for argument in given]

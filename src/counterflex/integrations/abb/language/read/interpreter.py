@@ -39,15 +39,7 @@ _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:
 
 
 class Interpreter(Flow, Instructions, Calls):
-    """State of the controller while a program runs.
-
-    Args:
-        source: Text of the modules.
-        modules: Their routines and data.
-        cell: See :class:`RapidCell`.
-        lines: Of the text, for the blocks.
-        part_object: See :class:`Frames`.
-    """
+    """State of the controller while a program runs."""
 
     def __init__(
         self, source: Source, modules: Modules, cell: RapidCell | None, lines: Sequence[str], part_object: str = ""
@@ -133,11 +125,7 @@ class Interpreter(Flow, Instructions, Calls):
         return self.process.find(texts, at, self.source.where(tree.statement.start)) is not None
 
     def _function(self, tree: Simple) -> ProcessWord | None:
-        """The machine function that begins at a statement, its numbers written or computed.
-
-        Raises:
-            ProgramError: A number of it is not known.
-        """
+        """The machine function that begins at a statement, its numbers written or computed."""
         if self.process is None or tree.statement.word in FORMS:
             return None
         texts, at = self._running[-1].texts, tree.index

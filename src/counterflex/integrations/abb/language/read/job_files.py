@@ -53,9 +53,6 @@ class _Index:
 def modules_of(file: Path) -> list[Path]:
     """Return the files of a program, that of the program itself first.
 
-    Args:
-        file: A module, or a ``.pgf``.
-
     Raises:
         ProgramError: A file is missing, or which one is meant is not known.
     """
@@ -206,11 +203,7 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
 
 
 def _holder(name: str, asking: _Index, candidates: list[_Index]) -> list[_Index]:
-    """The module that declares a name; none where none does.
-
-    Raises:
-        ProgramError: Several have a routine of that name, which the program calls.
-    """
+    """The module that declares a name; none where none does."""
     routines = [one for one in candidates if name in one.routines]
     if len(routines) > 1:
         raise ProgramError(

@@ -104,11 +104,7 @@ class RobtargetLiteral:
     rest: tuple[str, str]
 
     def value(self, evaluated: Callable[[str], object]) -> list[object]:
-        """Return it as a list of lists.
-
-        Args:
-            evaluated: Gives the value of a text.
-        """
+        """Return it as a list of lists."""
         x, y, z, q1, q2, q3, q4 = self.values
         return [[x, y, z], [q1, q2, q3, q4], *(numbers_of(text) or evaluated(text) for text in self.rest)]
 

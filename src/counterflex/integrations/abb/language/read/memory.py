@@ -96,10 +96,6 @@ class Frame:
 class Memory:
     """Variables of all modules and of the routines that are executed.
 
-    Args:
-        source: Text of the program.
-        modules: Its modules.
-
     Attributes:
         types: Data types.
         frames: Routines that are executed, the innermost last.

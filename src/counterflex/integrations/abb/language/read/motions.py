@@ -145,11 +145,7 @@ class Motions(Execution):
         )  # fmt: skip
 
     def _arguments(self, statement: Statement, form: Form) -> tuple[list[Argument], Argument, Argument, Argument]:
-        """Points, speed, zone and tool of an instruction.
-
-        Raises:
-            ProgramError: There are others, or an option is not read.
-        """
+        """Points, speed, zone and tool of an instruction."""
         match = _PLAIN.fullmatch(statement.code) if form.plain else None
         if match is not None:
             start = statement.start

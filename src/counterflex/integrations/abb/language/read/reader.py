@@ -85,9 +85,6 @@ def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Inter
 
     Persistent data that it changes begins with what the last run left. If that matters, the program is executed from
     the declared values, and again from what this run leaves: it is known if both runs do the same and leave the same.
-
-    Raises:
-        ProgramError: See :func:`read_rapid`.
     """
     try:
         return _run(source, modules, cell, None)

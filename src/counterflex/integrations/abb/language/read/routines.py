@@ -129,13 +129,6 @@ class Module:
 class Modules:
     """Divides the text of a program into modules and routines.
 
-    Args:
-        source: Text of all modules.
-        complete: Refuse a text without ENDMODULE.
-
-    Attributes:
-        modules: In the order of the text.
-
     Raises:
         ProgramError: A file is no module, or a part of it is not closed.
     """

@@ -42,6 +42,28 @@ class Step(NamedTuple):
     statement: Statement
     text: str
 
+    @property
+    def where(self) -> str:
+        """Its file, line and column."""
+        return self.routine.listing.place(self.statement.start)
+
+    @property
+    def line(self) -> str:
+        """Its file and line."""
+        return f"{self.routine.name}:{self.statement.line}"
+
+    def fault(self, what: str, *, limit: str | None = None, hint: str | None = None) -> ProgramError:
+        """Return its error."""
+        return fault(self.routine.listing, self.statement, what, limit=limit, hint=hint)
+
+    def known(self, value: Value, use: str, *, text: str = "", hint: str = "Write the value itself") -> Value:
+        """Return a value that must be known; ``text``, or the statement, is shown where it is not."""
+        return known(value, use, self.where, text=text or self.statement.code, hint=hint)
+
+    def other(self, at: int) -> Step:
+        """Return another statement of its listing."""
+        return Step(self.routine, at, self.routine.statements[at], self.routine.texts[at])
+
 
 class Branches(MotionExecution):
     """Passes statements that may run or not.
@@ -74,65 +96,62 @@ class Branches(MotionExecution):
             ProgramError: One of them moves the robot, or sets what motions depend on.
         """
         for at in range(begin, end):
-            statement, text = routine.statements[at], routine.texts[at]
-            if self.process is not None and text:
-                place = routine.listing.place(statement.start)
-                if self.process.find(routine.texts, at, place) is not None:
-                    raise self._refusal(routine, statement, condition, opening)
+            step = Step(routine, at, routine.statements[at], routine.texts[at])
+            process = self.process if step.text else None
+            if process is not None and process.find(routine.texts, at, step.where) is not None:
+                raise self._refusal(step, condition, opening)
             if level == 0:
-                self.block(routine, statement)
-            self._pass(routine, statement, text, condition, opening, level)
+                self.block(step)
+            self._pass(step, step.text, condition, opening, level)
 
-    def _pass(
-        self, routine: Routine, statement: Statement, text: str, condition: Unknown, opening: tuple[str, int],
-        level: int,
-    ) -> None:  # fmt: skip
+    def _pass(self, step: Step, text: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         row = row_of(text) if text else None
         if not text:
             return
-        self.act(routine, statement)
+        self.act(step)
         if MOTION.match(text) or row is None:
-            raise self._refusal(routine, statement, condition, opening)
+            raise self._refusal(step, condition, opening)
         if row.word in ASSIGNED:
-            self._forget_assigned(routine, statement, text, condition)
+            self._forget_assigned(step, text, condition)
         elif row.word == "IF" and not text.upper().endswith("THEN"):
-            self._pass_action(routine, statement, _action(text), condition, opening, level)
+            self._pass_action(step, _action(text), condition, opening, level)
         elif row.word in ("SELECT", "=") or (row.word == "ELSE" and "," in text):
-            self._pass_action(routine, statement, text.partition(",")[2].strip(), condition, opening, level)
+            self._pass_action(step, text.partition(",")[2].strip(), condition, opening, level)
         elif row.word == "FOR":
             match = _FOR.match(text)
             if match is not None:
-                self._forget_assigned(routine, statement, f"{match[1]}=0", condition)
+                self._forget_assigned(step, f"{match[1]}=0", condition)
         elif row.word in ("JMP", "CALL", "END", "RETURN"):
-            self._pass_action(routine, statement, text, condition, opening, level)
+            self._pass_action(step, text, condition, opening, level)
         elif row.treatment is not Treatment.NEUTRAL and row.word not in ("IF", *_HARMLESS):
-            raise self._refusal(routine, statement, condition, opening)
+            raise self._refusal(step, condition, opening)
 
-    def _pass_action(
-        self, routine: Routine, statement: Statement, action: str, condition: Unknown, opening: tuple[str, int],
-        level: int,
-    ) -> None:  # fmt: skip
+    def _pass_action(self, step: Step, action: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         jump = _LABEL.match(action)
         if jump is not None:
-            if not self.gives_up(routine, int(jump[1])):
-                raise self._refusal(routine, statement, condition, opening)
+            if not self.gives_up(step.routine, int(jump[1])):
+                raise self._refusal(step, condition, opening)
             return
         call = _CALL.match(action)
         if call is not None and level < _DEEPEST:
-            called = self.folder.find(call[1], lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+            called = self._found(step, call[1])
             if called is None:
-                raise self._refusal(routine, statement, condition, opening)
+                raise self._refusal(step, condition, opening)
             self.pass_over(called, 0, len(called.statements), condition, opening, level + 1)
             return
         if action.upper() in ("END", "RETURN"):
             if level == 0:
-                raise self._refusal(routine, statement, condition, opening)
+                raise self._refusal(step, condition, opening)
             return
         if call is not None:
-            raise self._refusal(routine, statement, condition, opening)
-        self._pass(routine, statement, action, condition, opening, level)
+            raise self._refusal(step, condition, opening)
+        self._pass(step, action, condition, opening, level)
 
-    def jump_perhaps(self, routine: Routine, at: int, number: int, condition: Unknown) -> int:
+    def _found(self, step: Step, name: str) -> Routine | None:
+        """The listing of a program that is called; None where the folder has none."""
+        return self.folder.find(name, lambda what, hint: step.fault(what, hint=hint))
+
+    def jump_perhaps(self, step: Step, number: int, condition: Unknown) -> int:
         """Return the index of the statement behind a jump that is made where an unknown condition holds.
 
         A jump to an end behind an alarm is passed: the program runs on, or stops. A jump over statements, or back over
@@ -141,19 +160,19 @@ class Branches(MotionExecution):
         Raises:
             ProgramError: What would be left out or done again matters to motion.
         """
-        statement = routine.statements[at]
+        routine, at = step.routine, step.at
         target = routine.labels.get(number)
-        opening = (routine.texts[at].split()[0], statement.line)
+        opening = (routine.texts[at].split()[0], step.statement.line)
         if target is None:
-            raise fault(routine.listing, statement, f"there is no LBL[{number}]", hint="The file may be damaged")
-        self.act(routine, statement)
-        if self.gives_up(routine, number) or self._waits_on(routine, number, at, condition):
+            raise step.fault(f"there is no LBL[{number}]", hint="The file may be damaged")
+        self.act(step)
+        if self.gives_up(routine, number) or self._waits_on(step, number, condition):
             return at + 1
         if target > at:
             self.pass_over(routine, at + 1, target, condition, opening)
             return target
         for index in range(target, at):
-            self._pass(routine, routine.statements[index], routine.texts[index], condition, opening, 0)
+            self._pass(step.other(index), routine.texts[index], condition, opening, 0)
         return at + 1
 
     def gives_up(self, routine: Routine, number: int) -> bool:
@@ -180,8 +199,9 @@ class Branches(MotionExecution):
                 return False
         return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
 
-    def _waits_on(self, routine: Routine, number: int, back: int, condition: Unknown) -> bool:
+    def _waits_on(self, step: Step, number: int, condition: Unknown) -> bool:
         """Return whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
+        routine, back = step.routine, step.at
         at, seen, jumps = routine.labels.get(number), list[int](), 0
         while at is not None and at != back and at < len(routine.texts) and jumps < _DEEPEST:
             row = row_of(routine.texts[at]) if routine.texts[at] else None
@@ -202,38 +222,38 @@ class Branches(MotionExecution):
         for index in seen:
             row = row_of(routine.texts[index]) if routine.texts[index] else None
             if row is not None and row.word in ASSIGNED:
-                self._forget_assigned(routine, routine.statements[index], routine.texts[index], condition)
+                self._forget_assigned(step.other(index), routine.texts[index], condition)
         return True
 
-    def act(self, routine: Routine, statement: Statement) -> None:
+    def act(self, step: Step) -> None:
         """Remember a statement that acts on the cell: its line in the main program, or that of the call."""
-        self.acting.append(statement.line if routine.name == self.file else self.call_line)
+        self.acting.append(step.statement.line if step.routine.name == self.file else self.call_line)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 
-    def block(self, routine: Routine, statement: Statement) -> None:
+    def block(self, step: Step) -> None:
         """Begin the block of a statement."""
-        file = "" if routine.name == self.file else routine.name
-        self._blocks.append(Block(
-            statement.line, routine.lines[statement.line - 1], (), self.modal("G1"), len(self.motions), 0, file=file
-        ))  # fmt: skip
+        file = "" if step.routine.name == self.file else step.routine.name
+        line = step.statement.line
+        text = step.routine.lines[line - 1]
+        self._blocks.append(Block(line, text, (), self.modal("G1"), len(self.motions), 0, file=file))
 
-    def value(self, routine: Routine, statement: Statement, text: str) -> Value:
+    def value(self, step: Step, text: str) -> Value:
         """Return the value of an expression of a statement.
 
         Raises:
             ProgramError: It is none.
         """
-        self.values.where = f"{routine.name}:{statement.line}"
+        self.values.where = step.line
         if "LPOS" in text.upper():
             self.values.here = self.here(at_rest=True)
         try:
             return self.values.evaluate(plain_code(text))
         except ExpressionError as error:
-            raise fault(routine.listing, statement, str(error), limit="an expression of TP",
+            raise step.fault(str(error), limit="an expression of TP",
                         hint="Post the program again, or write the value itself") from error  # fmt: skip
 
-    def target_of(self, routine: Routine, statement: Statement, text: str) -> tuple[str, list[Value], str]:
+    def target_of(self, step: Step, text: str) -> tuple[str, list[Value], str]:
         """Return register, indices and text of the value of an assignment."""
         code = plain_code(text)
         end = code.index("]") + 1 if "]" in code else 0
@@ -242,23 +262,21 @@ class Branches(MotionExecution):
         left, _, right = code[end:].partition("=")
         left = code[:end] + left
         word, _, inside = left.partition("[")
-        indices = [self.value(routine, statement, part) for part in divided(inside.rstrip().removesuffix("]"))]
+        indices = [self.value(step, part) for part in divided(inside.rstrip().removesuffix("]"))]
         return word.strip(), indices, right.strip()
 
-    def _forget_assigned(self, routine: Routine, statement: Statement, text: str, condition: Unknown) -> None:
-        word, indices, _ = self.target_of(routine, statement, text)
+    def _forget_assigned(self, step: Step, text: str, condition: Unknown) -> None:
+        word, indices, _ = self.target_of(step, text)
         why = condition.why if condition.why.startswith("set under") else f"set under a condition: {condition.why}"
-        where = condition.where or f"{routine.name}:{statement.line}"
+        where = condition.where or step.line
         self.values.assign(word, indices, Unknown(why, where))
 
-    def _refusal(
-        self, routine: Routine, statement: Statement, condition: Unknown, opening: tuple[str, int]
-    ) -> ProgramError:
+    def _refusal(self, step: Step, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
         word, line = opening
         try:
             known(
                 condition, f"whether a statement that matters to motion runs inside {word} (line {line})",
-                routine.listing.place(statement.start), text=" ".join(statement.code.split()), hint=_HINT,
+                step.where, text=" ".join(step.statement.code.split()), hint=_HINT,
             )  # fmt: skip
         except ProgramError as error:
             return error

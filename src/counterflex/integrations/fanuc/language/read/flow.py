@@ -7,13 +7,11 @@ from abc import abstractmethod
 from typing import Final, cast
 
 from counterflex.integrations.fanuc.language.read.branches import Branches, Step, divided
-from counterflex.integrations.fanuc.language.read.listing import Statement
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
-from counterflex.integrations.fanuc.language.read.routine import Routine, fault
 from counterflex.integrations.fanuc.language.read.table import row_of
 from counterflex.integrations.fanuc.language.read.values import plain_code
 from counterflex.programs.expression import Value, is_number
-from counterflex.programs.unknown import Unknown, known
+from counterflex.programs.unknown import Unknown
 
 _I: Final = re.IGNORECASE
 _BLOCK: Final = re.compile(r"IF\s*(.*)\bTHEN", _I | re.DOTALL)
@@ -26,7 +24,7 @@ class Flow(Branches):
     """Decides which statement follows."""
 
     @abstractmethod
-    def statement(self, routine: Routine, at: int, statement: Statement, text: str) -> int:
+    def statement(self, step: Step) -> int:
         """Execute a statement; returns the index of the next one."""
 
     # ---- flow ----------------------------------------------------------------------------------------------
@@ -36,102 +34,84 @@ class Flow(Branches):
         block = _BLOCK.fullmatch(step.text)
         if block is None:
             condition, action = divided(step.text[2:], most=2) if "," in step.text else (step.text[2:], "")
-            decision = self._decision(step.routine, step.statement, condition)
+            decision = self._decision(step, condition)
             if decision is False:
                 return step.at + 1
-            return self._action(step.routine, step.at, step.statement, action.strip(), decision)
-        decision = self._decision(step.routine, step.statement, block[1])
+            return self._action(step, action.strip(), decision)
+        decision = self._decision(step, block[1])
         end, other = step.routine.ends[step.at], step.routine.elses.get(step.at)
         if isinstance(decision, Unknown):
-            self.act(step.routine, step.statement)
+            self.act(step)
             self.pass_over(step.routine, step.at + 1, end, decision, ("IF", step.statement.line))
             return end + 1
         return step.at + 1 if decision else end + 1 if other is None else other + 1
 
-    def _decision(self, routine: Routine, statement: Statement, text: str) -> bool | Unknown:
-        value = self.value(routine, statement, text)
+    def _decision(self, step: Step, text: str) -> bool | Unknown:
+        value = self.value(step, text)
         if isinstance(value, Unknown):
-            return Unknown(value.why, value.where or f"{routine.name}:{statement.line}")
+            return Unknown(value.why, value.where or step.line)
         if not isinstance(value, bool):
-            raise fault(
-                routine.listing, statement, "this is no condition", limit="IF (R[1]=2)", hint="Post the program again"
-            )
+            raise step.fault("this is no condition", limit="IF (R[1]=2)", hint="Post the program again")
         return value
 
-    def _action(self, routine: Routine, at: int, statement: Statement, action: str, decision: bool | Unknown) -> int:
+    def _action(self, step: Step, action: str, decision: bool | Unknown) -> int:
         """Do what stands behind the comma of IF or SELECT; returns the index of the next statement."""
         if isinstance(decision, Unknown):
-            self.act(routine, statement)
+            self.act(step)
             jump = JUMP.fullmatch(action)
             if jump is not None:
-                number = self.number(routine, statement, jump[1], "the label of a jump")
-                return self.jump_perhaps(routine, at, number, decision)
-            self._pass_action(routine, statement, action, decision, (routine.texts[at].split()[0], statement.line), 0)
-            return at + 1
+                number = self.number(step, jump[1], "the label of a jump")
+                return self.jump_perhaps(step, number, decision)
+            opening = (step.routine.texts[step.at].split()[0], step.statement.line)
+            self._pass_action(step, action, decision, opening, 0)
+            return step.at + 1
         if row_of(action) is None or MOTION.match(action):
-            raise fault(
-                routine.listing,
-                statement,
-                "what stands under the condition is not understood",
-                limit="IF R[1]=2,JMP LBL[1]",
-                hint="Post the program again",
-            )
-        return self.statement(routine, at, statement, action)
+            raise step.fault("what stands under the condition is not understood", limit="IF R[1]=2,JMP LBL[1]",
+                             hint="Post the program again")  # fmt: skip
+        return self.statement(step._replace(text=action))
 
-    def number(self, routine: Routine, statement: Statement, text: str, use: str) -> int:
+    def number(self, step: Step, text: str, use: str) -> int:
         """Return a whole number that a statement needs."""
-        value = known(
-            self.value(routine, statement, plain_code(f"[{text}]")[1:-1]),
-            use,
-            routine.listing.place(statement.start),
-            text=statement.code,
-            hint="Write the number itself",
-        )
+        value = step.known(self.value(step, plain_code(f"[{text}]")[1:-1]), use, hint="Write the number itself")
         if not is_number(value):
-            raise fault(routine.listing, statement, f"{use} is no number", hint="Write the number itself")
+            raise step.fault(f"{use} is no number", hint="Write the number itself")
         return int(cast("float", value))
 
     def do_jump(self, step: Step) -> int:
         """JMP to a label."""
         match = JUMP.fullmatch(step.text)
         if match is None:
-            raise fault(step.routine.listing, step.statement, "the jump is not understood", limit="JMP LBL[1]")
-        number = self.number(step.routine, step.statement, match[1], "the label of a jump")
+            raise step.fault("the jump is not understood", limit="JMP LBL[1]")
+        number = self.number(step, match[1], "the label of a jump")
         if number not in step.routine.labels:
-            raise fault(
-                step.routine.listing, step.statement, f"there is no LBL[{number}]", hint="The file may be damaged"
-            )
+            raise step.fault(f"there is no LBL[{number}]", hint="The file may be damaged")
         return step.routine.labels[number]
 
     def do_else(self, step: Step) -> int:
         """ELSE behind the first branch: go on behind ENDIF."""
         if step.at not in step.routine.elses:
-            raise fault(
-                step.routine.listing, step.statement, "this belongs into IF or SELECT", hint="The file may be damaged"
-            )
+            raise step.fault("this belongs into IF or SELECT", hint="The file may be damaged")
         return step.routine.ends[step.routine.elses[step.at]] + 1
 
     def do_select(self, step: Step) -> int:
         """SELECT: the first branch whose value fits."""
         match = _SELECT.fullmatch(step.text)
         if match is None:
-            raise fault(
-                step.routine.listing, step.statement, "SELECT is not understood", limit="SELECT R[1]=1,CALL PART"
-            )
-        value = self.value(step.routine, step.statement, match[1])
+            raise step.fault("SELECT is not understood", limit="SELECT R[1]=1,CALL PART")
+        value = self.value(step, match[1])
         end = _select_end(step)
         cases = [match[2], *step.routine.texts[step.at + 1 : end]]
         if isinstance(value, Unknown):
-            condition = Unknown(value.why, value.where or f"{step.routine.name}:{step.statement.line}")
+            condition = Unknown(value.why, value.where or step.line)
             for index, case in enumerate(cases, start=step.at):
                 action = case.partition(",")[2].strip()
                 if action:
-                    self._action(step.routine, index, step.routine.statements[index], action, condition)
+                    self._action(step.other(index), action, condition)
             return end
         chosen = next((case.partition(",")[2].strip() for case in cases if self._fits(step, case, value)), "")
         if not chosen:
             return end
-        then = self.statement(step.routine, step.at, step.statement, chosen)
+        then = self.statement(step._replace(text=chosen))
         return end if then == step.at + 1 else then
 
     def _fits(self, step: Step, case: str, value: Value) -> bool:
@@ -139,42 +119,30 @@ class Flow(Branches):
         label = case.partition(",")[0].strip()
         if not label or label.upper() == "ELSE":
             return bool(label)
-        own = known(
-            self.value(step.routine, step.statement, label[1:]),
-            "a value of SELECT",
-            step.routine.listing.place(step.statement.start),
-            text=case,
-            hint="Write the number itself",
-        )
-        return own == value
+        own = self.value(step, label[1:])
+        return step.known(own, "a value of SELECT", text=case, hint="Write the number itself") == value
 
     def do_case(self, step: Step) -> int:
         """Refuse a branch of SELECT that stands alone."""
-        raise fault(step.routine.listing, step.statement, "this belongs into SELECT", hint="The file may be damaged")
+        raise step.fault("this belongs into SELECT", hint="The file may be damaged")
 
     def do_for(self, step: Step) -> int:
         """FOR: set the counter; leave out the loop where it is beyond its end."""
         match = _FOR.fullmatch(step.text)
         if match is None:
-            raise fault(step.routine.listing, step.statement, "FOR is not understood", limit="FOR R[1]=1 TO 5")
-        first, last = (
-            self.value(step.routine, step.statement, match[2]),
-            self.value(step.routine, step.statement, match[4]),
-        )
+            raise step.fault("FOR is not understood", limit="FOR R[1]=1 TO 5")
+        first, last = self.value(step, match[2]), self.value(step, match[4])
         end = step.routine.ends[step.at]
         unknown = next((one for one in (first, last) if isinstance(one, Unknown)), None)
         if unknown is not None:
-            self.act(step.routine, step.statement)
-            condition = Unknown(unknown.why, unknown.where or f"{step.routine.name}:{step.statement.line}")
+            self.act(step)
+            condition = Unknown(unknown.why, unknown.where or step.line)
             self.pass_over(step.routine, step.at, end, condition, ("FOR", step.statement.line))
             return end + 1
-        word, indices, _ = self.target_of(step.routine, step.statement, f"{match[1]}=0")
+        word, indices, _ = self.target_of(step, f"{match[1]}=0")
         self.values.assign(word, indices, first)
-        runs = (
-            cast("float", first) <= cast("float", last)
-            if match[3].upper() == "TO"
-            else (cast("float", first) >= cast("float", last))
-        )
+        by = 1 if match[3].upper() == "TO" else -1
+        runs = by * cast("float", first) <= by * cast("float", last)
         return step.at + 1 if runs else end + 1
 
     def do_end_for(self, step: Step) -> int:
@@ -183,14 +151,14 @@ class Flow(Branches):
         match = _FOR.fullmatch(step.routine.texts[begin])
         if match is None:
             return step.at + 1
-        opening = step.routine.statements[begin]
-        counter, last = self.value(step.routine, opening, match[1]), self.value(step.routine, opening, match[4])
+        opening = step.other(begin)
+        counter, last = self.value(opening, match[1]), self.value(opening, match[4])
         for one in (counter, last):
-            known(one, "how often FOR repeats", step.routine.listing.place(opening.start), text=opening.code)
+            opening.known(one, "how often FOR repeats")
         by = 1 if match[3].upper() == "TO" else -1
         if by * cast("float", counter) >= by * cast("float", last):
             return step.at + 1
-        word, indices, _ = self.target_of(step.routine, opening, f"{match[1]}=0")
+        word, indices, _ = self.target_of(opening, f"{match[1]}=0")
         self.values.assign(word, indices, cast("float", counter) + by)
         return begin + 1
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Final, cast
 
 import numpy as np
@@ -14,27 +13,12 @@ from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.integrations.fanuc.language.program import LETTERS, frame_of, wpr_of
 from counterflex.integrations.fanuc.language.read.values import Values
-from counterflex.programs.robot_text.cell import NumberedFrames, RobotTextCell
+from counterflex.programs.robot_text.cell import NumberedCell, NumberedFrames
 from counterflex.programs.unknown import known
 
 _SET_IT: Final = (
     "Give the position register its numbers in the program, or take the line out where the cell file states the frame"
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FanucCell(RobotTextCell):
-    """Data of a cell that a FANUC program is read against.
-
-    Attributes:
-        tool_number: ``controller.tool_number``: the UTOOL that the cell plans with.
-        base_number: ``controller.base_number``: the UFRAME that is the part frame.
-        tool_of_data: Number of the tool by its UTOOL (``tools.tool_data``).
-    """
-
-    tool_number: int
-    base_number: int
-    tool_of_data: Mapping[int, int]
 
 
 class Frames(NumberedFrames):
@@ -50,12 +34,8 @@ class Frames(NumberedFrames):
         T_part_user: (4, 4) m, active user frame in the part frame.
     """
 
-    def __init__(self, cell: FanucCell | None, values: Values) -> None:
+    def __init__(self, cell: NumberedCell | None, values: Values) -> None:
         super().__init__(cell, "UTOOL_NUM={}", "UFRAME_NUM={}")
-        if cell is not None:
-            self.tool_number, self.base_number, self.tool_of_data = (
-                cell.tool_number, cell.base_number, cell.tool_of_data,
-            )  # fmt: skip
         self.values = values
         self.user_frame = self.user_tool = -1
         self.T_part_user: Float = np.eye(4)
@@ -121,11 +101,7 @@ class Frames(NumberedFrames):
         return out
 
     def _set_by_program(self, word: str, number: int, where: str) -> Float | None:
-        """(4, 4) m of a frame that the program sets; None of one that it leaves as it is.
-
-        Raises:
-            ProgramError: It sets it to what is not known.
-        """
+        """(4, 4) m of a frame that the program sets; None of one that it leaves as it is."""
         value = self.values.frames.get((word, number))
         if value is None:
             return None

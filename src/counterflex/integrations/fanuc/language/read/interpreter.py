@@ -14,16 +14,15 @@ from counterflex.core.units import MM_PER_S
 from counterflex.integrations.fanuc.language.program import FanucMotion
 from counterflex.integrations.fanuc.language.read.branches import ASSIGNED, Step, divided
 from counterflex.integrations.fanuc.language.read.flow import JUMP, Flow
-from counterflex.integrations.fanuc.language.read.frames import FanucCell
-from counterflex.integrations.fanuc.language.read.listing import Statement
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
 from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault
 from counterflex.integrations.fanuc.language.read.table import ACTING, row_of
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.program import Word
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.robot_text.process_words import NUMBER, ProcessWords
 from counterflex.programs.statement_table import Treatment
-from counterflex.programs.unknown import Unknown, known
+from counterflex.programs.unknown import Unknown
 
 _MOST: Final = 100_000
 """Statements executed beyond ten times those written: a loop that never ends reaches it within seconds."""
@@ -50,7 +49,7 @@ class Interpreter(Flow):
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
     """
 
-    def __init__(self, routine: Routine, folder: Folder, cell: FanucCell | None) -> None:
+    def __init__(self, routine: Routine, folder: Folder, cell: NumberedCell | None) -> None:
         super().__init__(cell)
         self.routine, self.folder, self.file = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)
@@ -97,121 +96,103 @@ class Interpreter(Flow):
 
     def _executed(self, routine: Routine, at: int) -> int:
         """Execute a statement; returns the index of the next one."""
-        statement, text = routine.statements[at], routine.texts[at]
+        step = Step(routine, at, routine.statements[at], routine.texts[at])
         self._count += 1
         idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
         if not idle:
             self._counted_at, self._moved = self._count, len(self.motions)
         written = len(routine.statements)
         if self._count > _MOST + 10 * written or idle > _MOST_IDLE + written:
-            raise fault(
-                routine.listing, statement, "the program does not end within the statements that are executed",
+            raise step.fault(
+                "the program does not end within the statements that are executed",
                 limit=f"{_MOST} statements, {_MOST_IDLE} of them without a motion", hint="Give the program of one part",
             )  # fmt: skip
-        self.call_line = statement.line if self.depth == 1 else self.call_line
+        self.call_line = step.statement.line if self.depth == 1 else self.call_line
         first = len(self.motions)
-        self.block(routine, statement)
+        self.block(step)
         block = len(self._blocks) - 1
         self._words = []
         function = None
-        if self.process is not None and text:
-            function = self.process.find(routine.texts, at, routine.listing.place(statement.start))
+        if self.process is not None and step.text:
+            function = self.process.find(routine.texts, at, step.where)
         if function is not None:
             self.do(function)
             then = at + function.lines
-        elif not text:
+        elif not step.text:
             return at + 1
         else:
             try:
-                then = self.statement(routine, at, statement, text)
+                then = self.statement(step)
             except ProgramError:
                 raise
             except (ValueError, TypeError, OverflowError, RecursionError) as error:
                 what = str(error) if isinstance(error, ExpressionError) else "a value does not fit this statement"
-                raise fault(routine.listing, statement, what, hint="The file may be damaged: post it again") from error
+                raise step.fault(what, hint="The file may be damaged: post it again") from error
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
             first = self._blocks[block].first_motion
             count = len(self.motions) - first if made else 0
+            modal = self.modal(self.motion_code(first) if made else "G1")
             self._blocks[block] = replace(
-                self._blocks[block],
-                words=tuple(self._words),
-                motion_count=count,
-                modal=self.modal(self.motion_code(first) if made else "G1"),
+                self._blocks[block], words=tuple(self._words), motion_count=count, modal=modal
             )
         return then
 
     # ---- statements ----------------------------------------------------------------------------------------
 
-    def statement(self, routine: Routine, at: int, statement: Statement, text: str) -> int:
+    def statement(self, step: Step) -> int:
         """Execute a statement; returns the index of the next one."""
-        motion = MOTION.match(text)
+        motion = MOTION.match(step.text)
         if motion is not None and motion[1].upper() != "S":
-            key = (routine.name, statement.start)
+            key = (step.routine.name, step.statement.start)
             self.runs[key] = self.runs.get(key, 0) + 1
-            self._at_time(routine, statement, self.motion(routine, statement, motion[1].upper()))
-            return at + 1
-        row = row_of(text)
+            self._at_time(step, self.motion(step.routine, step.statement, motion[1].upper()))
+            return step.at + 1
+        row = row_of(step.text)
         if row is None:
-            raise fault(
-                routine.listing,
-                statement,
-                "an unknown statement, or a macro instruction",
-                limit="docs/statements/fanuc.md",
-                hint="Name it in [controller.spindle.fanuc] (m_codes) of the "
-                "cell file if it moves nothing, or post the path without it",
-            )
+            raise step.fault(
+                "an unknown statement, or a macro instruction", limit="docs/statements/fanuc.md",
+                hint="Name it in [controller.spindle.fanuc] (m_codes) of the cell file if it moves nothing, or post "
+                "the path without it",
+            )  # fmt: skip
         if row.treatment is Treatment.REFUSED:
-            raise fault(routine.listing, statement, f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
+            raise step.fault(f"{row.word}: {row.reason}, which is not read", hint=row.remedy)
         handler = _HANDLERS.get(row.word)
         if row.word in ACTING:
-            self.act(routine, statement)
-        return at + 1 if handler is None else handler(self, Step(routine, at, statement, text))
+            self.act(step)
+        return step.at + 1 if handler is None else handler(self, step)
 
-    def _at_time(self, routine: Routine, statement: Statement, text: str) -> None:
+    def _at_time(self, step: Step, text: str) -> None:
         """What runs before or behind the end of a motion (TA, TB, DB) leaves registers that are not known."""
         if not text:
             return
-        self.act(routine, statement)
+        self.act(step)
         row = row_of(text)
-        condition = Unknown("it is set while a motion runs", f"{routine.name}:{statement.line}")
+        condition = Unknown("it is set while a motion runs", step.line)
         if row is not None and row.word in ASSIGNED:
-            self._forget_assigned(routine, statement, text, condition)
+            self._forget_assigned(step, text, condition)
         elif row is not None and row.word == "CALL":
             call = _CALL.fullmatch(text)
-            called = (
-                None
-                if call is None
-                else self.folder.find(call[1], lambda what, hint: fault(routine.listing, statement, what, hint=hint))
-            )
+            called = None if call is None else self._found(step, call[1])
             if called is not None:
-                opening = (statement.code.split()[0], statement.line)
+                opening = (step.statement.code.split()[0], step.statement.line)
                 self.pass_over(called, 0, len(called.statements), condition, opening, 1)
 
     def _assign(self, step: Step) -> int:
         if "=" not in step.text:
-            raise fault(
-                step.routine.listing, step.statement, "an assignment without a value", hint="The file may be damaged"
-            )
-        word, indices, value = self.target_of(step.routine, step.statement, step.text)
-        self.values.assign(word, indices, self.value(step.routine, step.statement, value))
+            raise step.fault("an assignment without a value", hint="The file may be damaged")
+        word, indices, value = self.target_of(step, step.text)
+        self.values.assign(word, indices, self.value(step, value))
         return step.at + 1
 
     def _frame(self, step: Step) -> int:
         word, _, right = step.text.partition("=")
-        where = step.routine.listing.place(step.statement.start)
         name = word.strip().upper()
-        value = known(
-            self.value(step.routine, step.statement, right),
-            f"the active frame ({name})",
-            where,
-            text=step.text,
-            hint="Write the number itself",
+        value = step.known(
+            self.value(step, right), f"the active frame ({name})", text=step.text, hint="Write the number itself"
         )
         if not is_number(value) or not 0 <= float(cast("float", value)) <= 99:
-            raise fault(
-                step.routine.listing, step.statement, "there is no such frame", limit="a number", hint="Write it itself"
-            )
+            raise step.fault("there is no such frame", limit="a number", hint="Write it itself")
         number = int(cast("float", value))
         if name == "UFRAME_NUM":
             self.frames.user_frame = number
@@ -222,89 +203,62 @@ class Interpreter(Flow):
     def _offset(self, step: Step) -> int:
         match = _OFFSET.fullmatch(step.text)
         if match is None:
-            raise fault(
-                step.routine.listing,
-                step.statement,
-                "the condition of an offset is not understood",
-                limit="OFFSET CONDITION PR[n]",
-                hint="Name the register at the motion: Offset,PR[n]",
-            )
+            raise step.fault("the condition of an offset is not understood", limit="OFFSET CONDITION PR[n]",
+                             hint="Name the register at the motion: Offset,PR[n]")  # fmt: skip
         frame = None
         if match[3] is not None:
-            number = known(
-                self.value(step.routine, step.statement, match[3]),
-                "the frame of an offset",
-                step.routine.listing.place(step.statement.start),
-                text=step.text,
-            )
+            number = step.known(self.value(step, match[3]), "the frame of an offset", text=step.text)
             frame = int(cast("float", number))
-        self.targets.conditions["tool" if match[1] else "offset"] = (
-            self.value(step.routine, step.statement, match[2]),
-            frame,
-        )
+        self.targets.conditions["tool" if match[1] else "offset"] = (self.value(step, match[2]), frame)
         return step.at + 1
 
     def _override(self, step: Step) -> int:
-        value = self.value(step.routine, step.statement, step.text.partition("=")[2].replace("%", ""))
+        value = self.value(step, step.text.partition("=")[2].replace("%", ""))
         if is_number(value) and not 0.0 < float(cast("float", value)) <= 100.0:
-            raise fault(step.routine.listing, step.statement, "the override is out of range", limit="1 to 100 %")
+            raise step.fault("the override is out of range", limit="1 to 100 %")
         self.targets.override = 0.01 * float(cast("float", value)) if is_number(value) else value
         return step.at + 1
 
     def _limit(self, step: Step) -> int:
-        value = self.value(step.routine, step.statement, step.text.partition("=")[2])
+        value = self.value(step, step.text.partition("=")[2])
         self.targets.linear_max_m_s = float(cast("float", value)) * MM_PER_S if is_number(value) else value
         return step.at + 1
 
     # ---- other programs ------------------------------------------------------------------------------------
 
-    def _called(self, routine: Routine, statement: Statement, text: str) -> tuple[Routine, tuple[Value, ...]]:
+    def _called(self, step: Step, text: str) -> tuple[Routine, tuple[Value, ...]]:
         match = _CALL.fullmatch(text)
         if match is None:
-            raise fault(routine.listing, statement, "the call is not understood", limit="CALL PART(1)")
+            raise step.fault("the call is not understood", limit="CALL PART(1)")
         name: Value = match[1]
         if match[1].endswith("]"):
-            where = routine.listing.place(statement.start)
-            name = known(
-                self.value(routine, statement, match[1]),
-                "which program is called",
-                where,
-                text=text,
-                hint="Write its name",
-            )
-        called = self.folder.find(str(name), lambda what, hint: fault(routine.listing, statement, what, hint=hint))
+            name = step.known(self.value(step, match[1]), "which program is called", text=text, hint="Write its name")
+        called = self._found(step, str(name))
         if called is None and str(name).upper() == self.routine.listing.name.rpartition(".")[0].upper():
             called = self.routine
         if called is None:
-            raise fault(
-                routine.listing,
-                statement,
+            raise step.fault(
                 "another program is called, which may move the robot",
                 limit="a listing of the folder, or a statement of [controller.spindle.fanuc] in the cell file",
                 hint=f"Put {name}.ls beside the program, or name the call in the table (m_codes) if it moves nothing",
             )
         inside = (match[2] or "").strip()
-        arguments = tuple(self.value(routine, statement, one) for one in divided(inside)) if inside else ()
+        arguments = tuple(self.value(step, one) for one in divided(inside)) if inside else ()
         return called, arguments
 
     def _call(self, step: Step) -> int:
-        called, arguments = self._called(step.routine, step.statement, step.text)
+        called, arguments = self._called(step, step.text)
         if self.depth >= _DEEPEST:
-            raise fault(
-                step.routine.listing,
-                step.statement,
-                "programs call each other without end",
-                limit=f"{_DEEPEST} calls within each other",
-                hint="Post the path without recursion",
-            )
+            raise step.fault("programs call each other without end", limit=f"{_DEEPEST} calls within each other",
+                             hint="Post the path without recursion")  # fmt: skip
         words, self._words = self._words, []
         self._run(called, arguments)
         self._words = words
         return step.at + 1
 
     def _run_beside(self, step: Step) -> int:
-        called, _ = self._called(step.routine, step.statement, step.text)
-        task = Unknown(f"{called.name} runs beside the program", f"{step.routine.name}:{step.statement.line}")
+        called, _ = self._called(step, step.text)
+        task = Unknown(f"{called.name} runs beside the program", step.line)
         self.pass_over(called, 0, len(called.statements), task, ("RUN", step.statement.line), 1)
         return step.at + 1
 
@@ -314,31 +268,17 @@ class Interpreter(Flow):
         timeout = _TIMEOUT.fullmatch(step.text)
         if timeout is not None:
             label = JUMP.fullmatch(f"JMP {timeout[1]}")
-            number = self.number(step.routine, step.statement, label[1] if label else "", "the label of a jump")
-            return self.jump_perhaps(
-                step.routine,
-                step.at,
-                number,
-                Unknown("an input comes or not", f"{step.routine.name}:{step.statement.line}"),
-            )
+            number = self.number(step, label[1] if label else "", "the label of a jump")
+            return self.jump_perhaps(step, number, Unknown("an input comes or not", step.line))
         match = _WAIT_TIME.fullmatch(step.text)
         if match is None:
-            self.act(step.routine, step.statement)
-        time_s = None if match is None else self.value(step.routine, step.statement, match[1])
+            self.act(step)
+        time_s = None if match is None else self.value(step, match[1])
         if is_number(time_s):
-            statement = step.statement
-            self.rest(
-                FanucMotion(
-                    line=statement.line,
-                    word="WAIT",
-                    start=statement.start,
-                    head=statement.head,
-                    end=statement.end,
-                    R_tcp_tool=np.eye(3),
-                    file=step.routine.name,
-                ),
-                float(cast("float", time_s)),
-            )
+            one = step.statement
+            move = FanucMotion(line=one.line, word="WAIT", start=one.start, head=one.head, end=one.end,
+                               R_tcp_tool=np.eye(3), file=step.routine.name)  # fmt: skip
+            self.rest(move, float(cast("float", time_s)))
         return step.at + 1
 
     def _pause(self, step: Step) -> int:

@@ -48,11 +48,6 @@ class Statement:
 class Listing:
     """A listing divided into parts.
 
-    Args:
-        text: As read.
-        name: Of the file, for errors.
-        complete: Refuse a text without ``/END``.
-
     Attributes:
         main: Index behind the line ``/MN``.
         behind: Index behind the last position.

@@ -9,10 +9,10 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
-from counterflex.integrations.fanuc.language.program import Span
 from counterflex.integrations.fanuc.language.read.table import OPTION, TABLE
 from counterflex.integrations.fanuc.language.read.values import plain_code
 from counterflex.programs.robot_text.process_words import NUMBER
+from counterflex.programs.robot_text.program import Span
 from counterflex.programs.statement_table import Treatment
 
 _I: Final = re.IGNORECASE

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final, cast
 
@@ -12,9 +14,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
+from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.fanuc.language.program import FanucMotion
-from counterflex.integrations.fanuc.language.read.arcs import arcs_of
-from counterflex.integrations.fanuc.language.read.frames import FanucCell, Frames, position_of
+from counterflex.integrations.fanuc.language.read.frames import Frames, position_of
 from counterflex.integrations.fanuc.language.read.listing import Statement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, motion_form
 from counterflex.integrations.fanuc.language.read.routine import Routine, fault
@@ -23,7 +25,44 @@ from counterflex.integrations.fanuc.language.read.values import CONFIG, Values
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.unknown import Unknown, known
+
+_SAME_CIRCLE_M: Final = 5e-6
+Fault = Callable[[str, str], ProgramError]
+
+
+def arcs_of(chain: Sequence[Motion], fault: Fault) -> list[Motion]:
+    """The motions of a chain: the first one straight to its point, the others along the circle that all lie on.
+
+    Which three points the controller takes for a piece in a longer chain does not matter where all lie on one circle;
+    other chains are refused.
+
+    Raises:
+        ProgramError: The chain is shorter than three, or lies on no single circle.
+    """
+    if len(chain) < 3:
+        raise fault("a chain of A is shorter than three points: it is no circle", "Write C, or L")
+    points = [np.asarray(motion.p_end) for motion in chain]
+    parts = circle(points[0], points[1], points[2])
+    if parts is None:
+        raise fault("the points of a chain of A lie on a line", "Write L")
+    centre, normal = parts
+    radius = float(np.linalg.norm(points[0] - centre))
+    off = max(max(abs(float(np.linalg.norm(p - centre)) - radius), abs(float((p - centre) @ normal))) for p in points)
+    if off > _SAME_CIRCLE_M:
+        raise fault(
+            "a chain of A lies on no single circle: what is between its points is the controller's own", "Write C"
+        )
+    turns = [angle_to(a, b, centre, normal) for a, b in itertools.pairwise(points)]
+    return [
+        chain[0],
+        *(
+            replace(motion, kind="arc", p_centre=centre, normal=normal, turn_rad=turn)
+            for motion, turn in zip(chain[1:], turns, strict=True)
+        ),
+    ]
+
 
 _PLACE: Final = "such places before the first target and behind the last one"
 
@@ -33,14 +72,9 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
 
     Args:
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
-
-    Attributes:
-        values: Registers.
-        frames: Active frames.
-        targets: Ends and speeds.
     """
 
-    def __init__(self, cell: FanucCell | None) -> None:
+    def __init__(self, cell: NumberedCell | None) -> None:
         self.values = Values()
         self.frames = Frames(cell, self.values)
         super().__init__(self.frames)
@@ -184,11 +218,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         )  # fmt: skip
 
     def _close_arcs(self, routine: Routine) -> None:
-        """Make circles of a chain of A: the controller goes through each three of it.
-
-        Raises:
-            ProgramError: The chain is shorter than three, or lies on no single circle.
-        """
+        """Make circles of a chain of A: the controller goes through each three of it."""
         chain, self._arcs = self._arcs, []
         if not chain:
             return

@@ -12,13 +12,13 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.fanuc.language.program import FanucProgram
-from counterflex.integrations.fanuc.language.read.frames import FanucCell
 from counterflex.integrations.fanuc.language.read.interpreter import Interpreter
 from counterflex.integrations.fanuc.language.read.listing import Listing
 from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, listings_beside
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.program import TOOL_VECTOR
 from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.programs.source_text import common_encoding, read_text
 
 _GROUP: Final = re.compile(r"\s*GP([2-9])\s*:", re.IGNORECASE)
@@ -28,7 +28,7 @@ def read_fanuc(
     text: str,
     *,
     name: str = "program.ls",
-    cell: FanucCell | None = None,
+    cell: NumberedCell | None = None,
     complete: bool = True,
     folder: Folder | None = None,
 ) -> FanucProgram:
@@ -45,9 +45,6 @@ def read_fanuc(
             knows no process words.
         complete: Refuse a text without /END: it may have been cut off.
         folder: Programs that it can call; None has none.
-
-    Returns:
-        The program as executed.
 
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
@@ -79,7 +76,7 @@ def read_fanuc(
 
 
 def read_fanuc_file(
-    path: str | os.PathLike[str], *, cell: FanucCell | None = None, complete: bool = True
+    path: str | os.PathLike[str], *, cell: NumberedCell | None = None, complete: bool = True
 ) -> FanucProgram:
     """Read a listing, with those of its folder that it calls.
 

@@ -36,11 +36,6 @@ def fault(listing: Listing, statement: Statement, what: str, *, limit: str | Non
 class Routine:
     """A listing, divided.
 
-    Attributes:
-        listing: Its text.
-        lines: Of the text.
-        encoding: Of the file.
-
     Raises:
         ProgramError: A position is damaged, a block is not closed, or a label stands twice.
     """
@@ -106,12 +101,7 @@ class Routine:
 
 
 class Folder:
-    """Listings that a program can call.
-
-    Args:
-        files: Those that lie in its folder.
-        complete: Refuse a text without /END.
-    """
+    """Listings that a program can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
@@ -119,10 +109,6 @@ class Folder:
 
     def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Routine | None:
         """Return the listing of a program; None where the folder has none.
-
-        Args:
-            name: Of the program.
-            refuse: Makes the error of a message and a hint.
 
         Raises:
             ProgramError: Several files have the name, or it cannot be read.

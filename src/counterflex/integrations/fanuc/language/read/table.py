@@ -202,11 +202,7 @@ _WORD: Final = re.compile(
 
 
 def row_of(code: str) -> Statement | None:
-    """Return the row of a statement; None where no row names it.
-
-    Args:
-        code: The statement, without its line number and semicolon.
-    """
+    """Return the row of a statement; None where no row names it."""
     match = _WORD.match(code)
     if match is None:
         return None

@@ -13,13 +13,13 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.fanuc.language.program import LETTERS, FanucPosition, frame_of
-from counterflex.integrations.fanuc.language.read.frames import FanucCell, Frames, matrix_of, position_of
+from counterflex.integrations.fanuc.language.read.frames import Frames, matrix_of, position_of
 from counterflex.integrations.fanuc.language.read.listing import Statement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, TargetForm
 from counterflex.integrations.fanuc.language.read.routine import Routine, fault
 from counterflex.integrations.fanuc.language.read.values import CONFIG, Values, plain_code
 from counterflex.programs.expression import ExpressionError, Value, is_number
-from counterflex.programs.robot_text.cell import ExternalAxes
+from counterflex.programs.robot_text.cell import ExternalAxes, NumberedCell
 from counterflex.programs.unknown import Unknown, first_unknown, known
 
 _LARGEST_M_S: Final = 20.0
@@ -69,7 +69,7 @@ class Targets:
             ``tool``.
     """
 
-    def __init__(self, cell: FanucCell | None, values: Values, frames: Frames, made: Callable[[], int]) -> None:
+    def __init__(self, cell: NumberedCell | None, values: Values, frames: Frames, made: Callable[[], int]) -> None:
         self.cell, self.values, self.frames = cell, values, frames
         self.override: Value = 1.0
         self.linear_max_m_s: Value = float("inf")

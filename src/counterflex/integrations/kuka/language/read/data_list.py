@@ -79,9 +79,6 @@ def key_of(name: str) -> str:
 def data_list(file: KrlFile) -> DataList:
     """Read a data list.
 
-    Args:
-        file: The file.
-
     Raises:
         ProgramError: The file has no DEFDAT or ENDDAT, or gives a name twice.
     """

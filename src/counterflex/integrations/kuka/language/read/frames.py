@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,23 +10,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.read.values import StoredFrame, Value, is_frame, matrix_of
-from counterflex.programs.robot_text.cell import NumberedFrames, RobotTextCell
+from counterflex.programs.robot_text.cell import NumberedCell, NumberedFrames
 from counterflex.programs.unknown import first_unknown, known
 
 
 @dataclass(frozen=True, kw_only=True)
-class KrlCell(RobotTextCell):
-    """What must be known of a cell to read a KRL program for it.
-
-    Attributes:
-        tool_number: ``controller.tool_number``.
-        base_number: ``controller.base_number``.
-        tool_of_data: Number of the tool by its TOOL_DATA (``tools.tool_data``).
-    """
-
-    tool_number: int
-    base_number: int
-    tool_of_data: Mapping[int, int]
+class KrlCell(NumberedCell):
+    """What must be known of a cell to read a KRL program for it."""
 
     def is_part_frame(self, T_base: Float) -> bool:
         """Return whether a base is the part frame, within the decimals of posts."""
@@ -62,9 +51,6 @@ class Frames(NumberedFrames):
     def __init__(self, cell: KrlCell | None) -> None:
         super().__init__(cell, "TOOL_DATA[{}]", "BASE_DATA[{}]")
         self.krl_cell = cell
-        if cell is not None:
-            self.tool_number, self.base_number = cell.tool_number, cell.base_number
-            self.tool_of_data = cell.tool_of_data
         self._taken = {"TOOL": _Taken(), "BASE": _Taken()}
         self._reference: _Taken | None = None
         self._first_motion = ""
@@ -113,10 +99,6 @@ class Frames(NumberedFrames):
 
     def require(self, where: str, code: str) -> None:
         """Refuse a Cartesian motion before tool and base are known, or in others than the cell has.
-
-        Args:
-            where: File, line and column of the motion.
-            code: The motion.
 
         Raises:
             ProgramError: One is not.

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +19,6 @@ from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Job, Routine
 from counterflex.integrations.kuka.language.read.literals import code_of, number_of
 from counterflex.integrations.kuka.language.read.motions import MOTIONS, Held, Motions
-from counterflex.integrations.kuka.language.read.name_uses import with_shared
 from counterflex.integrations.kuka.language.read.table import ACTING, TABLE
 from counterflex.integrations.kuka.language.read.values import Value
 from counterflex.integrations.kuka.language.with_clause import WithFault, with_clause
@@ -25,15 +28,43 @@ from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, known
 
+_MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")
+
+
+def with_shared(moves: Sequence[KrlMotion], job: Job) -> list[KrlMotion]:
+    """Return the motions, with those marked whose target's name is used elsewhere in the job too."""
+    if not any(move.target is not None and move.target.in_data for move in moves):
+        return list(moves)
+    counts = _mentions(job)
+    return [replace(move, shared=True) if _shared(move, counts) else move for move in moves]
+
+
+def _shared(move: KrlMotion, counts: Counter[tuple[str, str]]) -> bool:
+    target = move.target
+    if target is None or not target.in_data:
+        return False
+    name, _, index = "".join(target.name.split()).upper().partition("[")
+    if not index:
+        return counts[name, ""] > 1
+    if index[:-1].isdigit():
+        return counts[name, index] + counts[name, "?"] + counts[name, ""] > 1
+    return sum(count for (other, _), count in counts.items() if other == name) > 1
+
+
+def _mentions(job: Job) -> Counter[tuple[str, str]]:
+    """Count each name with its index; ``?`` stands for a computed one."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for module in job.modules():
+        for code in module.codes:
+            for name, index in _MENTION.findall(code):
+                inside = "".join(index.split())[1:-1]
+                known = f"{inside}]" if inside.isdigit() else "?" if inside else ""
+                counts[name.upper(), known] += 1
+    return counts
+
 
 class Interpreter(Motions):
-    """State of the controller while a job runs.
-
-    Args:
-        job: Its files.
-        cell: See :class:`KrlCell`.
-        complete: Refuse a text without END.
-    """
+    """State of the controller while a job runs."""
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)

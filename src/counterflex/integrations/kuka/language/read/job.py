@@ -121,13 +121,7 @@ def _parameters(text: str) -> Iterator[Parameter]:
 
 
 class Job:
-    """Finds subprograms and public data of a job.
-
-    Args:
-        main: Name of the main file.
-        text: Of it.
-        folder: Text of the other files of its folder, by name.
-    """
+    """Finds subprograms and public data of a job."""
 
     def __init__(self, main: str, text: str, folder: Mapping[str, str]) -> None:
         self.folder = folder

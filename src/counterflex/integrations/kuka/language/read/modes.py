@@ -21,16 +21,7 @@ _FRAMES: Final = {"$TOOL": "TOOL", "$BASE": "BASE"}
 
 
 class Modes(Flow):
-    """What is active while a program runs, and the statements that set it.
-
-    Args:
-        job: Files of the job.
-        cell: See :class:`KrlCell`.
-        complete: Refuse a text without END.
-
-    Attributes:
-        frames: The active frames.
-    """
+    """What is active while a program runs, and the statements that set it."""
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         self.frames = Frames(cell)

@@ -56,11 +56,6 @@ class _Active:
 class Motions(Modes):
     """Motions that a job makes.
 
-    Args:
-        job: Its files.
-        cell: See :class:`KrlCell`.
-        complete: Refuse a text without END.
-
     Attributes:
         moves: What stands behind each motion in the text.
         loose: See :class:`~counterflex.integrations.kuka.language.program.KrlProgram`.
@@ -84,11 +79,7 @@ class Motions(Modes):
         self.reads_position = False
 
     def _certain(self, code: str, what: str) -> None:
-        """Refuse a statement of which it is not known whether it is executed.
-
-        Raises:
-            ProgramError: It is not.
-        """
+        """Refuse a statement of which it is not known whether it is executed."""
         doubt = self.memory.doubt
         if doubt is not None:
             raise self._fault(
@@ -255,22 +246,14 @@ class Motions(Modes):
             self._away = self.memory.doubt
 
     def _stand_where_sent(self, read: KrlMotion) -> None:
-        """External axes that the first target does not name stand where a motion by axes before it has sent them.
-
-        Raises:
-            ProgramError: It is another place than that of the cell file.
-        """
+        """External axes that the first target does not name stand where a motion by axes before it has sent them."""
         named = () if read.target is None else read.target.components
         for name, (value, where) in self._rode.items():
             if name not in named:
                 self.targets.check_external({name: value}, where)
 
     def _arrive_by_axes(self, code: str) -> None:
-        """Before a Cartesian motion between others: where the axis angles lead that the robot was sent to.
-
-        Raises:
-            ProgramError: It came from a place that is not known.
-        """
+        """Before a Cartesian motion between others: where the axis angles lead that the robot was sent to."""
         pending, self._by_axes = self._by_axes, []
         away, self._away = self._away, None
         if not self.motions:

@@ -54,9 +54,6 @@ def read_krl(
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
         complete: Refuse a text without END: it may have been cut off.
 
-    Returns:
-        The program as executed.
-
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
@@ -96,11 +93,7 @@ def read_krl(
 
 
 def _check_next_run(first: Interpreter, again: Interpreter) -> None:
-    """Refuse a job that moves otherwise when it is run again, because its data lists keep what it changes.
-
-    Raises:
-        ProgramError: The next run is another one, or is not known.
-    """
+    """Refuse a job that moves otherwise when it is run again, because its data lists keep what it changes."""
     kept = kept_of(first.memory.lists)
     if not kept:
         return
@@ -171,16 +164,7 @@ def _shares(text: str, words: set[str]) -> bool:
 
 
 class Folder(Mapping[str, str]):
-    """Text of the ``.src`` and ``.dat`` files beside a program or in its archive, read when it is asked for.
-
-    Args:
-        program: The file.
-        encoding: Of it.
-        only: Read all files in that encoding.
-
-    Attributes:
-        encodings: Of the files that were read.
-    """
+    """Text of the ``.src`` and ``.dat`` files beside a program or in its archive, read when it is asked for."""
 
     def __init__(self, program: Path, encoding: str, *, only: bool = False) -> None:
         self._only = encoding if only else ""

@@ -196,11 +196,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         )  # fmt: skip
 
     def _father(self, father: str, routine: Routine, at: int) -> Float:
-        """(4, 4) m of a frame in the part frame.
-
-        Raises:
-            ProgramError: It is not known, or is another one than the cell's part frame and lies in none such.
-        """
+        """(4, 4) m of a frame in the part frame."""
         key = (father, self.store.version)
         if key not in self._frames:
             self._frames[key] = self._in_part(father, routine, at)

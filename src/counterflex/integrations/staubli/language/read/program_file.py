@@ -43,12 +43,6 @@ class Variable:
 class Routine:
     """A program file.
 
-    Args:
-        text: As read.
-        name: Of the file.
-        complete: Refuse a text without the end of its program.
-        encoding: Of the file.
-
     Attributes:
         lines: Of the text.
         starts: Index of each line in the text.

@@ -46,9 +46,6 @@ def read_val3(
         complete: Refuse a text without the end of its program: it may have been cut off.
         folder: Programs that it can call; None has none.
 
-    Returns:
-        The program as executed.
-
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.

@@ -301,10 +301,6 @@ class Store:
     def enter(self, routine: Routine, given: Sequence[str]) -> dict[str, Bound]:
         """Return the variables of a program that is called.
 
-        Args:
-            routine: The program.
-            given: Arguments as written.
-
         Raises:
             ExpressionError: They do not fit its parameters.
         """
