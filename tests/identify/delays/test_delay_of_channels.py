@@ -17,8 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.cell_table import lag_of
-from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.checks import check_delay, lag_of
 from counterflex.identify.delays.delay import Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.delays.residuals import Order

@@ -12,8 +12,7 @@ from scipy import stats
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.identify.solver.agreement import agreement, contradicted
-from counterflex.identify.solver.considered import added
-from counterflex.identify.solver.correlated import long_run, with_correlation
+from counterflex.identify.solver.correlated import added, long_run, with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.intervals import covariance_si, coverage_factor, intervals, of_linear

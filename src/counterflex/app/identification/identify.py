@@ -38,8 +38,7 @@ from counterflex.files.identification_file import (
 )
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.same_postures import joined
-from counterflex.identify.data.shared_rows import joined_by_rows, require_disjoint
+from counterflex.identify.data.shared_rows import joined, joined_by_rows, require_disjoint
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import RECIPES
 

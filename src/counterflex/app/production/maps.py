@@ -18,7 +18,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.cutting.coefficients import edge_force
 from counterflex.files.cell.cell import Cell
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
-from counterflex.identify.production.planned import CHIP_M, EXPONENTS, PlannedCut, force_of
+from counterflex.identify.production.alignment import CHIP_M, EXPONENTS, PlannedCut, force_of
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import at_points, cut
 from counterflex.plan.plan import Plan

@@ -40,11 +40,9 @@ from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE,
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
-from counterflex.identify.production.alignment import aligned
+from counterflex.identify.production.alignment import PlannedCut, aligned
 from counterflex.identify.production.constants import Estimate, find, reference_m
-from counterflex.identify.production.drift import Drift, drift
-from counterflex.identify.production.factor import RunFactor, run_factor
-from counterflex.identify.production.planned import PlannedCut
+from counterflex.identify.production.drift import Drift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import Choice, joined, stretches_of
 from counterflex.identify.recipe import Identification

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
 from counterflex.files.logs.segments import segments
-from counterflex.identify.production.planned import RunRecord
+from counterflex.identify.production.alignment import RunRecord
 from counterflex.runtime.record_ring import COLUMNS, column
 from counterflex.runtime.state.states import Cause
 

@@ -22,8 +22,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.pulls.blocks import Layout
-from counterflex.identify.pulls.coupled_springs import coupled_by
+from counterflex.identify.pulls.blocks import Layout, coupled_by
 from counterflex.identify.pulls.history import band_slopes, lost_angles, uncertain_angles, unknown_angles
 from counterflex.identify.pulls.pulls import Pulls, read_load, read_path
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, misplaced_by

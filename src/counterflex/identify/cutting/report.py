@@ -14,10 +14,18 @@ from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cutting.considered import ACCURACY, ALIGNMENT_KEY, CROSS_KEY, SCALE_KEY, ForceSensor
+from counterflex.identify.cutting.considered import (
+    ACCURACY,
+    ALIGNMENT_KEY,
+    CROSS_KEY,
+    SCALE_KEY,
+    ForceSensor,
+    Runout,
+    TurnForce,
+    runout,
+)
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.cutting.residuals import GIVE, LAW, SlotResiduals
-from counterflex.identify.cutting.runout import Runout, TurnForce, runout
 from counterflex.identify.cutting.steady_cuts import SteadyCuts
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit

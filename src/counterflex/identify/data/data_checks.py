@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, Int, rows_of_each
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.same_postures import leaders
+from counterflex.identify.data.shared_rows import leaders
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 

@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout, PeriodicTerm
-from counterflex.identify.geometry.placed_frame import COMPONENTS
+from counterflex.identify.geometry.pose_residuals import COMPONENTS
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.axis_sag import LARGEST_RAD as LARGEST_SAG_RAD
 from counterflex.robot.elasticity.axis_sag import TERMS, arm_is_heavy, unit_turns

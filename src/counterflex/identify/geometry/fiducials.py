@@ -13,7 +13,7 @@ from counterflex.core.units import INCH, MM
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.pose import register
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.geometry.placed_frame import PlacedFrame
+from counterflex.identify.geometry.pose_residuals import PlacedFrame
 
 _MIRROR = 0.3
 _CLEAR_SIGMAS = 5.0

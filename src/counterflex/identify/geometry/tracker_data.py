@@ -37,9 +37,8 @@ from counterflex.identify.geometry.hand_eye_robust import (
     robust_target,
     robust_tracker,
 )
-from counterflex.identify.geometry.known_drives import known_drive_errors
-from counterflex.identify.geometry.placed_frame import PlacedFrame
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.known_frames import known_drive_errors
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
 
 FEWEST: Final = 4
 ROBOT_M: Final = 5.0 * MM

@@ -19,8 +19,7 @@ from counterflex.identify.data.manifest_checks import Misfit, check_reading, mis
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.holder import TITLE
 from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
-from counterflex.identify.holder.layout import holder_before
-from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, propose
+from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, holder_before, propose
 from counterflex.identify.holder.residuals import (
     DRAWING_SHARE,
     HolderReadings,
@@ -36,8 +35,7 @@ from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
-from counterflex.sensing.holder_beam import Gauge
-from counterflex.sensing.strain_holder import StrainHolder, sight, tool_matrix
+from counterflex.sensing.strain_holder import Gauge, StrainHolder, sight, tool_matrix
 
 LEAST = 6
 """Loads needed, in at least three directions."""

@@ -13,7 +13,7 @@ from counterflex.identify.design.choice import candidates_of, choose, expected_s
 from counterflex.identify.design.order import order_of_poses, wrong_sides
 from counterflex.identify.design.pose_candidates import in_order, measurable
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model
-from counterflex.identify.geometry.foreseen import foreseen
+from counterflex.identify.geometry.compliances import foreseen
 from counterflex.identify.geometry.known_frames import known_frames
 from counterflex.identify.recipe import Proposal
 

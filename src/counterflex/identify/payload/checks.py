@@ -17,8 +17,7 @@ from counterflex.identify.data.alternative_readings import (
 )
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
-from counterflex.identify.payload.parameters import COM, MASS, Effects, Knowledge, parameters
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import COM, MASS, Effects, Knowledge, SensorReadings, parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.flange_sensor import FlangeSensor
 

@@ -9,15 +9,104 @@ from typing import Final
 import numpy as np
 import scipy
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.payload.groups import orientations
+from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import carrier_pose, hose_rotation, mass_behind, segment_index
 from counterflex.sensing.flange_sensor import FlangeSensor
+
+
+def sensor_before(cell: CellModel) -> FlangeSensor:
+    """The sensor before identification: of the cell, or in the body named ``sensor`` with its axes.
+
+    Raises:
+        InputError: The cell names no sensor and no body of its end effector is called so.
+        ModelError: What the cell holds as its sensor is none.
+    """
+    table = cell.tables.get("sensor")
+    if isinstance(table, FlangeSensor):
+        return table
+    if table is not None:
+        raise ModelError("the sensor of the cell is not a sensor", value=type(table).__name__)
+    chain = cell.chain
+    name = next((s.name for s in cell.end_effector.segments if "sensor" in s.name), None)
+    if name is None:
+        raise InputError(
+            "the cell has no force sensor",
+            where=cell.name,
+            limit=", ".join(s.name for s in cell.end_effector.segments) or "no body in the end effector",
+            hint='Add a table [sensor] with segment = "NAME OF THE BODY THAT CARRIES IT" to the cell file',
+        )
+    mass_kg, p_seg_com = mass_behind(chain, name)
+    return FlangeSensor(name, np.eye(4), mass_kg, p_seg_com)
+
+
+# Which readings of a flange sensor are one measurement: those in the same orientation. What the model of the sensor
+# lacks (hose pack, cross-talk, the bent arm) is the same in every reading of one orientation, however often it is read
+# or copied. Weight, zero and centre of gravity show by the direction of gravity in sensor axes alone, so readings whose
+# directions of gravity are within :data:`ALIKE_RAD` of one that stands for them are one group.
+
+ALIKE_RAD: Final = 2.0 * DEG
+"""Angle between directions of gravity in sensor axes up to which two readings are one orientation."""
+
+
+def orientations(R_base_sensor: Float) -> Int:
+    """Number of the orientation that each reading is one of, in the order in which they first come.
+
+    ``R_base_sensor``: (n, 3, 3).
+
+    Returns:
+        (n,) ids from 0; a reading belongs to the first one within :data:`ALIKE_RAD`, not to a neighbour of a
+        neighbour, so that a slow turn is not one orientation.
+    """
+    down, alike = R_base_sensor[:, 2, :], np.cos(ALIKE_RAD)
+    out = np.full(len(down), -1, dtype=np.int64)
+    count = 0
+    for i in range(len(down)):
+        if out[i] < 0:
+            out[(out < 0) & (down @ down[i] >= alike)] = count
+            out[i] = count
+            count += 1
+    return out
+
+
+def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tuple[Int, ...]:
+    """Groups of readings, within and between files: one for each orientation; groups of the files stay whole.
+
+    ``at_rest``: Of each block, whether its rows are single orientations; motions keep groups of their own.
+
+    Returns:
+        (n,) ids for each block.
+    """
+    keys: list[Int] = []
+    used = 0
+    shared: dict[int, int] = {}
+    for block, resting in zip(blocks, at_rest, strict=True):
+        ids, place = np.unique(block.group, return_inverse=True)
+        # Files of single readings share ids where they share a posture; those of a motion count its own windows.
+        named = [shared.setdefault(int(i), used + k) if resting else used + k for k, i in enumerate(ids)]
+        used += len(ids)
+        keys.append(np.asarray(named, dtype=np.int64)[place.reshape(-1)])
+    resting_blocks = [i for i, resting in enumerate(at_rest) if resting]
+    if not resting_blocks:
+        return tuple(keys)
+    orientation = orientations(np.concatenate([blocks[i].R_base_sensor for i in resting_blocks])) + used
+    group = np.concatenate([keys[i] for i in resting_blocks])
+    size = int(orientation.max()) + 1
+    links = scipy.sparse.coo_matrix((np.ones(len(group)), (group, orientation)), shape=(size, size))
+    label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    return tuple(np.asarray(label[key], dtype=np.int64) for key in keys)
+
+
+def count_of(blocks: Sequence[SensorReadings]) -> int:
+    """Number of different groups in all blocks."""
+    return len(np.unique(np.concatenate([b.group for b in blocks])))
+
 
 KINDS = ("sensor_poses", "sensor_motion")
 CHANNEL = "w_sensor"

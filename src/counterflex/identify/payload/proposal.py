@@ -15,10 +15,9 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.greedy import greedy
-from counterflex.identify.payload.data import readings
+from counterflex.identify.payload.data import readings, sensor_before
 from counterflex.identify.payload.hose_pack import ROWS_PER_FUNCTION, degrees_of
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload.sensor import sensor_before
+from counterflex.identify.payload.residuals import Effects, Knowledge, parameters
 from counterflex.identify.recipe import Proposal
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse

@@ -22,8 +22,7 @@ from counterflex.geometry.rotation import skew
 from counterflex.identify.data.alternative_readings import Reading, quaternion_mistakes, transposed
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.payload.data import CHANNEL, axes_of, distinct
-from counterflex.identify.payload.parameters import MASS, OFFSET, TURN
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import MASS, OFFSET, TURN, SensorReadings
 from counterflex.identify.solver.fit import Fit
 from counterflex.sensing.orientation_basis import degree_of, orientation_basis
 

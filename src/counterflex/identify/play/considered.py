@@ -4,7 +4,7 @@ The torsion compliance is held where small motions cannot see it: friction is fo
 better than c. And no gear is an ideal dead band behind ideal springs: its flanks come to bear over some travel, part
 of its wind-up comes late, and both differ from pose to pose. That is alike in every reversal, so no residual and no
 part left out shows all of it. Each goes through the fit with its usual size
-(:mod:`counterflex.identify.solver.considered`).
+(:mod:`counterflex.identify.solver.correlated`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.units import URAD
 from counterflex.identify.play.residuals import AxisResiduals, ReversalResiduals
-from counterflex.identify.solver.considered import added, considered
-from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.solver.correlated import added, considered, with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import widened, with_jackknife
 

@@ -16,8 +16,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.alignment import Aligned, steady
-from counterflex.identify.production.planned import PlannedCut, RunRecord, force_of
+from counterflex.identify.production.alignment import Aligned, PlannedCut, RunRecord, force_of, steady
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 AIR_ROWS: Final = 20

@@ -16,8 +16,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.sensing.holder_beam import HolderBeam
 from counterflex.sensing.holder_design.bricks import Bricks
+from counterflex.sensing.strain_holder import HolderBeam
 
 LEAST_WALL_M = 1e-3
 """Least thickness of material behind a pocket, and least width of a rib."""
