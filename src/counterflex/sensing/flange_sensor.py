@@ -84,11 +84,7 @@ class FlangeSensor:
     hose_from: str = ""
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: A wrong shape, or a mass below zero.
-        """
+        """Check shapes. Raises InputError: a wrong shape, or a mass below zero."""
         shapes: dict[str, tuple[int | None, ...]] = {
             "T_seg_sensor": (4, 4),
             "p_sensor_com": (3,),

@@ -45,11 +45,7 @@ def _second(R: Float) -> Float:
 
 
 def degree_of(count: int) -> int:
-    """Degree to which a number of functions belongs.
-
-    Raises:
-        InputError: Not one of :data:`COUNTS`.
-    """
+    """Degree to which a number of functions belongs. Raises InputError: not one of :data:`COUNTS`."""
     if count not in COUNTS:
         raise InputError("functions of the orientation", value=count, limit=", ".join(map(str, COUNTS)))
     return COUNTS.index(count)

@@ -71,11 +71,7 @@ class HolderBeam:
     poisson_ratio: float = 0.3
 
     def __post_init__(self) -> None:
-        """Check that the dimensions are those of a holder.
-
-        Raises:
-            InputError: Not positive, or cheeks that meet.
-        """
+        """Check that the dimensions are those of a holder. Raises InputError: not positive, or cheeks that meet."""
         for name in ("length_m", "distance_m", "thickness_m", "width_m", "e_pa"):
             as_positive(f"holder: {name}", getattr(self, name))
         if self.thickness_m >= self.distance_m:
@@ -84,11 +80,8 @@ class HolderBeam:
     def sensitivity(self, gauges: Sequence[Gauge]) -> Float:
         """Strain shown per unit of load.
 
-        Returns:
-            (n, 6) 1/N and 1/(N m): strain per force and moment about the holder's origin in its axes.
-
-        Raises:
-            InputError: A gauge sits on no surface of a cheek.
+        Returns (n, 6) 1/N and 1/(N m): strain per force and moment about the holder's origin in its axes. Raises
+        InputError: a gauge sits on no surface of a cheek.
         """
         return np.stack([self._gauge(g) for g in gauges]) if gauges else np.zeros((0, 6))
 
@@ -192,11 +185,7 @@ class StrainHolder:
     segment: str = field(default="")
 
     def __post_init__(self) -> None:
-        """Check shapes.
-
-        Raises:
-            InputError: A wrong shape, fewer than three bridges, or noise that is not positive.
-        """
+        """Check shapes. Raises InputError: a wrong shape, fewer than three bridges, or noise that is not positive."""
         n = len(self.gauges)
         if n < 3:
             raise InputError("bridges of the holder", value=n, limit=">= 3 for three forces")

@@ -26,10 +26,7 @@ def propose(
     """Write a proposal.
 
     ``out``: Folder for ``proposal.csv``, ``proposal.toml`` and, where the kind of data has one, a form to fill.
-    ``settings``: Of the recipe, as text or as values; ``seed`` is allowed.
-
-    Returns:
-        Path of ``proposal.toml``.
+    ``settings``: Of the recipe, as text or as values; ``seed`` is allowed. Returns path of ``proposal.toml``.
     """
     _write(name, count, Path(cell), Path(out), settings, seed)
     return Path(out) / PROPOSAL
@@ -40,8 +37,7 @@ def run(
 ) -> dict[str, Any]:
     """Write a proposal and say what is in it; arguments as for :func:`propose`.
 
-    Returns:
-        ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
+    Returns ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
     """
     proposal = _write(name, count, Path(cell), Path(out), settings, seed)
     rows = []

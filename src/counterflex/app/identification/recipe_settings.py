@@ -24,10 +24,8 @@ def settings_of(
 ) -> dict[str, Any]:
     """Settings of a recipe, with what was given in the place of defaults, and the seed.
 
-    ``values``: By key, as text from the command line or as values; ``seed`` is allowed.
-
-    Raises:
-        InputError: An unknown key, or no value of the setting's kind.
+    ``values``: By key, as text from the command line or as values; ``seed`` is allowed. Raises InputError: an unknown
+    key, or no value of the setting's kind.
     """
     out: dict[str, Any] = {**defaults, SEED: seed}
     known = sorted({*defaults, SEED})

@@ -58,10 +58,8 @@ def planned_cut(
 ) -> PlannedCut:
     """Compute the maps of a plan.
 
-    ``progress``: Progress callback, fraction 0 to 1.
-
-    Raises:
-        InputError: A tool that tilts, a robot that holds the part, or a plan of another blank or tool.
+    ``progress``: Progress callback, fraction 0 to 1. Raises InputError: a tool that tilts, a robot that holds the part,
+    or a plan of another blank or tool.
     """
     if cell.holds_part:
         raise InputError("production runs of a robot that holds the part are not read", where=str(cell.path))

@@ -54,11 +54,8 @@ def apply_constants(
 ) -> dict[str, Any]:
     """Write a cell file with the constants found.
 
-    ``place``: Where it is written until the results are complete.
-
-    Raises:
-        InputError: The target is the cell file or any file that is there.
-        ModelError: Nothing is proposed, or the new cell is no possible one.
+    ``place``: Where it is written until the results are complete. Raises InputError: the target is the cell file or any
+    file that is there. Raises ModelError: nothing is proposed, or the new cell is no possible one.
     """
     require_new(target, p.cell.path)
     mean, before = p.estimate.held_out.mean()
@@ -141,11 +138,7 @@ _RANGES: Final = {
 
 
 def checked_settings(values: Mapping[str, Setting], seed: int) -> dict[str, Any]:
-    """Settings with defaults.
-
-    Raises:
-        InputError: An unknown key, a wrong kind, or out of range.
-    """
+    """Settings with defaults. Raises InputError: an unknown key, a wrong kind, or out of range."""
     out = settings_of(NAME, SETTINGS, values, seed)
     for key, (low, high) in _RANGES.items():
         if not low <= out[key] <= high:

@@ -56,9 +56,8 @@ class LoggedRun:
 def read_runs(folder: Path) -> list[LoggedRun]:
     """Read all runs of a folder.
 
-    Raises:
-        FileFormatError: There is no run log, it cannot be read, or it is of a version that recorded less.
-        InputError: Stretches are missing, or it has no force.
+    Raises FileFormatError: there is no run log, it cannot be read, or it is of a version that recorded less. Raises
+    InputError: stretches are missing, or it has no force.
     """
     rows: dict[int, list[Float]] = {}
     about: dict[int, Mapping[str, Any]] = {}
@@ -148,11 +147,7 @@ def _fresh(rows: Float) -> Bool:
 
 
 def plan_of(run: LoggedRun, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:
-    """The plan of a run among those given.
-
-    Raises:
-        InputError: The run had none, or it is not among them.
-    """
+    """The plan of a run among those given. Raises InputError: the run had none, or it is not among them."""
     if not run.plan_sha256:
         raise InputError(
             "the run was made without a plan", where=run.record.name, hint="Give run --plan, also where it only watches"

@@ -64,10 +64,8 @@ def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
     """Relative motions of a dataset.
 
     ``data``: Kind ``cubes``: ``q``, a load as for pulls, ``pair``, ``p_base_before``, ``p_base_after``,
-    ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``.
-
-    Raises:
-        FileFormatError: A channel or standard deviation is missing, a pair names no bodies of the cell in order.
+    ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``. Raises FileFormatError: a
+    channel or standard deviation is missing, a pair names no bodies of the cell in order.
     """
     q, w, w_sigma = read_load(chain, data)
     history, approach = read_path(data)

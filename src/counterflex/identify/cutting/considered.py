@@ -86,10 +86,8 @@ def fast_enough(time_s: Float, spindle_rad_s: float, flutes: int) -> bool:
 def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: int) -> float:
     """Amplitude of what repeats once per turn, N: least squares on the harmonics of a turn up to the tooth passing.
 
-    ``force``: (n, 2) N across the tool axis. ``time_s``: (n,) s.
-
-    Raises:
-        InputError: The record is not fast or long enough; see :func:`fast_enough`.
+    ``force``: (n, 2) N across the tool axis. ``time_s``: (n,) s. Raises InputError: the record is not fast or long
+    enough; see :func:`fast_enough`.
     """
     force = as_float("force", force, (len(time_s), 2))
     if not fast_enough(time_s, as_positive("spindle_rad_s", spindle_rad_s), flutes):
@@ -113,8 +111,7 @@ def predicted_amplitude(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m
 def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout | None:
     """Runout that gives every piece its amplitude; median over the pieces.
 
-    Returns:
-        The runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.
+    Returns the runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.
     """
     amplitudes = []
     if cutter.flutes < 2:
@@ -195,8 +192,7 @@ class ForceSensor:
 def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
     """The sensor as the manifests state it under ``[settings]``; of several statements the widest.
 
-    Raises:
-        InputError: A statement out of range, or the uncertainty stated twice.
+    Raises InputError: a statement out of range, or the uncertainty stated twice.
     """
     sigma: dict[str, float] = {}
     for d in data:
@@ -230,13 +226,9 @@ def _number(data: Dataset, key: str, most: float) -> float:
 def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor, wear: float, runout_m: float) -> Float:
     """(n, 3, 14) N, feed frame: what one standard deviation of each quantity moves the mean force of each piece by.
 
-    Args:
-        block: The pieces.
-        x: (p,) fitted values, for depth and arc.
-        law: The fitted law, for the runout.
-        sensor: How true the sensor is.
-        wear: Standard deviation of the growth of the force from the first piece to the last, share.
-        runout_m: Of the offset of the cutter's axis from the spindle's; one of the cell file counts where it is larger.
+    ``x``: (p,) fitted values, for depth and arc. ``wear``: Standard deviation of the growth of the force from the first
+    piece to the last, share. ``runout_m``: Of the offset of the cutter's axis from the spindle's; one of the cell file
+    counts where it is larger.
     """
     pieces = block.pieces
     done = pieces.run_m if np.ptp(pieces.run_m) > 0.0 else np.arange(len(pieces), dtype=np.float64)
@@ -266,10 +258,7 @@ def runout_force(block: SlotResiduals, x: Float, law: ForceLaw, runout_m: float)
     """(n, 3) N: by how much runout changes the mean force of each piece.
 
     ``x``: (p,) values of all parameters. ``runout_m``: Offset of the cutter's axis, m; at its angle to the teeth the
-    mean over a revolution is the same.
-
-    Returns:
-        Force with less force without it. Descent of the tool is left out.
+    mean over a revolution is the same. Returns force with less force without it. Descent of the tool is left out.
     """
     return runout_of_arcs(block.shape(x).cuts, law, runout_m)
 

@@ -114,11 +114,7 @@ FORMS: Final = (
 
 
 def form(name: str) -> Form:
-    """The form of a name.
-
-    Raises:
-        InputError: There is none.
-    """
+    """The form of a name. Raises InputError: there is none."""
     for item in FORMS:
         if item.name == name:
             return item

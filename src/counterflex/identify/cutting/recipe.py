@@ -71,10 +71,8 @@ WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
 def identify(inputs: Inputs) -> Identification:
     """Find the force constants from test cuts.
 
-    ``inputs``: The force law before; test slots, held out by cuts.
-
-    Raises:
-        InputError: Too few settled cuts, cuts of several tools, or data that another reading explains far better.
+    ``inputs``: The force law before; test slots, held out by cuts. Raises InputError: too few settled cuts, cuts of
+    several tools, or data that another reading explains far better.
     """
     cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
@@ -207,8 +205,7 @@ class _Problem:
     def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[Trial]:
         """Hold cuts out of every form that the data can bear; the fullest form is always among them, for the nominal.
 
-        Raises:
-            InputError: No form has fewer constants than there are numbers.
+        Raises InputError: no form has fewer constants than there are numbers.
         """
         out = []
         full = FORMS[-1]

@@ -86,10 +86,7 @@ def wear_trend(block: SlotResiduals, fit: Fit) -> Wear | None:
     """Wear from the cuts of a block that repeat one another: same feed, depth, width and speed within 1 %.
 
     ``fit``: Their fit; each measured force is put in relation to its prediction, so that what depth and give explain
-    does not count as wear.
-
-    Returns:
-        The trend, or None where no condition was cut three times or more.
+    does not count as wear. Returns the trend, or None where no condition was cut three times or more.
     """
     pieces = block.pieces
     if float(np.ptp(pieces.run_m)) <= 0.0:

@@ -82,10 +82,7 @@ def _feature(d: Dataset) -> Float:
 def leaders(rows: Float) -> Int:
     """Number of the row that stands for each row: the first within 1 in every column, in the order of the rows.
 
-    ``rows``: (n, k); rows that are not finite stand for themselves.
-
-    Returns:
-        (n,) ids from 0.
+    ``rows``: (n, k); rows that are not finite stand for themselves. Returns (n,) ids from 0.
     """
     n = len(rows)
     out = np.full(n, -1, dtype=np.int64)
@@ -107,14 +104,8 @@ def leaders(rows: Float) -> Int:
 def regions(q: Float, group: Int, count: int, seed: int = 0) -> Int:
     """Divide measurements into regions of the joint space, so that a whole region can be held out.
 
-    Args:
-        q: (n, k) rad.
-        group: (n,) rows of a group stay together.
-        count: Regions wanted; fewer where there are fewer groups.
-        seed: Of the first centres.
-
-    Returns:
-        (n,) region 0 .. of each row, by k-means of the groups' mean angles.
+    ``q``: (n, k) rad. ``group``: (n,) rows of a group stay together. ``count``: Regions wanted; fewer where there are
+    fewer groups. Returns (n,) region 0 .. of each row, by k-means of the groups' mean angles.
     """
     ids, place = np.unique(group, return_inverse=True)
     total = np.zeros((len(ids), q.shape[1]))
@@ -178,10 +169,7 @@ def joined_by_rows(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Datasets with groups that all measurements of one row of a file share, so that folds hold them out together.
 
     ``datasets``: As :func:`counterflex.identify.data.shared_rows.joined` gives them: kinds of single rows with joint
-    angles share group ids already.
-
-    Returns:
-        The same datasets in the same order; as they were where no two share a row.
+    angles share group ids already. Returns the same datasets in the same order; as they were where no two share a row.
     """
     if not any(len(_lines_of_both(one, other)) for j, one in enumerate(datasets) for other in datasets[:j]):
         return tuple(datasets)

@@ -49,11 +49,7 @@ def _table(estimate: Delay) -> dict[str, float | str | bool | list[float] | list
 
 
 def lag_of(estimate: Delay) -> Lag:
-    """The fitted lag.
-
-    Raises:
-        InputError: None was fitted.
-    """
+    """The fitted lag. Raises InputError: none was fitted."""
     if estimate.order == "none":
         raise InputError("no lag was fitted", where=estimate.pair.name)
     return Lag(estimate.value("lag"), estimate.value("damping") if estimate.order == "second" else None)
@@ -84,13 +80,8 @@ _WITHIN = 0.1
 def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
     """Refuse a pair of channels that cannot be what the manifest says.
 
-    ``as_stated``: The user insists: what was found is returned as remarks.
-
-    Returns:
-        Remarks; empty where nothing is suspected.
-
-    Raises:
-        InputError: A unit, a sign, or which channel is which looks wrong.
+    ``as_stated``: The user insists: what was found is returned as remarks. Returns remarks; empty where nothing is
+    suspected. Raises InputError: a unit, a sign, or which channel is which looks wrong.
     """
     remarks = []
     for what, hint in _suspicions(estimate):

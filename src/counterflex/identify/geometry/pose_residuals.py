@@ -55,14 +55,9 @@ class PlacedFrame:
 def frame_parameters(name: str, label: str, sigma: Float | None = None, *, point: bool = False) -> list[Parameter]:
     """Six parameters of a frame's displacement from its first estimate.
 
-    Args:
-        name: Of the frame, for example ``T_base_tracker``.
-        label: What a user calls it, for example ``tracker in the base``.
-        sigma: (6,) m, rad prior standard deviations of the first estimate, or None where nothing is known.
-        point: Only its origin matters: three parameters.
-
-    Returns:
-        Parameters ``<name>.x`` ... ``<name>.rz``, nominally zero.
+    ``name``: Of the frame, for example ``T_base_tracker``. ``label``: What a user calls it, for example ``tracker in
+    the base``. ``sigma``: (6,) m, rad prior standard deviations of the first estimate, or None where nothing is known.
+    Returns parameters ``<name>.x`` ... ``<name>.rz``, nominally zero.
     """
     return [
         Parameter(

@@ -22,9 +22,7 @@ from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder, s
 def holder_before(cell: CellModel) -> StrainHolder:
     """The holder before identification.
 
-    Raises:
-        InputError: The cell has none.
-        ModelError: What the cell holds as its holder is none.
+    Raises InputError: the cell has none. Raises ModelError: what the cell holds as its holder is none.
     """
     table = cell.tables.get("holder")
     if table is None:
@@ -127,9 +125,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     ``shorter_m`` nearer the spindle: two points make the effect of the tool's length visible. Greedy, D-optimal.
 
     ``count``: Loads, at least 6. ``settings``: ``gauges`` (``given`` or ``choose``), ``largest_n``, ``shorter_m``.
-
-    Raises:
-        InputError: Fewer than 6, or a cell without such a holder.
+    Raises InputError: fewer than 6, or a cell without such a holder.
     """
     if count < 6:
         raise InputError("loads to propose", value=count, limit=">= 6 (15 or more for a check)")

@@ -62,11 +62,9 @@ WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
 def identify(inputs: Inputs) -> Identification:
     """Find the bridges' sensitivities to force and moment from known loads.
 
-    ``inputs``: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``.
-
-    Raises:
-        InputError: Too few loads or directions, or data that fit far better when read otherwise.
-        FileFormatError: A channel is missing or not a number.
+    ``inputs``: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``. Raises
+    InputError: too few loads or directions, or data that fit far better when read otherwise. Raises FileFormatError: a
+    channel is missing or not a number.
     """
     cell, data, holdout, s, progress = inputs
     parts = in_parts(progress, WORK)
@@ -285,10 +283,8 @@ def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> 
 
     ``var f_i = sum over bridges of (M dS [e_j; p x e_j])_i`` for a force of 1 N along j.
 
-    ``p_holder_tcp``: (3,) m tool tip.
-
-    Returns:
-        (3, 3) standard deviation of the force shown along i (rows) by a force of 1 N along j (columns).
+    ``p_holder_tcp``: (3,) m tool tip. Returns (3, 3) standard deviation of the force shown along i (rows) by a force of
+    1 N along j (columns).
     """
     n = len(identified.gauges)
     rows = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]

@@ -78,13 +78,8 @@ class PlaneResiduals:
 def find_plane(p: Float, where: str, *, seed: int = 0) -> tuple[Float, Float]:
     """First estimate of a plane through most of the points: the triple with the least median distance, then refined.
 
-    ``p``: (m, 3) m.
-
-    Returns:
-        Centre (3,) m and axes (3, 3), the first column the normal.
-
-    Raises:
-        InputError: Fewer than four points, or points on one line.
+    ``p``: (m, 3) m. Returns centre (3,) m and axes (3, 3), the first column the normal. Raises InputError: fewer than
+    four points, or points on one line.
     """
     different = np.unique(np.round(p, 4), axis=0)
     spread = np.linalg.svd(different - different.mean(axis=0), compute_uv=False) if len(different) > 3 else np.zeros(3)
@@ -184,13 +179,8 @@ def find_anchor(p: Float, length: Float, where: str) -> Float:
     ``|p_i - a|^2 = L_i^2`` less its mean over all rows is linear in a; the solution is refined by a few Gauss-Newton
     steps. A first estimate: the errors of the robot are in it.
 
-    ``p``: (m, 3) m. ``length``: (m,) m.
-
-    Returns:
-        (3,) m.
-
-    Raises:
-        InputError: Fewer than four places, or places in one plane (two anchors would fit).
+    ``p``: (m, 3) m. ``length``: (m,) m. Returns (3,) m. Raises InputError: fewer than four places, or places in one
+    plane (two anchors would fit).
     """
     centre = p.mean(axis=0)
     spread = np.linalg.svd(p - centre, compute_uv=False) if len(p) >= 4 else np.zeros(3)

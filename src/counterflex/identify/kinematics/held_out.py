@@ -199,8 +199,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
 def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
 
-    Returns:
-        Figures, and what is said of a way of holding out that these data do not allow.
+    Returns figures, and what is said of a way of holding out that these data do not allow.
     """
     poses = {
         i: b.arm.q
@@ -273,8 +272,7 @@ def _refitted_errors(
 ) -> HeldOut:
     """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these.
 
-    Raises:
-        InputError: A part is too small to find its frames from and to be judged as well.
+    Raises InputError: a part is too small to find its frames from and to be judged as well.
     """
     scores = []
     for part, local in enumerate(own):

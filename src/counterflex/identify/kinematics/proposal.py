@@ -26,11 +26,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """Poses of a six-axis tracker target that determine geometry, masses and frames best (D-optimal).
 
     ``cell``: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed. ``settings``:
-    ``seed``, ``sag`` as in the recipe.
-
-    Raises:
-        InputError: Too few.
-        ReachError: Hardly any pose can be measured.
+    ``seed``, ``sag`` as in the recipe. Raises InputError: too few. Raises ReachError: hardly any pose can be measured.
     """
     if count < FEWEST:
         raise InputError("too few poses", value=count, limit=f"{FEWEST} or more, better 40")

@@ -91,11 +91,8 @@ def set_up(
     """Find frames, anchors and planes robustly, then build the residuals of all datasets.
 
     ``data``: Datasets of the kinds :data:`KINDS`. ``known``: Tracker and target of the cell file with their standard
-    deviations as priors; None leaves them free.
-
-    Raises:
-        InputError: A dataset that fixes no frame, anchor or plane.
-        FileFormatError: A channel is missing.
+    deviations as priors; None leaves them free. Raises InputError: a dataset that fixes no frame, anchor or plane.
+    Raises FileFormatError: a channel is missing.
     """
     frames = Frames(first=len(model.parameters))
     everything = [*data, *holdout]

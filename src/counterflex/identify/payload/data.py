@@ -24,9 +24,8 @@ from counterflex.sensing.flange_sensor import FlangeSensor
 def sensor_before(cell: CellModel) -> FlangeSensor:
     """The sensor before identification: of the cell, or in the body named ``sensor`` with its axes.
 
-    Raises:
-        InputError: The cell names no sensor and no body of its end effector is called so.
-        ModelError: What the cell holds as its sensor is none.
+    Raises InputError: the cell names no sensor and no body of its end effector is called so. Raises ModelError: what
+    the cell holds as its sensor is none.
     """
     table = cell.tables.get("sensor")
     if isinstance(table, FlangeSensor):
@@ -78,10 +77,8 @@ def orientations(R_base_sensor: Float) -> Int:
 def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tuple[Int, ...]:
     """Groups of readings, within and between files: one for each orientation; groups of the files stay whole.
 
-    ``at_rest``: Of each block, whether its rows are single orientations; motions keep groups of their own.
-
-    Returns:
-        (n,) ids for each block.
+    ``at_rest``: Of each block, whether its rows are single orientations; motions keep groups of their own. Returns (n,)
+    ids for each block.
     """
     keys: list[Int] = []
     used = 0
@@ -132,10 +129,8 @@ def shared_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Fl
 
     The heaviest body behind the sensor takes the difference. Where that left it without mass, all bodies are scaled.
 
-    ``p_seg_com``: (3,) m, its centre of gravity in the body's frame.
-
-    Returns:
-        By index of the segment: kg, and (3,) m in its own frame; empty where nothing is behind the sensor.
+    ``p_seg_com``: (3,) m, its centre of gravity in the body's frame. Returns by index of the segment: kg, and (3,) m in
+    its own frame; empty where nothing is behind the sensor.
     """
     first = segment_index(chain, segment)
     bodies = range(first + 1, chain.n)
@@ -270,8 +265,7 @@ def distinct(block: SensorReadings) -> int:
 def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[str, ...]:
     """Refuse what cannot give weight and bias; say what a poor set cannot see.
 
-    Raises:
-        InputError: Fewer than three directions of gravity.
+    Raises InputError: fewer than three directions of gravity.
     """
     together = np.concatenate([b.R_base_sensor for b in blocks])
     count = distinct(replace(blocks[0], R_base_sensor=together))

@@ -101,11 +101,7 @@ class Rest:
 
 
 def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
-    """Degrees that the setting ``hose`` allows.
-
-    Raises:
-        InputError: An unknown value.
-    """
+    """Degrees that the setting ``hose`` allows. Raises InputError: an unknown value."""
     hose = str(settings.get("hose", "auto"))
     if hose not in _DEGREES:
         raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
@@ -115,10 +111,8 @@ def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
 def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints: bool) -> tuple[str, ...]:
     """Bodies that the setting ``hose_from`` allows, ``""`` for the base.
 
-    ``with_joints``: The data say where the axes stand; without, only the base can be tried.
-
-    Raises:
-        InputError: A body that no hose pack can come from.
+    ``with_joints``: The data say where the axes stand; without, only the base can be tried. Raises InputError: a body
+    that no hose pack can come from.
     """
     setting = str(settings.get("hose_from", "auto"))
     if setting == "auto":

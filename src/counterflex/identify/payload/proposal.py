@@ -92,8 +92,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
     """Postures (n, 6) rad near the part with the wrist turned any way, tool tip at least so high above the base.
 
-    Raises:
-        InputError: None meets the limits.
+    Raises InputError: none meets the limits.
     """
     chain = cell.chain
     rng = np.random.default_rng(seed)
@@ -125,10 +124,8 @@ def working_postures(cell: CellModel, count: int, seed: int, height_m: float) ->
     The working posture has the tool square to the part's zero plane, turned about itself as the cell says, over the
     middle of the blank.
 
-    ``count``: How many; 0 gives none. ``height_m``: Least height of the tool tip above the base.
-
-    Raises:
-        InputError: None meets the limits.
+    ``count``: How many; 0 gives none. ``height_m``: Least height of the tool tip above the base. Raises InputError:
+    none meets the limits.
     """
     if count == 0:
         return np.zeros((0, 6))

@@ -144,9 +144,7 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     fits as well and finds a weight that hangs down where the stated one finds none or one that pulls upward.
 
     ``data``: Kind ``sensor_poses``; motions are left alone. ``as_stated``: The user insists: the finding is a remark.
-
-    Raises:
-        InputError: Another reading is found, or the weight pulls upward in all.
+    Raises InputError: another reading is found, or the weight pulls upward in all.
     """
     if data.kind != "sensor_poses":
         return ()
@@ -204,10 +202,8 @@ def _better(stated: Plain, other: Plain, count: int) -> bool:
 def check_rest(blocks: Sequence[SensorReadings], fit: Fit, *, as_stated: bool) -> tuple[str, ...]:
     """Refuse an orientation-dependent rest as large as the weight: something else than a hose pack is in the data.
 
-    ``as_stated``: The user insists: the finding is a remark.
-
-    Raises:
-        InputError: The force of the rest varies by as much as the weight.
+    ``as_stated``: The user insists: the finding is a remark. Raises InputError: the force of the rest varies by as much
+    as the weight.
     """
     degree = degree_of((len(fit.values) - OFFSET) // 6)
     if not degree:

@@ -46,11 +46,8 @@ def poses_of(mine: Sequence[Motion]) -> list[Float]:
 def why_not(axis: int, mine: Sequence[Motion], friction_nm: float, sigma_nm: float) -> str | None:
     """Why the values of an axis cannot be trusted; None where they can.
 
-    Args:
-        axis: 0..5.
-        mine: Its motions.
-        friction_nm: Dry friction on the side of the link.
-        sigma_nm: Its standard deviation, that of the compliance it refers to included.
+    ``axis``: 0..5. ``friction_nm``: Dry friction on the side of the link. ``sigma_nm``: Its standard deviation, that of
+    the compliance it refers to included.
     """
     name = f"axis {axis + 1}"
     if len(poses_of(mine)) < POSES:

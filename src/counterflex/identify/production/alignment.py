@@ -163,11 +163,7 @@ class Aligned:
 
 
 def stations(run: RunRecord, plan: PlannedCut) -> Float:
-    """(m,) place of each cycle on the plan.
-
-    Raises:
-        InputError: The run was elsewhere: another program.
-    """
+    """(m,) place of each cycle on the plan. Raises InputError: the run was elsewhere: another program."""
     n = len(plan.p_part)
     rows = LoopPlan(plan.p_part, plan.time_s, np.zeros((n, 6)), np.zeros(n), np.zeros((n, 6))).packed()
     place = np.array([-1.0, 0.0])
@@ -189,11 +185,7 @@ def stations(run: RunRecord, plan: PlannedCut) -> Float:
 
 
 def aligned(run: RunRecord, plan: PlannedCut) -> Aligned:
-    """Find place and delay of a run.
-
-    Raises:
-        InputError: Another program, or a force that does not follow the plan.
-    """
+    """Find place and delay of a run. Raises InputError: another program, or a force that does not follow the plan."""
     station = stations(run, plan)
     expected = np.linalg.norm(plan.f_part, axis=1)
     now = np.interp(station, np.arange(len(expected)), expected)

@@ -177,14 +177,9 @@ class Drift:
 def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: float = 0.0) -> Drift:
     """Life of a tool over runs in the order in which they were cut.
 
-    Args:
-        factors: Of each run.
-        cut_m: (n,) length that each run cut.
-        is_new: (n,) runs stated to begin with a new edge; the first does.
-        lost_share: Share of the force that is lost with one tooth; 0 where it is not known.
-
-    Raises:
-        InputError: No run, or lengths below zero.
+    ``cut_m``: (n,) length that each run cut. ``is_new``: (n,) runs stated to begin with a new edge; the first does.
+    ``lost_share``: Share of the force that is lost with one tooth; 0 where it is not known. Raises InputError: no run,
+    or lengths below zero.
     """
     n = len(factors)
     if n == 0 or np.any(cut_m <= 0.0):

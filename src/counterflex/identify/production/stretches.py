@@ -134,9 +134,8 @@ def stretches_of(
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 
-    Raises:
-        InputError: A saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
-            steady stretch.
+    Raises InputError: a saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
+    steady stretch.
     """
     choice = Choice() if choice is None else choice
     cutter = cell.cutter_of(tool)

@@ -153,10 +153,8 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     (:func:`counterflex.identify.pulls.history.lost_sigma`), and of bearings that are not where they are thought to be
     (:func:`counterflex.identify.pulls.residuals.misplaced`).
 
-    ``R_base_tracker``: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``.
-
-    Returns:
-        The block; :func:`refreshed` brings its offset up to date.
+    ``R_base_tracker``: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``. Returns the block;
+    :func:`refreshed` brings its offset up to date.
     """
     c = pulls.d.shape[1]
     point = pulls.p_tcp_measured

@@ -45,13 +45,9 @@ class Mode:
 def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
     """The lowest mode that rings noticeably.
 
-    ``signals``: (n, k) at even steps, from just after the release; like units. ``step_s``: s.
-
-    Returns:
-        Of the modes with at least :data:`SHARE` of the strongest one's amplitude the one of lowest frequency.
-
-    Raises:
-        InputError: Too few samples, or nothing rings.
+    ``signals``: (n, k) at even steps, from just after the release; like units. ``step_s``: s. Returns of the modes with
+    at least :data:`SHARE` of the strongest one's amplitude the one of lowest frequency. Raises InputError: too few
+    samples, or nothing rings.
     """
     y = as_float("signals", signals, (None, None))
     h = as_positive("step_s", step_s)

@@ -39,10 +39,7 @@ def with_exchange(fit: Fit, axis: int) -> Fit:
     With p the probability of the exchange, a variance is larger by p times the square of the difference between the
     two solutions: the second moment, about the one found, of both together.
 
-    ``axis``: 0..5.
-
-    Returns:
-        The same values and covariance; ``sigma`` of Kv and Ti widened.
+    ``axis``: 0..5. Returns the same values and covariance; ``sigma`` of Kv and Ti widened.
     """
     at_rate, at_time = _places(fit, axis)
     rate, time = float(fit.values[at_rate]), float(fit.values[at_time])

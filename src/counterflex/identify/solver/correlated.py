@@ -38,10 +38,7 @@ def considered(fit: Fit, blocks: Sequence[Residuals], moved: Sequence[Float]) ->
 
     ``fit``: Of these blocks, its covariance that of independent rows. ``moved``: Per block (rows, components, m) what
     one standard deviation of each of m quantities, the same m in all blocks, moves the measured values by, in their
-    units.
-
-    Returns:
-        ``G G^T``; independent of the sign of ``moved``.
+    units. Returns ``G G^T``; independent of the sign of ``moved``.
     """
     x, free = fit.values, fit.free_index
     slope = fit.parameters.slope(x)[free]
@@ -69,10 +66,8 @@ _STEEPEST = 0.97
 def with_correlation(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
     """The fit with covariance and standard deviations that allow for correlated rows.
 
-    ``blocks``: Their rows in order of time.
-
-    Returns:
-        The same values; ``covariance`` and ``sigma`` replaced, never smaller than half of what independence gives.
+    ``blocks``: Their rows in order of time. Returns the same values; ``covariance`` and ``sigma`` replaced, never
+    smaller than half of what independence gives.
     """
     x, free = fit.values, fit.free_index
     slope = fit.parameters.slope(x)[free]

@@ -98,10 +98,8 @@ def with_groups_once(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
 
         V = (sum_g 1/m_g sum_rows J^T J / s^2 + priors)^-1,    s^2 = sum_g 1/m_g sum_rows |r|^2 / (k G - used)
 
-    with m_g rows in group g, G groups of k numbers each, and s never below the factor of the fit.
-
-    Returns:
-        The same values, ``covariance`` and ``sigma`` widened; the fit as it was where no group has two rows.
+    with m_g rows in group g, G groups of k numbers each, and s never below the factor of the fit. Returns the same
+    values, ``covariance`` and ``sigma`` widened; the fit as it was where no group has two rows.
     """
     ids, counts = np.unique(np.concatenate([b.group for b in blocks]), return_counts=True)
     if len(ids) >= FEWEST_PARTS or len(ids) == int(np.sum(counts)):

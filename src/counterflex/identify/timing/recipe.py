@@ -30,13 +30,8 @@ _AXIS_TURNS = 24
 def over_part(cell: CellModel) -> Float:
     """Joint angles with the tool over the part's zero, in the cell's posture.
 
-    Of the turns about the tool the one with the largest distance from singularities within the joint limits.
-
-    Returns:
-        (6,) rad.
-
-    Raises:
-        ReachError: No turn about the tool is reachable.
+    Of the turns about the tool the one with the largest distance from singularities within the joint limits. Returns
+    (6,) rad. Raises ReachError: no turn about the tool is reachable.
     """
     chain = cell.nominal_chain
     down = cell.T_base_part @ pose.make(rotation.about_x(np.pi), np.array([0.0, 0.0, _ABOVE_M]))
@@ -151,14 +146,9 @@ _SHOWN = 1500
 def identify(inputs: Inputs) -> Identification:
     """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
 
-    ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches.
-
-    Returns:
-        Fits by pair, changes to ``[timing]``.
-
-    Raises:
-        FileFormatError: Damaged stamps or values, no standard deviations.
-        InputError: Nothing moves, or a unit, a sign or which channel is which looks wrong.
+    ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches. Returns fits by pair,
+    changes to ``[timing]``. Raises FileFormatError: damaged stamps or values, no standard deviations. Raises
+    InputError: nothing moves, or a unit, a sign or which channel is which looks wrong.
     """
     cell, data, holdout, settings, progress = inputs
     order = str(settings["lag"])

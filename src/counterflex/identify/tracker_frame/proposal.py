@@ -32,11 +32,8 @@ _FEWEST = {"poses": 4, "fiducials": 4}
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses (``measure = "poses"``) or places of fiducials (``measure = "fiducials"``).
 
-    ``settings``: ``measure``, ``seed``.
-
-    Raises:
-        InputError: Too few, or another ``measure``.
-        ReachError: Hardly any pose can be measured.
+    ``settings``: ``measure``, ``seed``. Raises InputError: too few, or another ``measure``. Raises ReachError: hardly
+    any pose can be measured.
     """
     what = str(settings.get("measure", "poses"))
     if what not in _FEWEST:

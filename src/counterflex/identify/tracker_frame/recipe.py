@@ -60,10 +60,8 @@ def identify(inputs: Inputs) -> Identification:
     """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
 
     ``inputs``: The cell, whose robot predicts the poses, sag under own weight included; ``fiducials`` and
-    ``tracker_poses``.
-
-    Raises:
-        InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
+    ``tracker_poses``. Raises InputError: too few or collinear fiducials, a mirrored frame, units mixed up, poses that
+    do not turn.
     """
     cell, data, holdout, options, progress = inputs
     notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))

@@ -51,15 +51,9 @@ def behaviour(
     to the ring. A bridge of two gauges along z and two across it shows ``(eps_z - eps_y) / (1 + nu)``, the mean under
     the grid.
 
-    Args:
-        drawing: The holder.
-        mesh_m: Largest edge of a brick, m.
-        noise: Standard deviation of a bridge's strain.
-        cut: With the pockets; else the original design on the same grid, its bridges not evaluated.
-        bricks: Fewest over every pocket and the wall behind it.
-
-    Raises:
-        InputError: The drawing cannot be meshed, or a piece of it is held by nothing.
+    ``mesh_m``: Largest edge of a brick, m. ``cut``: With the pockets; else the original design on the same grid, its
+    bridges not evaluated. ``bricks``: Fewest over every pocket and the wall behind it. Raises InputError: the drawing
+    cannot be meshed, or a piece of it is held by nothing.
     """
     beam = drawing.beam
     right = solve(drawing.cheek(1, mesh_m, cut=cut, bricks=bricks), beam.e_pa, beam.poisson_ratio)
@@ -191,16 +185,9 @@ def choose(
     adds goes with the square of the strain where it is cut. Gain and kappa come from finite elements of the present
     drawing, and again from the choice until it keeps the limit.
 
-    Args:
-        drawing: Its first pocket is the template.
-        count: Bridges, 3 to 12.
-        lost_share: Largest share of the stiffness at the tool tip that may be lost, any direction, 0 .. 1.
-        mesh_m: Largest edge of a brick.
-        noise: Standard deviation of a bridge's strain.
-        bricks: Fewest over every pocket and the wall behind it.
-
-    Raises:
-        InputError: No pockets, a number out of range, or no choice within the limit.
+    ``count``: Bridges, 3 to 12. ``lost_share``: Largest share of the stiffness at the tool tip that may be lost, any
+    direction, 0 .. 1. ``bricks``: Fewest over every pocket and the wall behind it. Raises InputError: no pockets, a
+    number out of range, or no choice within the limit.
     """
     if not drawing.pockets:
         raise InputError("the drawing has no pocket to take as the pattern", hint="Give one table [[pockets]]")

@@ -151,14 +151,8 @@ def gear_loads(qpos: Float, torsion: Int, stiffness: Float, half_band: Float, cu
 class OtherForces:
     """What the other kinds of a truth do to a plant.
 
-    Args:
-        truth: With other kinds.
-        coordinates: Of the truth.
-        slow: What changes slowly.
-        sign: (6,) of each driven axis.
-        stiffness: (6,) N m/rad, live, of the torsions.
-        half_band: (6,) rad, of the dead bands.
-        friction: False leaves out hysteresis and bristles.
+    ``sign``: (6,) of each driven axis. ``stiffness``: (6,) N m/rad, live, of the torsions. ``half_band``: (6,) rad, of
+    the dead bands.
 
     Attributes:
         replaced: (6,) axes whose bristles stand in place of the slip elements on the link side.

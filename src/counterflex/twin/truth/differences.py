@@ -33,11 +33,8 @@ class Difference:
 def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
     """How a truth differs from the nominal one, for reports.
 
-    Returns:
-        Rows in shop units; positions as the distance between known and true.
-
-    Raises:
-        InputError: The two do not have the same bodies.
+    Returns rows in shop units; positions as the distance between known and true. Raises InputError: the two do not have
+    the same bodies.
     """
     if [b.name for b in known.bodies] != [b.name for b in true.bodies]:
         raise InputError("the truths are not of the same cell", value=[b.name for b in true.bodies])

@@ -30,10 +30,7 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
     ``Rz(theta) Tr(e) E Tr(-e)``.
 
     ``truth``: Made from ``robot`` and ``end_effector``, perhaps perturbed. ``robot``: Its nominal description; limits,
-    closed-form geometry and counterbalance are kept.
-
-    Raises:
-        InputError: The truth has other bodies.
+    closed-form geometry and counterbalance are kept. Raises InputError: the truth has other bodies.
     """
     names = [s.name for s in (*robot.segments, *end_effector.segments)]
     if [b.name for b in truth.bodies] != names:
@@ -128,13 +125,8 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
     ploughing force of 2 N/mm, 5 um runout, geometry off by 0.15 mm per link and axis, joint offsets by 0.05 mrad,
     bearing positions by 10 mm, damping by 15 %, the height of the blank by 0.05 mm.
 
-    ``seed``: 0, 1, 2, ...
-
-    Returns:
-        The same truth for the same seed and family on every machine.
-
-    Raises:
-        InputError: The seed is negative.
+    ``seed``: 0, 1, 2, ... Returns the same truth for the same seed and family on every machine. Raises InputError: the
+    seed is negative.
     """
     if seed < 0:
         raise InputError("seed of the truth", value=seed, limit=">= 0")
