@@ -27,8 +27,8 @@ import numpy as np
 import counterflex
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.identification.cell_model import model_of
-from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.production import run as identify
+from counterflex.app.production.runs import planned_cut
 from counterflex.app.proof.truth import make_truth
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.production.maps import planned_cut
+from counterflex.app.production.runs import planned_cut
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLog

@@ -22,10 +22,9 @@ from counterflex.identify.delays.delay import Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.delays.residuals import Order
 from counterflex.identify.delays.stamped import Stamped, stamped
-from counterflex.identify.solver.correlated import long_run
+from counterflex.identify.solver.jackknife import long_run
 from counterflex.identify.timing import recipe as timing
-from counterflex.signals.alignment import Clock
-from counterflex.signals.lag import Lag
+from counterflex.signals.lag import Clock, Lag
 from derivative_check import convergence_order
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -19,8 +19,7 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.controller_angles import in_model_angles
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
-from counterflex.app.identification.recipe_settings import Setting, read_settings
-from counterflex.app.identification.starting_cell import starting_cell
+from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.app.identification.verdict import Outcome, judged
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, ModelError

@@ -9,8 +9,7 @@ from typing import Any
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.controller_angles import shown_columns
-from counterflex.app.identification.recipe_settings import Setting, read_settings
-from counterflex.app.identification.starting_cell import starting_cell
+from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal

@@ -21,9 +21,8 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
-from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.result import Produced, identification_of, result_of
-from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
+from counterflex.app.production.runs import LoggedRun, plan_of, planned_cut, read_runs
 from counterflex.app.unknowns import IDENTIFIED
 from counterflex.core import atomic, file_content, file_lock
 from counterflex.core.arrays import Float, Int

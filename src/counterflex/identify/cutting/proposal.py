@@ -14,7 +14,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.cutter import Cutter
-from counterflex.identify.cutting.expected_deviations import expected_sigma
+from counterflex.identify.cutting.considered import expected_sigma
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Proposal
 

@@ -10,9 +10,8 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.solver.correlated import added, considered
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.sensing.strain_holder import StrainHolder, force_matrix, lever, tool_matrix
 
@@ -213,7 +212,7 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[HolderReadings]) -> Fit:
     """The fit with standard deviations that hold for what the linear model lacks.
 
     Not below those of the jackknife over loads (hysteresis, warming, bending); and where each point truly is that loads
-    act on, which all loads there have in common (:mod:`counterflex.identify.solver.correlated`).
+    act on, which all loads there have in common (:mod:`counterflex.identify.solver.jackknife`).
     """
     wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
     every = np.concatenate([b.p_holder_load for b in blocks])

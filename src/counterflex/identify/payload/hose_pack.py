@@ -27,8 +27,7 @@ from counterflex.identify.payload.residuals import (
 from counterflex.identify.solver.holdout import HeldOut, cross_validate
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
-from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.sensing.flange_sensor import COUNTS, FlangeSensor
 
 
 def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings], progress: Progress = silent) -> HeldOut:

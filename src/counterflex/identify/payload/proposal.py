@@ -22,7 +22,7 @@ from counterflex.identify.recipe import Proposal
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
 from counterflex.robot.model.controller_axes import coupled_inside
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.sensing.flange_sensor import COUNTS
 
 CANDIDATES = 400
 FORCE_N, MOMENT_NM = 1.0, 0.1

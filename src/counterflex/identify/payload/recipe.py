@@ -63,8 +63,7 @@ from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_o
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import hose_bodies
-from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.sensing.flange_sensor import COUNTS, FlangeSensor
 
 SIGNIFICANT = 2.6
 """Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""

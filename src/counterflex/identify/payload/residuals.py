@@ -17,8 +17,15 @@ from counterflex.geometry.rotation import cross, skew
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
-from counterflex.sensing.flange_sensor import FlangeSensor, tensor, turned
-from counterflex.sensing.orientation_basis import COUNTS, degree_of, orientation_basis, orientation_basis_slope
+from counterflex.sensing.flange_sensor import (
+    COUNTS,
+    FlangeSensor,
+    degree_of,
+    orientation_basis,
+    orientation_basis_slope,
+    tensor,
+    turned,
+)
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 UNITS = ("N", "N", "N", "N m", "N m", "N m")

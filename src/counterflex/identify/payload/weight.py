@@ -24,7 +24,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.payload.data import CHANNEL, axes_of, distinct
 from counterflex.identify.payload.residuals import MASS, OFFSET, TURN, SensorReadings
 from counterflex.identify.solver.fit import Fit
-from counterflex.sensing.orientation_basis import degree_of, orientation_basis
+from counterflex.sensing.flange_sensor import degree_of, orientation_basis
 
 RATIO: Final = 2.0
 """How many times smaller another reading must make the median residual."""

@@ -15,16 +15,18 @@ from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import TITLE
-from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
 from counterflex.identify.play.parameters import (
     COMPLIANCE,
     axis_play,
     blocks,
     compliance,
+    compliance_share,
     least_seen,
     parameters,
     too_wide,
     why_not,
+    with_honest_sigma,
+    with_spread,
 )
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals

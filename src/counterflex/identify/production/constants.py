@@ -21,10 +21,9 @@ from counterflex.cutting.coefficients import ForceLaw, LinearEdgeLaw
 from counterflex.identify.cutting.considered import RUNOUT_M, ForceSensor, runout_of_arcs, shown_by_sensor
 from counterflex.identify.cutting.force_forms import EDGES, FORMS, NAMES, Form
 from counterflex.identify.production.residuals import LAW, ProductionResiduals
-from counterflex.identify.solver.correlated import added, considered
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate
-from counterflex.identify.solver.jackknife import FEWEST_PARTS, with_jackknife
+from counterflex.identify.solver.jackknife import FEWEST_PARTS, added, considered, with_jackknife
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve

@@ -15,9 +15,8 @@ from counterflex.identify.geometry.compliances import Springs, with_compliance
 from counterflex.identify.pulls.history import band_slopes, lost_angles, lost_sigma
 from counterflex.identify.pulls.pulls import Pulls
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, carried, gains, misplaced, misplaced_by
-from counterflex.identify.solver.correlated import added, considered
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance, element_jacobians, linear_gap
@@ -26,7 +25,7 @@ from counterflex.robot.elasticity.compliance import cartesian_compliance, elemen
 # A housing or a bearing under a moment about one of its axes also turns a little about the others. An element of this
 # model has six compliances and no coupling between them. Coupling is the same in every pull, so it passes for another
 # compliance, and neither residuals nor pulls left out show it. It goes through the fit with its usual size
-# (:mod:`counterflex.identify.solver.correlated`).
+# (:mod:`counterflex.identify.solver.jackknife`).
 
 COUPLING: Final = 0.1
 """Compliance between two directions of an element over the root of the product of theirs, one standard deviation."""
@@ -228,7 +227,7 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[PullResiduals]) -> Fit:
     What differs from pose to pose (friction, drift) is seen in what the fit becomes without some of them
     (:func:`counterflex.identify.solver.jackknife.with_jackknife`); bearings that are not where they are thought to be
     and directions of an element that move each other are the same in all poses, and go through the fit
-    (:mod:`counterflex.identify.solver.correlated`).
+    (:mod:`counterflex.identify.solver.jackknife`).
     """
     wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
     return added(wide, considered(fit, blocks, [b.moved for b in blocks]))

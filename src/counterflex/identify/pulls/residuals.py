@@ -150,7 +150,7 @@ class PullResiduals:
         R_tracker_base: (3, 3), where measured in tracker axes, else None.
         turn: (3,) places of the rotation vector r that corrects it, ``R_base_tracker Exp(r)``, or None.
         moved: (n, c, m) what one standard deviation of each of m quantities that are not fitted moves ``measured`` by,
-            the same in all rows (:mod:`counterflex.identify.solver.correlated`).
+            the same in all rows (:mod:`counterflex.identify.solver.jackknife`).
     """
 
     name: str

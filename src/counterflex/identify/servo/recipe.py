@@ -25,9 +25,9 @@ from counterflex.identify.servo import TITLE
 from counterflex.identify.servo.data import LoadStep, Mode, load_steps, lowest_mode
 from counterflex.identify.servo.proposal import FORCE_N, propose
 from counterflex.identify.servo.residuals import ServoResiduals, together, with_exchange
-from counterflex.identify.solver.correlated import with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, row_error, score_separate
+from counterflex.identify.solver.jackknife import with_correlation
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.robot.model.description import Servo

@@ -3,7 +3,7 @@
 No residual shows these. A scale of lengths that is off by 5 in a million moves a tracker 4.5 m away by 22 um along its
 line of sight; a tracker that wanders by less than a test can tell stands elsewhere at the end; an arm that stands
 beside its foot takes the frame along with it. Each goes through the fit with what is known of it
-(:mod:`counterflex.identify.solver.correlated`).
+(:mod:`counterflex.identify.solver.jackknife`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from counterflex.identify.geometry.arm_parameters import ArmPriors
 from counterflex.identify.geometry.considered_sag import with_honest_sigma
 from counterflex.identify.geometry.fiducials import FiducialResiduals
 from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
-from counterflex.identify.solver.correlated import added, considered
 from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.jackknife import added, considered
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.robot.model.calibration import BASE
 

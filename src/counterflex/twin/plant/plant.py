@@ -19,8 +19,7 @@ from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters
 from counterflex.twin.plant.loads import apply_loads, balance_parameters
 from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
-from counterflex.twin.plant.other_forces import OtherForces
-from counterflex.twin.plant.posture_springs import PostureSprings
+from counterflex.twin.plant.other_forces import OtherForces, PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
 from counterflex.twin.plant.step_length import on_axes, parts_of_step
 from counterflex.twin.truth.truth import Truth
