@@ -25,7 +25,7 @@ from counterflex.identify.cutting import TITLE
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.cutting.cut_rows import in_air
-from counterflex.identify.cutting.force_forms import EDGES, FORMS, Form, form
+from counterflex.identify.cutting.force_forms import FORMS, Form, form, solve_physical
 from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
 from counterflex.identify.cutting.proposal import propose
 from counterflex.identify.cutting.report import Chosen, Shared, figures, pictures, remarks
@@ -35,12 +35,10 @@ from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Figure, Identification, Inputs, Recipe
-from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
-from counterflex.identify.solver.solve import solve
 
 KIND = "slots"
 LIMIT = 5.0
@@ -133,19 +131,6 @@ def row_error(block: Residuals, x: Float) -> Float:
     least = np.linalg.norm(block.pieces.sigma, axis=1)  # a piece without force has no relative error
     out: Float = np.linalg.norm(force - block.predict(x), axis=1) / np.maximum(np.linalg.norm(force, axis=1), least)
     return out
-
-
-def solve_physical(parameters: Parameters, block: SlotResiduals) -> Fit:
-    """Fit the constants; an edge force that comes out below zero, which no edge has, is held at zero."""
-    fit = solve(parameters, [block])
-    for _ in EDGES:
-        negative = [name for name in EDGES if fit.value(name) < 0.0]
-        if not negative:
-            break
-        least = min(negative, key=fit.value)
-        parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
-        fit = solve(parameters, [block])
-    return fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,11 +175,11 @@ def readings(
     Raises:
         FileFormatError: A channel is missing or holds values that are not numbers.
     """
-    w = _finite(data, CHANNEL)
+    w = data.finite(CHANNEL)
     sigma = data.channel(CHANNEL).need_sigma()
     zero = np.zeros((len(data), 3))
-    time_s = _finite(data, "time_s")[:, 0] if data.has("time_s") else np.full(len(data), start_s)
-    warmer = _finite(data, "temperature_c")[:, 0] - reference_c if data.has("temperature_c") else zero[:, 0]
+    time_s = data.finite("time_s")[:, 0] if data.has("time_s") else np.full(len(data), start_s)
+    warmer = data.finite("temperature_c")[:, 0] - reference_c if data.has("temperature_c") else zero[:, 0]
     T_base_sensor = _pose(data, chain, sensor) @ sensor.T_seg_sensor
     R = T_base_sensor[:, :3, :3]
     R_t = np.swapaxes(R, -1, -2)
@@ -189,7 +189,7 @@ def readings(
     gamma = R_t @ chain.gravity
     R_rest = R
     if sensor.hose_from:
-        q = _finite(data, "q")
+        q = data.finite("q")
         R_rest = hose_rotation(chain, sensor.hose_from, sensor.segment, q) @ sensor.T_seg_sensor[:3, :3]
     block = SensorReadings(
         data.name,
@@ -225,7 +225,7 @@ def readings(
     spin = 0.5 * (R_t @ rate - np.swapaxes(R_t @ rate, -1, -2))
     omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     if data.has("accelerometer_sensor"):
-        gamma = -smooth(_finite(data, "accelerometer_sensor"), 0)
+        gamma = -smooth(data.finite("accelerometer_sensor"), 0)
     else:
         gamma = gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
     block = replace(
@@ -293,13 +293,11 @@ def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[st
 
 def _pose(data: Dataset, chain: ElasticChain, sensor: FlangeSensor) -> Float:
     if data.has("q"):
-        return carrier_pose(chain, sensor.segment, _finite(data, "q"))
+        return carrier_pose(chain, sensor.segment, data.finite("q"))
     index = segment_index(chain, sensor.segment)
     for name, T_seg_known in (("R_base_flange", None), ("R_base_tcp", chain.T_last_tcp)):
         if data.has(name):
-            R = data.values(name)
-            if not np.all(np.isfinite(R)):
-                raise _bad(data, name, int(np.argwhere(~np.isfinite(R))[0, 0]))
+            R = data.finite(name)
             if T_seg_known is None:
                 step = pose.inverse(chain.T_segment_flange)
                 for i in range(chain.flange_segment + 1, index + 1):
@@ -316,22 +314,6 @@ def _pose(data: Dataset, chain: ElasticChain, sensor: FlangeSensor) -> Float:
         where=data.where or data.name,
         limit="channel q, R_base_flange or R_base_tcp",
         hint="Map one of them in the manifest: [channels.q] columns = [...]",
-    )
-
-
-def _finite(data: Dataset, name: str) -> Float:
-    values = data.values(name)
-    bad = ~np.all(np.isfinite(values), axis=1)
-    if np.any(bad):
-        raise _bad(data, name, int(np.flatnonzero(bad)[0]))
-    return values
-
-
-def _bad(data: Dataset, name: str, row: int) -> FileFormatError:
-    return FileFormatError(
-        f"channel '{name}' holds a value that is not a number",
-        where=data.place(row),
-        hint="Remove the row, or the cause: an empty cell of the table is read as not a number",
     )
 
 

@@ -127,12 +127,7 @@ def load_steps(data: Sequence[Dataset], first_run: int = 0) -> list[LoadStep]:
         names = ["time_s", "q_command", "q_motor", "tau_motor", load]
         names += ["p_tracker_target"] if dataset.has("p_tracker_target") else []
         for name in names:
-            values = dataset.values(name)
-            bad = np.flatnonzero(~np.all(np.isfinite(values), axis=1))
-            if len(bad):
-                raise FileFormatError(
-                    f"channel '{name}' holds a value that is not a number", where=dataset.place(int(bad[0]))
-                )
+            values = dataset.finite(name)
             if name.startswith(("q_", "tau_")) and values.shape[1] != 6:
                 raise InputError(
                     f"load steps need '{name}' of all six axes", where=dataset.where, value=values.shape[1]
