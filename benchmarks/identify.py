@@ -36,8 +36,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model
 from counterflex.identify.geometry.compliances import springs
-from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, gains
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import cross_validate

@@ -27,8 +27,8 @@ import numpy as np
 import counterflex
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.identification.cell_model import model_of
-from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.production import run as identify
+from counterflex.app.production.runs import planned_cut
 from counterflex.app.proof.truth import make_truth
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
@@ -37,11 +37,9 @@ from counterflex.core.units import N_PER_MM2, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import ALIGNMENT_RAD, CROSS_TALK, SCALE
-from counterflex.identify.production.alignment import aligned
+from counterflex.identify.production.alignment import PlannedCut, RunRecord, aligned, force_of
 from counterflex.identify.production.constants import find, reference_m
-from counterflex.identify.production.drift import drift
-from counterflex.identify.production.factor import RunFactor
-from counterflex.identify.production.planned import PlannedCut, RunRecord, force_of
+from counterflex.identify.production.drift import RunFactor, drift
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import stretches_of
 from counterflex.twin.plant.force_sensor import force_sensor

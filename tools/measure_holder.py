@@ -18,12 +18,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.progress import silent
 from counterflex.identify.data.dataset import Dataset, of_arrays
-from counterflex.identify.holder.layout import choose_gauges
+from counterflex.identify.holder.proposal import choose_gauges
 from counterflex.identify.holder.residuals import DRAWING_SHARE, parameters, readings, sensitivity_of
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.force_filter import kalman_observer
-from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.strain_holder import StrainHolder, regressed_matrix, tool_matrix
+from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder, regressed_matrix, tool_matrix
 from counterflex.twin.laboratory.holder_cut import cut_record
 from counterflex.twin.laboratory.holder_loads import COLUMNS, measure
 from counterflex.twin.laboratory.laboratory import laboratory

@@ -16,7 +16,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
-from counterflex.identify.geometry.placed_frame import COMPONENTS
+from counterflex.identify.geometry.pose_residuals import COMPONENTS
 from counterflex.identify.recipe import Identification
 from counterflex.identify.tracker_frame import recipe as tracker_frame
 from counterflex.identify.tracker_frame.proposal import propose

@@ -17,8 +17,7 @@ from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.holder.recipe import RECIPE, fitted, prepared
 from counterflex.identify.recipe import Proposal
-from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.strain_holder import StrainHolder
+from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder
 from counterflex.twin.laboratory.holder_loads import measure
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.strain_holder import FORCE_N, NOISE, PAPER_TCP_M, HolderShape, instrumented_holder

@@ -13,7 +13,7 @@ from counterflex.core.units import MS, URAD
 from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.servo import recipe as servo
-from counterflex.identify.servo.exchange import together
+from counterflex.identify.servo.residuals import together
 from counterflex.robot.elasticity.servo import servo_error
 from counterflex.robot.model.description import Servo
 from coverage_cases.counted import Counted, counted

@@ -10,7 +10,7 @@ import pytest
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.progress import silent
 from counterflex.geometry import pose
-from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame
+from counterflex.identify.geometry.pose_residuals import COMPONENTS, PlacedFrame
 from counterflex.identify.tracker_frame import recipe as tracker_frame
 from counterflex.identify.tracker_frame.considered import sigma_at
 from counterflex.twin.laboratory.laboratory import laboratory

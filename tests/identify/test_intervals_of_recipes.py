@@ -15,11 +15,9 @@ from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import pairs
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload.residuals import SensorReadings
-from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, stretches, widened, with_jackknife
+from counterflex.identify.solver.jackknife import parts_of_groups, stretches, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.sensing.flange_sensor import FlangeSensor

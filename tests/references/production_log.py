@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.production.maps import planned_cut
+from counterflex.app.production.runs import planned_cut
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.plan_file import read_plan
-from counterflex.identify.production.planned import PlannedCut, force_of
+from counterflex.identify.production.alignment import PlannedCut, force_of
 from counterflex.runtime.record_ring import WIDTH, column
 
 PERIOD_S = 0.004

@@ -8,7 +8,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import rotation
-from counterflex.sensing.orientation_basis import COUNTS, degree_of, orientation_basis, orientation_basis_slope
+from counterflex.sensing.flange_sensor import COUNTS, degree_of, orientation_basis, orientation_basis_slope
 
 
 def turns(count: int, seed: int = 0) -> Float:

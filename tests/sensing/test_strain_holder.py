@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from counterflex.core.errors import InputError
 from counterflex.geometry import rotation
 from counterflex.sensing.bridge import bridge_voltage, strain_of_voltage
-from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import (
     PRINTED_M,
+    Gauge,
+    HolderBeam,
     StrainHolder,
     force_matrix,
     printed_condition,

@@ -10,8 +10,7 @@ from scipy.signal import lsim
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.signals.alignment import Clock, coarse_shift
-from counterflex.signals.lag import Lag
+from counterflex.signals.lag import Clock, Lag, coarse_shift
 
 STEP = 0.004
 LAGS = (Lag(0.03), Lag(0.02, 0.4), Lag(0.02, 1.0), Lag(0.02, 1.6))

@@ -36,7 +36,6 @@ from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.process import as_ground
 from counterflex.twin.plant.record import Record
 from counterflex.twin.plant.slow_move import move
-from counterflex.twin.truth.differences import differences
 from counterflex.twin.truth.draw_other import MATCH_M
 from counterflex.twin.truth.family import FAMILIES, OTHER, WIDE
 from counterflex.twin.truth.file import from_dict, to_dict
@@ -50,6 +49,7 @@ from counterflex.twin.truth.other import (
     Thermal,
     ToolOff,
 )
+from counterflex.twin.truth.perturb import differences
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"

@@ -17,8 +17,7 @@ from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.twin.plant.controller import Controller
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.record import Record
-from counterflex.twin.plant.setup import touched_part_frame
-from counterflex.twin.plant.simulate import simulate
+from counterflex.twin.plant.simulate import simulate, touched_part_frame
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import Truth
 

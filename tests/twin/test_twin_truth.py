@@ -20,11 +20,9 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.geometry import pose, rotation
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import EndEffector, Robot, Segment
-from counterflex.twin.truth.described import described
-from counterflex.twin.truth.differences import differences
 from counterflex.twin.truth.file import from_dict, read_truth, to_dict, write_truth
 from counterflex.twin.truth.nominal import nominal_truth
-from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.perturb import described, differences, perturbed
 from counterflex.twin.truth.truth import CuttingTruth, Truth
 
 

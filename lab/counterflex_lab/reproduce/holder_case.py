@@ -3,7 +3,7 @@
 The cut is that of Denkena2015 section 4: aluminium, end mill D 12 mm with three flutes, 12000 rpm, 3000 mm/min, 1 mm
 wide, 10 mm deep. The spindle hangs along the cheeks of the holder, its tool tip 70 mm beside and 420 mm before the
 clamped end. The bridges sit where the drawing of the holder says that they tell the force at the tool tip best
-(:func:`counterflex.identify.holder.layout.choose_gauges`), which knows nothing of the printed errors.
+(:func:`counterflex.identify.holder.proposal.choose_gauges`), which knows nothing of the printed errors.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM
 from counterflex.files.schema import write_toml
-from counterflex.identify.holder.layout import choose_gauges
-from counterflex.sensing.holder_beam import HolderBeam
+from counterflex.identify.holder.proposal import choose_gauges
+from counterflex.sensing.strain_holder import HolderBeam
 
 PROGRAM: Final = "edge.ngc"
 CATALOGUE: Final = "catalogue.toml"

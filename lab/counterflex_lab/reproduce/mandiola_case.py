@@ -26,7 +26,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.schema import write_toml
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.plant.simulate import touched_part_frame
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.perturb import perturbed
 from counterflex_lab.reproduce.fiducials import tracker_table

@@ -18,7 +18,7 @@ from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import forward
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.setup import touched_part_frame
+from counterflex.twin.plant.simulate import touched_part_frame
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex_lab.reproduce.fiducials import tracker_table
 from counterflex_lab.reproduce.wrong_plans import WRONG, cell_table

@@ -19,16 +19,16 @@ from counterflex.files.holder_file import holder_data, read_holder
 from counterflex.files.schema import write_toml
 from counterflex.files.summary_file import write_summary
 from counterflex.sensing.holder_design.bricks import solve
-from counterflex.sensing.holder_design.design import (
+from counterflex.sensing.holder_design.drawing import BRICKS, Drawing
+from counterflex.sensing.holder_design.places import (
     Behaviour,
     beam_tip,
     behaviour,
+    choose,
     gain_by_pocket,
     lost_stiffness,
     without_ribs,
 )
-from counterflex.sensing.holder_design.drawing import BRICKS, Drawing
-from counterflex.sensing.holder_design.places import choose
 from counterflex.sensing.strain_holder import printed_condition
 
 PAPER_UM_PER_KN: Final = ((125.0, 137.0, 34.0), (137.0, 168.0, 48.0))

@@ -10,8 +10,8 @@ from pydantic import Field
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.units import KN, MICRO, MM, N_PER_MM2
 from counterflex.files.schema import Length, Table, Versioned
-from counterflex.sensing.holder_beam import HolderBeam
 from counterflex.sensing.holder_design.drawing import Drawing, Pocket
+from counterflex.sensing.strain_holder import HolderBeam
 
 KIND: Final = "counterflex-holder"
 VERSION: Final = 1

@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.parquet_table import Column, columns, read, write
-from counterflex.identify.production.planned import EXPONENTS
+from counterflex.identify.production.alignment import EXPONENTS
 from counterflex.identify.production.stretches import Stretches
 
 KIND: Final = "counterflex-production-run"

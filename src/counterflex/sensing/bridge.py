@@ -18,10 +18,7 @@ GAUGE_FACTOR = 2.0
 def bridge_voltage(strain: Float, *, gauge_factor: float = GAUGE_FACTOR, supply_v: float = SUPPLY_V) -> Float:
     """Signal of a full bridge, without linearising.
 
-    ``strain``: (..., 4) of R1 to R4, R1 and R3 active, R2 and R4 across.
-
-    Returns:
-        (...) V.
+    ``strain``: (..., 4) of R1 to R4, R1 and R3 active, R2 and R4 across. Returns (...) V.
     """
     r = 1.0 + as_positive("gauge_factor", gauge_factor) * as_float("strain", strain)
     out: Float = as_positive("supply_v", supply_v) * (
@@ -39,10 +36,8 @@ def strain_of_voltage(
 ) -> Float:
     """Strain of a bar in tension that gives this signal: ``2 U / (U_s k (1 + nu))``.
 
-    ``voltage_v``: (...) V. ``poisson_ratio``: Of the body: what the gauges across it see.
-
-    Returns:
-        (...) dimensionless. Off by less than 1e-3 of itself below 1000 um/m.
+    ``voltage_v``: (...) V. ``poisson_ratio``: Of the body: what the gauges across it see. Returns (...) dimensionless.
+    Off by less than 1e-3 of itself below 1000 um/m.
     """
     out: Float = 2.0 * np.asarray(voltage_v, dtype=np.float64) / (supply_v * gauge_factor * (1.0 + poisson_ratio))
     return out

@@ -17,11 +17,7 @@ from counterflex.robot.elasticity.gravity import weight_loads
 
 
 def segment_index(chain: ElasticChain, segment: str) -> int:
-    """Place of a segment in the chain.
-
-    Raises:
-        InputError: There is none of that name.
-    """
+    """Place of a segment in the chain. Raises InputError: there is none of that name."""
     if segment not in chain.names:
         raise InputError("there is no such body in the cell", value=segment, limit=", ".join(chain.names))
     return chain.names.index(segment)
@@ -35,13 +31,8 @@ def carrier_pose(
     The loads ``w_i`` are those on the rigid geometry; what that leaves out turns the body by some 10 urad.
 
     ``q``: (..., 6) rad controller angles. ``w_tcp_base``: (..., 6) N, N m on the tool about the TCP in base axes, as
-    many as ``q``; None is none.
-
-    Returns:
-        (..., 4, 4) T_base_seg.
-
-    Raises:
-        InputError: No such body, or arrays that do not match.
+    many as ``q``; None is none. Returns (..., 4, 4) T_base_seg. Raises InputError: no such body, or arrays that do not
+    match.
     """
     last = segment_index(chain, segment)
     q = joint_angles(q)
@@ -69,13 +60,8 @@ def hose_rotation(chain: ElasticChain, body: str, segment: str, q: Float) -> Flo
     What a hose pack between two bodies does to the outer one, weight apart, goes by how they stand to each other, not
     by how they stand in the hall. The bending of the arm between them, some 0.1 mrad, is left out.
 
-    ``body``: That the hose comes from; one that an axis drives. ``q``: (..., 6) rad controller angles.
-
-    Returns:
-        (..., 3, 3) R_hose_seg.
-
-    Raises:
-        InputError: No such bodies, or not in this order.
+    ``body``: That the hose comes from; one that an axis drives. ``q``: (..., 6) rad controller angles. Returns (..., 3,
+    3) R_hose_seg. Raises InputError: no such bodies, or not in this order.
     """
     first, last = hose_place(chain, body, segment), segment_index(chain, segment)
     T = frames(chain, joint_angles(q))
@@ -115,8 +101,7 @@ def hose_bodies(chain: ElasticChain, segment: str) -> tuple[str, ...]:
 def carrier_to_tcp(chain: ElasticChain, segment: str) -> Float:
     """Rigid pose ``T_seg_tcp`` (4, 4) of the TCP in an undriven body behind the last axis.
 
-    Raises:
-        InputError: No such body, or an axis lies between it and the tool.
+    Raises InputError: no such body, or an axis lies between it and the tool.
     """
     first = segment_index(chain, segment)
     if np.any(chain.joint[first + 1 :] >= 0):
@@ -131,13 +116,8 @@ def carrier_to_tcp(chain: ElasticChain, segment: str) -> Float:
 def mass_behind(chain: ElasticChain, segment: str) -> tuple[float, Float]:
     """Mass of the bodies behind a body, and their centre of gravity in its frame.
 
-    ``segment``: Name of a body without an axis behind it; its own mass does not count.
-
-    Returns:
-        kg and (3,) m (zero where nothing weighs).
-
-    Raises:
-        InputError: No such body, or an axis lies between it and the tool.
+    ``segment``: Name of a body without an axis behind it; its own mass does not count. Returns kg and (3,) m (zero
+    where nothing weighs). Raises InputError: no such body, or an axis lies between it and the tool.
     """
     first = segment_index(chain, segment)
     if np.any(chain.joint[first + 1 :] >= 0):

@@ -52,11 +52,7 @@ class ArrivalClock:
         self.set_back = 0
 
     def age(self, now_s: float, stamp_s: float) -> float:
-        """Age of a sample.
-
-        Returns:
-            Seconds from its measurement to ``now_s``, at least ``least_s``.
-        """
+        """Age of a sample. Returns seconds from its measurement to ``now_s``, at least ``least_s``."""
         difference_s = now_s - stamp_s
         if self._floor < math.inf:
             self._floor += self._rate * max(0.0, now_s - self._last)

@@ -11,9 +11,9 @@ from counterflex.app.identification.verdict import judged
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError
 from counterflex.identify.recipe import Figure, Identification
-from counterflex.identify.solver.agreement import agreement, contradicted
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import cross_validate
+from counterflex.identify.solver.intervals import agreement, contradicted
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
 

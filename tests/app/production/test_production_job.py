@@ -15,7 +15,7 @@ from counterflex.app.production.production import run
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.files.cell.cell import read_cell
-from counterflex.identify.production.planned import PlannedCut
+from counterflex.identify.production.alignment import PlannedCut
 from counterflex.runtime.record_ring import column
 from counterflex.runtime.state.states import Cause
 from production_log import cut_of, rows_of, write_rows

@@ -14,7 +14,7 @@ from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
-from counterflex.identify.cutting.runout import TurnForce, fast_enough, runout, turn_amplitude
+from counterflex.identify.cutting.considered import TurnForce, fast_enough, runout, turn_amplitude
 
 CUTTER = Cutter(16.0 * MM, flutes=3, flute_length_m=35.0 * MM)
 LAW = KienzleLaw(780e6, 0.25, 273e6, 0.25, 117e6, 0.25, MM, UM, MM, "test", "test", (2e3, 2e3, 0.0))

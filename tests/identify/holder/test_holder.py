@@ -19,13 +19,12 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.holder.layout import SPACING_M, choose_gauges, places
+from counterflex.identify.holder.proposal import SPACING_M, choose_gauges, places
 from counterflex.identify.holder.recipe import RECIPE
 from counterflex.identify.holder.residuals import parameters, readings
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.force_filter import kalman_observer
-from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.strain_holder import StrainHolder, regressed_matrix, sight, tool_matrix
+from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder, regressed_matrix, sight, tool_matrix
 from counterflex.twin.laboratory.holder_cut import cut_record
 from counterflex.twin.laboratory.holder_loads import COLUMNS, measure
 from counterflex.twin.laboratory.laboratory import laboratory

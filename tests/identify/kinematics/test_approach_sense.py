@@ -19,11 +19,10 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, with_lost_motion
-from counterflex.identify.geometry.placed_frame import PlacedFrame
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
 from counterflex.identify.kinematics import stages as kinematics_stages
-from counterflex.identify.kinematics.approach_check import approach_remarks
 from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, better, in_order, senses
+from counterflex.identify.kinematics.held_out import approach_remarks
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.kinematics.setup import set_up

@@ -16,10 +16,13 @@ from counterflex.geometry.rotation_derivative import inverse_left_jacobian, left
 from counterflex.identify.geometry.arm_geometry import displaced_arm
 from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model, sag_of
 from counterflex.identify.geometry.fiducials import FiducialResiduals
-from counterflex.identify.geometry.placed_frame import PlacedFrame
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
-from counterflex.identify.kinematics.distance_residuals import DistanceResiduals, find_anchor
-from counterflex.identify.kinematics.plane_residuals import PlaneResiduals, find_plane
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
+from counterflex.identify.kinematics.distance_residuals import (
+    DistanceResiduals,
+    PlaneResiduals,
+    find_anchor,
+    find_plane,
+)
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors

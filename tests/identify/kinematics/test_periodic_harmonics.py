@@ -17,7 +17,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout
-from counterflex.identify.geometry.known_drives import known_drive_errors
+from counterflex.identify.geometry.known_frames import known_drive_errors
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 

@@ -26,8 +26,7 @@ from counterflex.identify.data.changes import TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, sag_as_known, sag_of
-from counterflex.identify.geometry.placed_frame import PlacedFrame
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
 from counterflex.identify.kinematics.recipe import RECIPE
 from counterflex.identify.recipe import Identification
 from counterflex.plan.relative_motion import tool_carried

@@ -22,10 +22,9 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.greedy import greedy
 from counterflex.identify.payload.data import shared_mass, with_added_mass
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters, sensor_of
 from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters, sensor_of
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.carrier import carrier_pose, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
@@ -148,8 +147,7 @@ def test_intervals_cover_the_truth() -> None:
     expected = np.r_[truth.w_bias, truth.mass_kg, truth.p_sensor_com, 0.01, -0.015, 0.02]
     arrays = shown(truth, orientations(10))
     clean = arrays["w_sensor"] - SIGMA * np.random.default_rng(0).standard_normal(arrays["w_sensor"].shape)
-    from counterflex.identify.payload.data import readings
-    from counterflex.identify.payload.sensor import sensor_before
+    from counterflex.identify.payload.data import readings, sensor_before
     from counterflex.identify.solver.solve import solve
 
     chain = with_added_mass(model().chain, "sensor", 82.0, pose.transform(truth.T_seg_sensor, truth.p_sensor_com))
@@ -209,8 +207,7 @@ def test_no_window_reaches_into_another_group(count: int, window_s: float) -> No
     q = np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]) + 0.4 * np.sin(2.0 * t[:, None] + np.arange(6))
     w = np.tile(np.arange(count, dtype=np.float64)[:, None], 6)  # a reading tells its own place
     data = of_arrays("swing", "sensor_motion", {"q": q, "w_sensor": w, "time_s": t}, {"w_sensor": SIGMA})
-    from counterflex.identify.payload.data import readings
-    from counterflex.identify.payload.sensor import sensor_before
+    from counterflex.identify.payload.data import readings, sensor_before
 
     before = sensor_before(model())
     block = readings(data, model().chain, before, reference_c=20.0, start_s=0.0, window_s=window_s)

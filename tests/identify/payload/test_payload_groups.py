@@ -16,11 +16,9 @@ from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 from counterflex.identify.data.dataset import Dataset, of_arrays
-from counterflex.identify.payload.data import distinct
-from counterflex.identify.payload.groups import ALIKE_RAD, count_of, groups_of, orientations
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
+from counterflex.identify.payload.data import ALIKE_RAD, count_of, distinct, groups_of, orientations
 from counterflex.identify.payload.recipe import RECIPE
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
 from counterflex.identify.solver.solve import solve

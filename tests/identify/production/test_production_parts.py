@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.identify.production.drift import Drift, drift
-from counterflex.identify.production.factor import RunFactor
+from counterflex.identify.production.alignment import EXPONENTS, weights_at
+from counterflex.identify.production.drift import Drift, RunFactor, drift
 from counterflex.identify.production.hypotheses import Kind
-from counterflex.identify.production.planned import EXPONENTS, weights_at
 
 
 @pytest.mark.parametrize("ratio", [1.0 / 3.0, 0.6, 1.7, 3.0])

@@ -17,10 +17,8 @@ from counterflex.identify.data.changes import AxisServo, TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.servo import recipe as servo
-from counterflex.identify.servo.data import load_steps
-from counterflex.identify.servo.exchange import exchange_probability
-from counterflex.identify.servo.residuals import Release, ServoResiduals, motor_error
-from counterflex.identify.servo.ringing import lowest_mode
+from counterflex.identify.servo.data import load_steps, lowest_mode
+from counterflex.identify.servo.residuals import Release, ServoResiduals, exchange_probability, motor_error
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.servo import servo_error
 from counterflex.robot.model.description import Servo

@@ -11,13 +11,24 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.identify.solver.agreement import agreement, contradicted
-from counterflex.identify.solver.considered import added
-from counterflex.identify.solver.correlated import long_run, with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import GROSS, Folds, HeldOut, cross_validate, score_separate
-from counterflex.identify.solver.intervals import covariance_si, coverage_factor, intervals, of_linear
-from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
+from counterflex.identify.solver.intervals import (
+    agreement,
+    contradicted,
+    covariance_si,
+    coverage_factor,
+    intervals,
+    of_linear,
+)
+from counterflex.identify.solver.jackknife import (
+    added,
+    long_run,
+    parts_of_groups,
+    with_correlation,
+    with_groups_once,
+    with_jackknife,
+)
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve

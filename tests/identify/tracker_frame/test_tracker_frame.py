@@ -25,7 +25,7 @@ from counterflex.identify.geometry.hand_eye_robust import robust_of_points, robu
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
 from counterflex.identify.recipe import Identification
 from counterflex.identify.tracker_frame import recipe as tracker_frame
-from counterflex.identify.tracker_frame.frame_drift import drifts
+from counterflex.identify.tracker_frame.considered import drifts
 from counterflex.identify.tracker_frame.proposal import propose
 from counterflex.twin.laboratory import fiducials as measure_fiducials
 from counterflex.twin.laboratory import tracker_poses as measure_tracker_poses

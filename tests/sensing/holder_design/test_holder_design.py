@@ -9,18 +9,18 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.sensing.holder_beam import HolderBeam
 from counterflex.sensing.holder_design.bricks import MirroredBody, solve
-from counterflex.sensing.holder_design.design import (
+from counterflex.sensing.holder_design.drawing import Drawing, Pocket
+from counterflex.sensing.holder_design.places import (
     Behaviour,
     beam_tip,
     behaviour,
+    choose,
     gain_by_pocket,
     lost_stiffness,
     without_ribs,
 )
-from counterflex.sensing.holder_design.drawing import Drawing, Pocket
-from counterflex.sensing.holder_design.places import choose
+from counterflex.sensing.strain_holder import HolderBeam
 
 BEAM = HolderBeam(0.18, 0.16, 0.015, 0.118)
 TCP = (0.07, 0.0, 0.42)

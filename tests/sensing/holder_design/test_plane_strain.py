@@ -11,9 +11,9 @@ from skfem import Basis, ElementQuad2, ElementVector, MeshQuad
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from counterflex.core.arrays import Float
-from counterflex.sensing.holder_beam import HolderBeam
-from counterflex.sensing.holder_design.design import behaviour, gain_by_pocket
 from counterflex.sensing.holder_design.drawing import Drawing, Pocket
+from counterflex.sensing.holder_design.places import behaviour, gain_by_pocket
+from counterflex.sensing.strain_holder import HolderBeam
 
 THICK, LENGTH, APART, TIP, AT = 15.0, 180.0, 160.0, (70.0, 420.0), 40.0  # mm; AT: place of the pocket along the cheek
 GAUGE, E_PA, NU = 3.0, 210e9, 0.3

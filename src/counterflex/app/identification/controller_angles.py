@@ -22,10 +22,7 @@ def in_model_angles(data: Dataset, axes: ControllerAxes) -> Dataset:
     """Return the dataset with joint angles of the model.
 
     A channel whose manifest says by ``coupling``, ``signs`` or ``offsets_deg`` how its numbers become angles of the
-    model is left as it is.
-
-    Raises:
-        FileFormatError: A channel has fewer than six axes, and they depend on each other.
+    model is left as it is. Raises FileFormatError: a channel has fewer than six axes, and they depend on each other.
     """
     if axes.matrix is None:
         return data

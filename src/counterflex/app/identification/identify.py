@@ -19,8 +19,7 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.controller_angles import in_model_angles
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
-from counterflex.app.identification.recipe_settings import Setting, read_settings
-from counterflex.app.identification.starting_cell import starting_cell
+from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.app.identification.verdict import Outcome, judged
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, ModelError
@@ -38,8 +37,7 @@ from counterflex.files.identification_file import (
 )
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.same_postures import joined
-from counterflex.identify.data.shared_rows import joined_by_rows, require_disjoint
+from counterflex.identify.data.shared_rows import joined, joined_by_rows, require_disjoint
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import RECIPES
 
@@ -90,11 +88,8 @@ def prepare(
 ) -> Task:
     """Read everything and check that it fits together.
 
-    ``settings``: Of the recipe, as text or as values.
-
-    Raises:
-        FileFormatError: A file cannot be used.
-        InputError: Unknown recipe or setting, a dataset of a kind that the recipe does not use, a measurement twice.
+    ``settings``: Of the recipe, as text or as values. Raises FileFormatError: a file cannot be used. Raises InputError:
+    unknown recipe or setting, a dataset of a kind that the recipe does not use, a measurement twice.
     """
     recipe: Recipe = RECIPES[name]
     chosen = read_settings(recipe, settings or {}, seed)
@@ -137,22 +132,9 @@ def run(
     Writes ``cell.toml`` (the cell file with what was found, everything else as it was), ``result.json`` and
     ``report.html``; all of them or none. The run is kept in the archive besides.
 
-    Args:
-        name: Of the recipe.
-        data: Manifests of datasets.
-        cell: Cell file.
-        out: Folder.
-        holdout: Manifests of data that are only predicted.
-        settings: Of the recipe, as text or as values.
-        seed: Of whatever is drawn.
-        archive: Folder that keeps every run; None is ``archive`` in ``out``.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The result, as in ``result.json``.
-
-    Raises:
-        ModelError: The result is worse than the cell file on data not used, by more than noise; nothing is written.
+    ``settings``: Of the recipe, as text or as values. ``archive``: Folder that keeps every run; None is ``archive`` in
+    ``out``. ``progress``: Progress callback, fraction 0 to 1. Returns the result, as in ``result.json``. Raises
+    ModelError: the result is worse than the cell file on data not used, by more than noise; nothing is written.
     """
     begin = time.perf_counter()
     parts = in_parts(progress, WORK)

@@ -9,8 +9,7 @@ from typing import Any
 
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.controller_angles import shown_columns
-from counterflex.app.identification.recipe_settings import Setting, read_settings
-from counterflex.app.identification.starting_cell import starting_cell
+from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.dataset.proposal import PROPOSAL, ROWS, form_names, write_proposal
@@ -26,10 +25,7 @@ def propose(
     """Write a proposal.
 
     ``out``: Folder for ``proposal.csv``, ``proposal.toml`` and, where the kind of data has one, a form to fill.
-    ``settings``: Of the recipe, as text or as values; ``seed`` is allowed.
-
-    Returns:
-        Path of ``proposal.toml``.
+    ``settings``: Of the recipe, as text or as values; ``seed`` is allowed. Returns path of ``proposal.toml``.
     """
     _write(name, count, Path(cell), Path(out), settings, seed)
     return Path(out) / PROPOSAL
@@ -40,8 +36,7 @@ def run(
 ) -> dict[str, Any]:
     """Write a proposal and say what is in it; arguments as for :func:`propose`.
 
-    Returns:
-        ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
+    Returns ``recipe``, ``kind``, ``rows``, ``expected`` (name, unit, standard deviation), ``remarks``, ``files``.
     """
     proposal = _write(name, count, Path(cell), Path(out), settings, seed)
     rows = []

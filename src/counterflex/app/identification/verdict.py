@@ -12,8 +12,8 @@ from counterflex.core.errors import ModelError
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.identify.data.changes import TableValues
 from counterflex.identify.recipe import Figure, Identification
-from counterflex.identify.solver.agreement import agreement, contradicted
 from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.intervals import agreement, contradicted
 
 Outcome = Literal["better", "confirmed"]
 GAIN: Final = 0.02

@@ -33,8 +33,7 @@ class KeptRun:
 def read_history(folder: Path) -> list[KeptRun]:
     """Runs that a folder of results has, in their order; none where it has none.
 
-    Raises:
-        FileFormatError: A run is not complete.
+    Raises FileFormatError: a run is not complete.
     """
     out = []
     for place in sorted((folder / RUNS).glob("[0-9]*")):
@@ -50,11 +49,7 @@ def read_history(folder: Path) -> list[KeptRun]:
 
 
 def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, where: Path) -> None:
-    """Refuse to go on with a history of another tool, material or robot.
-
-    Raises:
-        InputError: It names both.
-    """
+    """Refuse to go on with a history of another tool, material or robot. Raises InputError: it names both."""
     for kept in history:
         other = kept.facts.get("robot", robot)  # histories of former versions do not state it
         if other != robot:
@@ -75,8 +70,7 @@ def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, 
 def require_unchanged(out: Path, count: int) -> None:
     """Refuse to write behind a history that another process has added to since it was read.
 
-    Raises:
-        OutputError: There are more or fewer.
+    Raises OutputError: there are more or fewer.
     """
     there = len(list((out / RUNS).glob("[0-9]*")))
     if there != count:

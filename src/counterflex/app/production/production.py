@@ -21,9 +21,8 @@ from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
-from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.result import Produced, identification_of, result_of
-from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
+from counterflex.app.production.runs import LoggedRun, plan_of, planned_cut, read_runs
 from counterflex.app.unknowns import IDENTIFIED
 from counterflex.core import atomic, file_content, file_lock
 from counterflex.core.arrays import Float, Int
@@ -40,11 +39,9 @@ from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE,
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
-from counterflex.identify.production.alignment import aligned
+from counterflex.identify.production.alignment import PlannedCut, aligned
 from counterflex.identify.production.constants import Estimate, find, reference_m
-from counterflex.identify.production.drift import Drift, drift
-from counterflex.identify.production.factor import RunFactor, run_factor
-from counterflex.identify.production.planned import PlannedCut
+from counterflex.identify.production.drift import Drift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import Choice, joined, stretches_of
 from counterflex.identify.recipe import Identification
@@ -56,11 +53,8 @@ def apply_constants(
 ) -> dict[str, Any]:
     """Write a cell file with the constants found.
 
-    ``place``: Where it is written until the results are complete.
-
-    Raises:
-        InputError: The target is the cell file or any file that is there.
-        ModelError: Nothing is proposed, or the new cell is no possible one.
+    ``place``: Where it is written until the results are complete. Raises InputError: the target is the cell file or any
+    file that is there. Raises ModelError: nothing is proposed, or the new cell is no possible one.
     """
     require_new(target, p.cell.path)
     mean, before = p.estimate.held_out.mean()
@@ -143,11 +137,7 @@ _RANGES: Final = {
 
 
 def checked_settings(values: Mapping[str, Setting], seed: int) -> dict[str, Any]:
-    """Settings with defaults.
-
-    Raises:
-        InputError: An unknown key, a wrong kind, or out of range.
-    """
+    """Settings with defaults. Raises InputError: an unknown key, a wrong kind, or out of range."""
     out = settings_of(NAME, SETTINGS, values, seed)
     for key, (low, high) in _RANGES.items():
         if not low <= out[key] <= high:

@@ -22,8 +22,7 @@ from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, constant
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production.constants import SIGNIFICANT, Estimate
-from counterflex.identify.production.drift import LEVEL, Drift, Named
-from counterflex.identify.production.factor import RunFactor
+from counterflex.identify.production.drift import LEVEL, Drift, Named, RunFactor
 from counterflex.identify.production.hypotheses import Kind
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture
 

@@ -32,7 +32,7 @@ from counterflex.plan.plan import Plan
 from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
 from counterflex.report.page import report_page
 from counterflex.robot.elasticity import compliance
-from counterflex.twin.truth.differences import differences
+from counterflex.twin.truth.perturb import differences
 
 _LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
 

@@ -15,11 +15,10 @@ from counterflex.files.cell.class_stiffness import ClassStiffness
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.class_prior import arm_over_axis
 from counterflex.robot.model.description import EndEffector, Robot
-from counterflex.twin.truth.described import described
 from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.nominal import nominal_truth
-from counterflex.twin.truth.perturb import perturbed
+from counterflex.twin.truth.perturb import described, perturbed
 from counterflex.twin.truth.truth import CuttingTruth, SensorPlace, Truth
 
 _ABOUT_Z = 5

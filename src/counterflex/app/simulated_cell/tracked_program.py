@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.tracker_log import log_text
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.laboratory.laboratory import laboratory
-from counterflex.twin.laboratory.tracked_program import track
+from counterflex.twin.laboratory.slots import track
 from counterflex.twin.truth.file import read_truth
 
 LOG: Final = "tracker.csv"

@@ -18,8 +18,7 @@ from counterflex.protocols.force.sensors import link_values
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import hose_place, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.sensing.holder_beam import Gauge, HolderBeam
-from counterflex.sensing.strain_holder import StrainHolder
+from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder
 
 if TYPE_CHECKING:
     from counterflex.protocols.frame.link import FrameSource

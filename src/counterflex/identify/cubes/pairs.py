@@ -22,8 +22,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.pulls.blocks import Layout
-from counterflex.identify.pulls.coupled_springs import coupled_by
+from counterflex.identify.pulls.blocks import Layout, coupled_by
 from counterflex.identify.pulls.history import band_slopes, lost_angles, uncertain_angles, unknown_angles
 from counterflex.identify.pulls.pulls import Pulls, read_load, read_path
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, misplaced_by
@@ -65,10 +64,8 @@ def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
     """Relative motions of a dataset.
 
     ``data``: Kind ``cubes``: ``q``, a load as for pulls, ``pair``, ``p_base_before``, ``p_base_after``,
-    ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``.
-
-    Raises:
-        FileFormatError: A channel or standard deviation is missing, a pair names no bodies of the cell in order.
+    ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``. Raises FileFormatError: a
+    channel or standard deviation is missing, a pair names no bodies of the cell in order.
     """
     q, w, w_sigma = read_load(chain, data)
     history, approach = read_path(data)

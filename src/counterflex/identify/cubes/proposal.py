@@ -47,11 +47,8 @@ def pairs_of(chain: ElasticChain) -> tuple[str, ...]:
 def propose_cubes(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Choose poses and loads for the least determinant of the covariance; all pairs are read under each load.
 
-    ``settings``: See :data:`SETTINGS`, and those of :mod:`counterflex.identify.geometry.compliances`.
-
-    Raises:
-        InputError: No load, no sensor noise, or no such history.
-        ReachError: Hardly any pose can be measured.
+    ``settings``: See :data:`SETTINGS`, and those of :mod:`counterflex.identify.geometry.compliances`. Raises
+    InputError: no load, no sensor noise, or no such history. Raises ReachError: hardly any pose can be measured.
     """
     options = {**SETTINGS, **settings}
     force, moment, history = float(options["force_n"]), float(options["moment_nm"]), str(options["history"])

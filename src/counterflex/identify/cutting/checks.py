@@ -39,14 +39,9 @@ _TURNED: Final = 0.05  # rad; axes closer than this make no other reading
 def check(cell: CellModel, data: Dataset, tool: int | None, *, as_stated: bool = False) -> tuple[str, ...]:
     """Refuse test cuts that another reading explains far better.
 
-    Args:
-        cell: The cell, whose force law is what is known.
-        data: Kind ``slots``.
-        tool: Use cuts of this tool only; None where there is one.
-        as_stated: Only remark.
-
-    Raises:
-        InputError: Another reading is suspected; the message names it and what to change.
+    ``cell``: The cell, whose force law is what is known. ``data``: Kind ``slots``. ``tool``: Use cuts of this tool
+    only; None where there is one. Raises InputError: another reading is suspected; the message names it and what to
+    change.
     """
     means = cut_means(data)
 

@@ -2,7 +2,7 @@
 
 A sensor that shows 2 % of the cutting force along its axial direction shows it in every cut: it passes for another
 axial constant, and no residual and no cut left out tells. The standard deviations of such quantities go through the fit
-(:mod:`counterflex.identify.solver.considered`). For a force f on the tool, in the axes of the force channel::
+(:mod:`counterflex.identify.solver.jackknife`). For a force f on the tool, in the axes of the force channel::
 
     sensor    d f_i = E_ij f_j         E_ii ~ scale, E_ij ~ cross_talk    (shares of the reading)
     mounting  d f = a x f              a ~ alignment per axis
@@ -21,21 +21,207 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
+import scipy
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, UM
 from counterflex.cutting.arc_force import ArcCuts
 from counterflex.cutting.coefficients import ForceLaw
+from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
-from counterflex.identify.cutting.residuals import SlotResiduals
+from counterflex.identify.cutting.force_forms import FORMS
+from counterflex.identify.cutting.pieces import Pieces
+from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.solver.considered import added, considered
+from counterflex.identify.data.model import CellModel
 from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.jackknife import added, considered
+
+FORCE_N = 0.5
+"""Standard deviation of the mean of a settled piece that is assumed."""
+
+
+GAUGE_M = 20.0 * UM
+"""Standard deviation of a gauged depth that is assumed."""
+
+
+class PlannedMove(Protocol):
+    """What is used of a proposed motion; see :class:`counterflex.identify.cutting.proposal.Move`."""
+
+    @property
+    def blank(self) -> int:
+        """Number of the blank."""
+
+    @property
+    def cut(self) -> int:
+        """Number of the cut."""
+
+    @property
+    def depth_m(self) -> float:
+        """Depth."""
+
+    @property
+    def width_m(self) -> float:
+        """Signed width."""
+
+    @property
+    def feed_tooth_m(self) -> float:
+        """Feed per tooth."""
+
+    @property
+    def piece(self) -> bool:
+        """Whether it is a test piece."""
+
+
+def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove], gauged: bool) -> Pieces:
+    """Pieces of proposed motions, without forces."""
+    own = [m for m in moves if m.piece]
+    n, R = len(own), cutter.radius_m
+    width = np.array([m.width_m for m in own])
+    slot = np.abs(width) >= 2.0 * R * (1.0 - 1e-9)
+    up, down = ~slot & (width > 0.0), ~slot & (width < 0.0)
+    return Pieces(
+        force=np.ones((n, 3)),
+        sigma=np.full((n, 3), FORCE_N),
+        depth_m=np.array([m.depth_m for m in own]),
+        depth_sigma_m=np.full(n, GAUGE_M if gauged else 0.0),
+        measured=np.full(n, gauged),
+        left_m=np.where(down, -R - width, R),
+        right_m=np.where(up, R - width, -R),
+        left_wall=down,
+        right_wall=up,
+        feed_tooth_m=np.array([m.feed_tooth_m for m in own]),
+        drop_tooth_m=np.zeros(n),
+        drop_sigma_m=np.zeros(n),
+        give_m=np.zeros((n, 3)),
+        elastic=np.zeros(n, dtype=np.bool_),
+        axes=np.tile(np.eye(3), (n, 1, 1)),
+        turn_n=np.full(n, np.nan),
+        cut=np.array([m.cut for m in own], dtype=np.int64),
+        blank=np.array([m.blank for m in own], dtype=np.int64),
+        run_m=np.zeros(n),
+        session=np.zeros(n, dtype=np.int64),
+        place=np.arange(n, dtype=np.int64),
+    )
+
+
+def expected_sigma(cell: CellModel, cutter: Cutter, moves: Sequence[PlannedMove], *, gauged: bool) -> dict[str, float]:
+    """Standard deviation of each constant of the fullest form of the law and of the tops of the blanks, SI.
+
+    The covariance of ``J^T J`` plus the priors at the law known so far; forces of :data:`FORCE_N`, depths and widths
+    as uncertain as :mod:`counterflex.identify.cutting.residuals` takes them.
+    """
+    pieces, form = planned_pieces(cutter, moves, gauged), FORMS[-1]
+    blanks = int(np.max(pieces.blank)) + 1
+    rough = SlotResiduals(pieces, cutter, form, 50e-6, cell.force_law, blanks)
+    h_ref = rough.reference_m()
+    block = SlotResiduals(pieces, cutter, form, h_ref, cell.force_law, blanks)
+    parameters = form.parameters(cell.force_law, h_ref) + geometry_parameters(pieces)
+    x = parameters.nominal
+    free = np.flatnonzero(parameters.free)
+    J: Float = block.jacobian(x)[:, :, free].reshape(-1, len(free)) * parameters.slope(x)[free]
+    known = np.array([parameters.items[i].has_prior for i in free], dtype=np.float64)
+    covariance = np.linalg.inv(J.T @ J + np.diag(known))
+    sigma = np.sqrt(np.diag(covariance)) * parameters.slope(x)[free]
+    return {parameters.items[i].name: float(s) for i, s in zip(free, sigma, strict=True)}
+
+
+# Runout of the tool from the part of the cutting force that repeats once per turn of the spindle.
+# Teeth that stand at different radii take chips of different thickness: the force then has a part at the spindle's own
+# frequency, nearly in proportion to the runout. It is seen only in a fast record from a sensor that is true there.
+
+LEAST_TURNS: Final = 5.0
+"""Turns that a stretch must span."""
+SAMPLES_PER_TOOTH: Final = 2.5
+"""Samples per tooth passing that a record needs."""
+_LARGEST: Final = 5.0  # feeds per tooth; the answer no longer grows beyond
+
+
+@dataclass(frozen=True)
+class TurnForce:
+    """What repeats once per turn in a settled piece of a cut.
+
+    Attributes:
+        amplitude_n: Length of the complex amplitude of the force across the tool axis.
+        feed_tooth_m: Feed per tooth.
+    """
+
+    amplitude_n: float
+    depth_m: float
+    entry_rad: float
+    exit_rad: float
+    feed_tooth_m: float
+
+
+@dataclass(frozen=True)
+class Runout:
+    """Offset of the tool's axis from the spindle's, and its standard deviation from the scatter between pieces, m."""
+
+    value_m: float
+    sigma_m: float
+    pieces: int
+
+
+def fast_enough(time_s: Float, spindle_rad_s: float, flutes: int) -> bool:
+    """Whether a stretch shows single teeth: :data:`SAMPLES_PER_TOOTH` samples each, over :data:`LEAST_TURNS` turns."""
+    if len(time_s) < 2:
+        return False
+    turns = float(np.ptp(time_s)) * spindle_rad_s / (2.0 * math.pi)
+    return turns >= LEAST_TURNS and len(time_s) / turns >= SAMPLES_PER_TOOTH * flutes
+
+
+def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: int) -> float:
+    """Amplitude of what repeats once per turn, N: least squares on the harmonics of a turn up to the tooth passing.
+
+    ``force``: (n, 2) N across the tool axis. ``time_s``: (n,) s. Raises InputError: the record is not fast or long
+    enough; see :func:`fast_enough`.
+    """
+    force = as_float("force", force, (len(time_s), 2))
+    if not fast_enough(time_s, as_positive("spindle_rad_s", spindle_rad_s), flutes):
+        raise InputError("the record does not show single teeth", value=f"{len(time_s)} samples")
+    angle = spindle_rad_s * (time_s - time_s[0])
+    waves = [np.ones_like(angle)]
+    for order in range(1, flutes + 1):
+        waves += [np.cos(order * angle), np.sin(order * angle)]
+    coefficients, *_ = np.linalg.lstsq(np.stack(waves, axis=1), force, rcond=None)
+    return float(np.linalg.norm(coefficients[1:3]))
+
+
+def predicted_amplitude(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
+    """The same as the model has it with a runout, N."""
+    depth = engagement_of_arc(cutter, turn.depth_m, turn.entry_rad, turn.exit_rad)
+    teeth = tooth_forces(replace(cutter, runout_m=runout_m), law, depth, turn.feed_tooth_m, trochoid=False)
+    wave = np.exp(-1j * teeth.angle_rad)
+    return float(np.linalg.norm(2.0 * np.mean(teeth.wrench_tcp[:, :2] * wave[:, None], axis=0)))
+
+
+def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout | None:
+    """Runout that gives every piece its amplitude; median over the pieces.
+
+    Returns the runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.
+    """
+    amplitudes = []
+    if cutter.flutes < 2:
+        return None
+    for turn in turns:
+        largest = min(_LARGEST * turn.feed_tooth_m, 0.5 * cutter.radius_m)
+
+        def excess(e: float, turn: TurnForce = turn) -> float:
+            return predicted_amplitude(turn, cutter, law, e) - turn.amplitude_n
+
+        if excess(largest) > 0.0:
+            amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)))
+    if not amplitudes:
+        return None
+    values = np.array(amplitudes)
+    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return Runout(float(np.median(values)), 1.2533 * spread / math.sqrt(len(values)), len(values))
+
 
 SCALE: Final = 0.01
 CROSS_TALK: Final = 0.02 / math.sqrt(3.0)
@@ -98,8 +284,7 @@ class ForceSensor:
 def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
     """The sensor as the manifests state it under ``[settings]``; of several statements the widest.
 
-    Raises:
-        InputError: A statement out of range, or the uncertainty stated twice.
+    Raises InputError: a statement out of range, or the uncertainty stated twice.
     """
     sigma: dict[str, float] = {}
     for d in data:
@@ -133,13 +318,9 @@ def _number(data: Dataset, key: str, most: float) -> float:
 def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor, wear: float, runout_m: float) -> Float:
     """(n, 3, 14) N, feed frame: what one standard deviation of each quantity moves the mean force of each piece by.
 
-    Args:
-        block: The pieces.
-        x: (p,) fitted values, for depth and arc.
-        law: The fitted law, for the runout.
-        sensor: How true the sensor is.
-        wear: Standard deviation of the growth of the force from the first piece to the last, share.
-        runout_m: Of the offset of the cutter's axis from the spindle's; one of the cell file counts where it is larger.
+    ``x``: (p,) fitted values, for depth and arc. ``wear``: Standard deviation of the growth of the force from the first
+    piece to the last, share. ``runout_m``: Of the offset of the cutter's axis from the spindle's; one of the cell file
+    counts where it is larger.
     """
     pieces = block.pieces
     done = pieces.run_m if np.ptp(pieces.run_m) > 0.0 else np.arange(len(pieces), dtype=np.float64)
@@ -169,10 +350,7 @@ def runout_force(block: SlotResiduals, x: Float, law: ForceLaw, runout_m: float)
     """(n, 3) N: by how much runout changes the mean force of each piece.
 
     ``x``: (p,) values of all parameters. ``runout_m``: Offset of the cutter's axis, m; at its angle to the teeth the
-    mean over a revolution is the same.
-
-    Returns:
-        Force with less force without it. Descent of the tool is left out.
+    mean over a revolution is the same. Returns force with less force without it. Descent of the tool is left out.
     """
     return runout_of_arcs(block.shape(x).cuts, law, runout_m)
 

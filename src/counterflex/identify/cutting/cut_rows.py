@@ -26,8 +26,7 @@ def force_of(dataset: Dataset) -> str:
 def has_air(dataset: Dataset) -> bool:
     """Return whether rows in air are to be looked for.
 
-    Raises:
-        InputError: The setting ``air`` has another value than ``none``.
+    Raises InputError: the setting ``air`` has another value than ``none``.
     """
     stated = str(dataset.settings.get(AIR, ""))
     if stated not in ("", NO_AIR):

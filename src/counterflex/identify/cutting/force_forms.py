@@ -21,7 +21,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import N_PER_MM
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
+from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.parameters import Parameter, Parameters
+from counterflex.identify.solver.residuals import Residuals
+from counterflex.identify.solver.solve import solve
 
 DIRECTIONS: Final = ("c", "r", "a")
 NAMES: Final = ("kc", "kr", "ka", "mc", "mr", "ma", "ec", "er", "ea")
@@ -114,11 +117,7 @@ FORMS: Final = (
 
 
 def form(name: str) -> Form:
-    """The form of a name.
-
-    Raises:
-        InputError: There is none.
-    """
+    """The form of a name. Raises InputError: there is none."""
     for item in FORMS:
         if item.name == name:
             return item
@@ -143,3 +142,16 @@ def constants(
         )
     at = law.at_reference(h_ref_m)
     return (at.kc_ref_pa, at.kr_ref_pa, at.ka_ref_pa), (at.mc, at.mr, at.ma), at.edge_n_m
+
+
+def solve_physical(parameters: Parameters, block: Residuals) -> Fit:
+    """Fit the constants; an edge force that comes out below zero, which no edge has, is held at zero."""
+    fit = solve(parameters, [block])
+    for _ in EDGES:
+        negative = [name for name in EDGES if fit.value(name) < 0.0]
+        if not negative:
+            break
+        least = min(negative, key=fit.value)
+        parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
+        fit = solve(parameters, [block])
+    return fit

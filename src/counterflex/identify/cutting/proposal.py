@@ -14,7 +14,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.cutter import Cutter
-from counterflex.identify.cutting.expected_deviations import expected_sigma
+from counterflex.identify.cutting.considered import expected_sigma
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Proposal
 
@@ -25,8 +25,7 @@ CELL_M = 0.2 * MM
 def machine_settings(cell: CellModel, tool: int, cutter: Cutter) -> dict[str, Any]:
     """Controller, cutter and blank of a cell in plain values, SI.
 
-    Raises:
-        ModelError: The robot has no closed-form geometry, or the cell no box as blank.
+    Raises ModelError: the robot has no closed-form geometry, or the cell no box as blank.
     """
     opw, box = cell.nominal_robot.opw, cell.blank_part
     if opw is None or box is None:
@@ -110,9 +109,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     ``force_max_n``.
 
     ``count``: Number of pieces, each with a feed of its own. ``settings``: :data:`SETTINGS`, ``tool`` and ``seed``.
-
-    Raises:
-        InputError: The cell has no box as blank, or the blank is too small for the tool.
+    Raises InputError: the cell has no box as blank, or the blank is too small for the tool.
     """
     options = {**SETTINGS, "tool": 1, "seed": 0, **settings}
     tool = int(options["tool"]) or 1

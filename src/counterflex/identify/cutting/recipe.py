@@ -25,7 +25,7 @@ from counterflex.identify.cutting import TITLE
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.cutting.cut_rows import in_air
-from counterflex.identify.cutting.force_forms import EDGES, FORMS, Form, form
+from counterflex.identify.cutting.force_forms import FORMS, Form, form, solve_physical
 from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
 from counterflex.identify.cutting.proposal import propose
 from counterflex.identify.cutting.report import Chosen, Shared, figures, pictures, remarks
@@ -35,12 +35,10 @@ from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Figure, Identification, Inputs, Recipe
-from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
-from counterflex.identify.solver.solve import solve
 
 KIND = "slots"
 LIMIT = 5.0
@@ -71,10 +69,8 @@ WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
 def identify(inputs: Inputs) -> Identification:
     """Find the force constants from test cuts.
 
-    ``inputs``: The force law before; test slots, held out by cuts.
-
-    Raises:
-        InputError: Too few settled cuts, cuts of several tools, or data that another reading explains far better.
+    ``inputs``: The force law before; test slots, held out by cuts. Raises InputError: too few settled cuts, cuts of
+    several tools, or data that another reading explains far better.
     """
     cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
@@ -137,19 +133,6 @@ def row_error(block: Residuals, x: Float) -> Float:
     return out
 
 
-def solve_physical(parameters: Parameters, block: SlotResiduals) -> Fit:
-    """Fit the constants; an edge force that comes out below zero, which no edge has, is held at zero."""
-    fit = solve(parameters, [block])
-    for _ in EDGES:
-        negative = [name for name in EDGES if fit.value(name) < 0.0]
-        if not negative:
-            break
-        least = min(negative, key=fit.value)
-        parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
-        fit = solve(parameters, [block])
-    return fit
-
-
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A form of the law, tried on cuts held out.
@@ -207,8 +190,7 @@ class _Problem:
     def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[Trial]:
         """Hold cuts out of every form that the data can bear; the fullest form is always among them, for the nominal.
 
-        Raises:
-            InputError: No form has fewer constants than there are numbers.
+        Raises InputError: no form has fewer constants than there are numbers.
         """
         out = []
         full = FORMS[-1]

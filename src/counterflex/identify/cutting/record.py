@@ -171,8 +171,7 @@ def settled(
 def split_ramp(rows: Int, depth: Float, most_m: float) -> list[Int]:
     """Parts of a stretch over which the depth changes by at most ``most_m``.
 
-    Raises:
-        InputError: ``most_m`` is not positive.
+    Raises InputError: ``most_m`` is not positive.
     """
     if not most_m > 0.0:
         raise InputError("change of depth within a piece is out of range", value=most_m, limit="> 0 m")

@@ -14,10 +14,18 @@ from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cutting.considered import ACCURACY, ALIGNMENT_KEY, CROSS_KEY, SCALE_KEY, ForceSensor
+from counterflex.identify.cutting.considered import (
+    ACCURACY,
+    ALIGNMENT_KEY,
+    CROSS_KEY,
+    SCALE_KEY,
+    ForceSensor,
+    Runout,
+    TurnForce,
+    runout,
+)
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.cutting.residuals import GIVE, LAW, SlotResiduals
-from counterflex.identify.cutting.runout import Runout, TurnForce, runout
 from counterflex.identify.cutting.steady_cuts import SteadyCuts
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit
@@ -78,10 +86,7 @@ def wear_trend(block: SlotResiduals, fit: Fit) -> Wear | None:
     """Wear from the cuts of a block that repeat one another: same feed, depth, width and speed within 1 %.
 
     ``fit``: Their fit; each measured force is put in relation to its prediction, so that what depth and give explain
-    does not count as wear.
-
-    Returns:
-        The trend, or None where no condition was cut three times or more.
+    does not count as wear. Returns the trend, or None where no condition was cut three times or more.
     """
     pieces = block.pieces
     if float(np.ptp(pieces.run_m)) <= 0.0:

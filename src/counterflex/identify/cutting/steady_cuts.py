@@ -18,6 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
+from counterflex.identify.cutting.considered import fast_enough, turn_amplitude
 from counterflex.identify.cutting.cut_rows import (
     chosen_tool,
     cuts_of,
@@ -31,7 +32,6 @@ from counterflex.identify.cutting.cut_rows import (
 )
 from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.cutting.record import Zero, contact, mean_with_sigma, settled, slope, split_ramp, zero
-from counterflex.identify.cutting.runout import fast_enough, turn_amplitude
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.robot.elasticity.compliance import cartesian_compliance

@@ -214,11 +214,8 @@ def row_mistakes(channel: str) -> tuple[Reading, ...]:
 def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy: str) -> Reading:
     """The three-vectors of a channel given in other axes than stated.
 
-    Args:
-        channel: (n, 3) or (n, 6): each half is a vector.
-        R_of: Rotation (n, 3, 3) from the axes they would be in to those stated: ``v_stated = R v``.
-        text: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
-        remedy: As in :class:`Reading`.
+    ``channel``: (n, 3) or (n, 6): each half is a vector. ``R_of``: Rotation (n, 3, 3) from the axes they would be in to
+    those stated: ``v_stated = R v``. ``text``: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
     """
 
     def change(d: Dataset) -> Dataset:

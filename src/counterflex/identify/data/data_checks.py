@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, Int, rows_of_each
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.same_postures import leaders
+from counterflex.identify.data.shared_rows import leaders
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 
@@ -25,11 +25,7 @@ THIN: Final = 1e-2
 
 
 def check_finite(data: Dataset, channels: Sequence[str]) -> None:
-    """Refuse NaN and infinity.
-
-    Raises:
-        InputError: Names channel and line.
-    """
+    """Refuse NaN and infinity. Raises InputError: names channel and line."""
     for name in channels:
         values = data.values(name).reshape(len(data), -1)
         bad = ~np.all(np.isfinite(values), axis=1)
@@ -46,10 +42,8 @@ def check_finite(data: Dataset, channels: Sequence[str]) -> None:
 def check_moves(data: Dataset, channel: str, least: float) -> None:
     """Refuse a channel that stands still: a column that was copied down, or the wrong column.
 
-    ``channel``: (n, k). ``least``: Spread (standard deviation of at least one component), SI, that any use has.
-
-    Raises:
-        InputError: No component varies by that much.
+    ``channel``: (n, k). ``least``: Spread (standard deviation of at least one component), SI, that any use has. Raises
+    InputError: no component varies by that much.
     """
     spread = np.std(data.values(channel).reshape(len(data), -1), axis=0)
     if float(np.max(spread)) < least:
@@ -74,10 +68,8 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
     the stated variances are chi-square distributed; single gross errors (rows beyond ``gross`` standard deviations of
     the set's median) are left to the robust fit unless every second row of the set is one.
 
-    ``channel``: (n, k) values that must agree. ``same``: Channels (n, k) that make rows alike.
-
-    Raises:
-        InputError: Names lines, difference and standard deviation.
+    ``channel``: (n, k) values that must agree. ``same``: Channels (n, k) that make rows alike. Raises InputError: names
+    lines, difference and standard deviation.
     """
     key = np.hstack([data.values(name).reshape(len(data), -1) for name in same])
     ids = same_poses(key)
@@ -125,10 +117,8 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
 def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Sequence[str] = ()) -> None:
     """Refuse fewer measured numbers than parameters; rows of one group (repeats of a posture) count once.
 
-    ``needed``: Names of parameters that have a prior so wide that the data must determine them (frames).
-
-    Raises:
-        InputError: Says how many numbers there are and how many are needed.
+    ``needed``: Names of parameters that have a prior so wide that the data must determine them (frames). Raises
+    InputError: says how many numbers there are and how many are needed.
     """
     unknown = {p.name for p in parameters if p.free and not p.has_prior} | set(needed)
     free = {p.name for p in parameters if p.free} | unknown

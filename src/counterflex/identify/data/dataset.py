@@ -79,6 +79,18 @@ class Dataset:
     file: str = ""
     sensors: SensorFrame | None = None
 
+    def finite(self, name: str) -> Float:
+        """The values of a channel, each row of numbers only. Raises FileFormatError: names channel and line."""
+        values = self.values(name)
+        bad = np.flatnonzero(~np.all(np.isfinite(values.reshape(len(self), -1)), axis=1))
+        if len(bad):
+            raise FileFormatError(
+                f"channel '{name}' holds a value that is not a number",
+                where=self.place(int(bad[0])),
+                hint="Remove the row, or the cause: an empty cell of the table is read as not a number",
+            )
+        return values
+
     def __len__(self) -> int:
         return len(self.group)
 

@@ -32,16 +32,9 @@ BETTER: Final = 4.0
 def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: Float, reference: Float) -> None:
     """Refuse what cannot give a motion.
 
-    Args:
-        data: For messages.
-        frame: k sensors.
-        s_unloaded: (n, k) m.
-        s_loaded: (n, k) m.
-        reference: (n, 3) m, axes of the sensors.
-
-    Raises:
-        InputError: Too few sensors, changes beyond any range, beams that miss their planes, a motion that is not seen,
-            normals that pass the reference point.
+    ``s_unloaded``: (n, k) m. ``s_loaded``: (n, k) m. ``reference``: (n, 3) m, axes of the sensors. Raises InputError:
+    too few sensors, changes beyond any range, beams that miss their planes, a motion that is not seen, normals that
+    pass the reference point.
     """
     if len(frame) < FEWEST:
         raise InputError("a displacement takes three sensors", where=frame.where, value=len(frame), limit=">= 3")
@@ -100,15 +93,8 @@ def check_misfit(
 
     Tried are the sign of each sensor, each two exchanged, and each left out.
 
-    Args:
-        frame: k sensors.
-        s_unloaded: (n, k) m.
-        s_loaded: (n, k) m.
-        stated: Motion as stated.
-        reference: (n, 3) m.
-
-    Returns:
-        What is wrong and what to do, in words; empty where the readings agree or none is spare.
+    ``s_unloaded``: (n, k) m. ``s_loaded``: (n, k) m. ``reference``: (n, 3) m. Returns what is wrong and what to do, in
+    words; empty where the readings agree or none is spare.
     """
     if stated.spare < 1:
         return ()

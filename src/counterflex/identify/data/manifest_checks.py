@@ -158,13 +158,9 @@ def check_reading(
 ) -> tuple[str, ...]:
     """Refuse a dataset that another reading explains far better.
 
-    ``as_stated``: The user insists (the recipe's setting ``as_stated``): the finding is returned as a remark.
-
-    Returns:
-        Remarks for the report; empty where nothing is suspected.
-
-    Raises:
-        InputError: Another reading is suspected and the user does not insist.
+    ``as_stated``: The user insists (the recipe's setting ``as_stated``): the finding is returned as a remark. Returns
+    remarks for the report; empty where nothing is suspected. Raises InputError: another reading is suspected and the
+    user does not insist.
     """
     suspicion = suspect(data, readings, score, rows=rows)
     if suspicion is None:

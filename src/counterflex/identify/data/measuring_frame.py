@@ -98,14 +98,8 @@ def feet(frame: SensorFrame, s: Float) -> Float:
 def shown(frame: SensorFrame, s_unloaded: Float, d: Float, reference: Float) -> Float:
     """Readings after a motion, exactly.
 
-    Args:
-        frame: The sensors.
-        s_unloaded: (n, k) m, readings before.
-        d: (n, 6) m, rad, motion of the reference point; (n, 3) without rotation.
-        reference: (n, 3) m, the reference point before, axes of the sensors.
-
-    Returns:
-        (n, k) m.
+    ``s_unloaded``: (n, k) m, readings before. ``d``: (n, 6) m, rad, motion of the reference point; (n, 3) without
+    rotation. ``reference``: (n, 3) m, the reference point before, axes of the sensors. Returns (n, k) m.
     """
     R, moved = _turned(d), reference + d[:, :3]
     at = moved[:, None] + (R[:, None] @ (feet(frame, s_unloaded) - reference[:, None])[..., None])[..., 0]
@@ -118,11 +112,8 @@ def shown(frame: SensorFrame, s_unloaded: Float, d: Float, reference: Float) -> 
 def slopes(frame: SensorFrame, s: Float, d: Float, reference: Float) -> Float:
     """Derivatives (n, k, c) of the readings by a further motion ``v + dv``, ``Exp(domega) R``.
 
-    Args:
-        frame: The sensors.
-        s: (n, k) m, readings after the motion d.
-        d: (n, c) motion so far, c is 3 or 6.
-        reference: (n, 3) m, the reference point before any motion.
+    ``s``: (n, k) m, readings after the motion d. ``d``: (n, c) motion so far, c is 3 or 6. ``reference``: (n, 3) m, the
+    reference point before any motion.
     """
     R = _turned(d)
     normal = (R[:, None] @ frame.normal[..., None])[..., 0]
@@ -166,10 +157,8 @@ def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float,
 def condition(frame: SensorFrame, s_unloaded: Float, reference: Float) -> tuple[float, Float]:
     """Condition of a row of readings for the motion, rotations as the way at the mean lever arm of the feet.
 
-    ``s_unloaded``: (k,) m. ``reference``: (3,) m.
-
-    Returns:
-        Largest by smallest singular value, and the motion that is seen worst: (6,) or (3,) m, rad.
+    ``s_unloaded``: (k,) m. ``reference``: (3,) m. Returns largest by smallest singular value, and the motion that is
+    seen worst: (6,) or (3,) m, rad.
     """
     s, at = s_unloaded[None], reference[None]
     lever = feet(frame, s)[0] - reference

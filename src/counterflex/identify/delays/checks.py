@@ -3,14 +3,73 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MS
+from counterflex.identify.data.changes import TableValues
 from counterflex.identify.delays.delay import Delay
+from counterflex.signals.lag import Lag
+
+PPM = 1e-6
+
+
+def changes(estimates: Sequence[Delay]) -> list[TableValues]:
+    """What goes into ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
+    best: dict[str, Delay] = {}
+    for delay in estimates:
+        name = delay.pair.name
+        if name not in best or max(delay_sigmas(delay)) < max(delay_sigmas(best[name])):
+            best[name] = delay
+    return [TableValues(f"timing.{name}", _table(delay)) for name, delay in best.items()]
+
+
+def _table(estimate: Delay) -> dict[str, float | str | bool | list[float] | list[list[float]]]:
+    pair = estimate.pair
+    times, sigmas = [d / MS for d in delays(estimate)], [s / MS for s in delay_sigmas(estimate)]
+    out: dict[str, float | str | bool | list[float] | list[list[float]]] = {"against": pair.reference.name}
+    if pair.same_clock:
+        out |= {"dead_time_ms": times, "dead_time_sigma_ms": sigmas}
+    else:
+        out |= {
+            "clock_offset_ms": times[0],
+            "clock_offset_sigma_ms": sigmas[0],
+            "clock_drift_ppm": estimate.value("drift") / PPM,
+            "clock_drift_sigma_ppm": estimate.sigma("drift") / PPM,
+        }
+    if estimate.order != "none":
+        out |= {"lag_ms": estimate.value("lag") / MS, "lag_sigma_ms": estimate.sigma("lag") / MS}
+        out["bandwidth_hz"] = lag_of(estimate).bandwidth_hz
+    if estimate.order == "second":
+        out["lag_damping"] = estimate.value("damping")
+    return out
+
+
+def lag_of(estimate: Delay) -> Lag:
+    """The fitted lag. Raises InputError: none was fitted."""
+    if estimate.order == "none":
+        raise InputError("no lag was fitted", where=estimate.pair.name)
+    return Lag(estimate.value("lag"), estimate.value("damping") if estimate.order == "second" else None)
+
+
+def delay_names(estimate: Delay) -> tuple[str, ...]:
+    """Names of the delays among the parameters of the fit."""
+    pair = estimate.pair
+    return tuple(f"delay{label}" for label in pair.labels) if pair.each else ("delay",)
+
+
+def delays(estimate: Delay) -> list[float]:
+    """Delays of a pair, by direction or axis where they were fitted so; s."""
+    return [estimate.value(name) for name in delay_names(estimate)]
+
+
+def delay_sigmas(estimate: Delay) -> list[float]:
+    """Their standard deviations; s."""
+    return [estimate.sigma(name) for name in delay_names(estimate)]
+
 
 CLEAR: Final = 4.0
 """Standard deviations by which something must be on the wrong side."""
@@ -21,13 +80,8 @@ _WITHIN = 0.1
 def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
     """Refuse a pair of channels that cannot be what the manifest says.
 
-    ``as_stated``: The user insists: what was found is returned as remarks.
-
-    Returns:
-        Remarks; empty where nothing is suspected.
-
-    Raises:
-        InputError: A unit, a sign, or which channel is which looks wrong.
+    ``as_stated``: The user insists: what was found is returned as remarks. Returns remarks; empty where nothing is
+    suspected. Raises InputError: a unit, a sign, or which channel is which looks wrong.
     """
     remarks = []
     for what, hint in _suspicions(estimate):

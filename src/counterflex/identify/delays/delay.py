@@ -14,13 +14,12 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 from counterflex.identify.delays.residuals import Basis, DelayResiduals, Order, Places
 from counterflex.identify.delays.stamped import Stamped
-from counterflex.identify.solver.correlated import with_correlation
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate
-from counterflex.identify.solver.jackknife import stretches, widened, with_jackknife
+from counterflex.identify.solver.jackknife import stretches, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
-from counterflex.signals.alignment import coarse_shift
+from counterflex.signals.lag import coarse_shift
 
 LAG_BOUNDS_S: Final = (1e-5, 2.0)
 STRETCHES: Final = 20
@@ -127,7 +126,7 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
 
     Returns:
         The fit. Standard deviations are the largest of the sandwich estimate of
-        :mod:`counterflex.identify.solver.correlated`, the jackknife over ten stretches in order of time
+        :mod:`counterflex.identify.solver.jackknife`, the jackknife over ten stretches in order of time
         (:mod:`counterflex.identify.solver.jackknife`: what the model lacks lasts as long as a motion does, which the
         sandwich cuts off) and the jackknife over the folds held out.
 

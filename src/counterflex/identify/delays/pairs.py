@@ -101,8 +101,7 @@ def pairs(cell: CellModel, dataset: Dataset, requested: str = "auto") -> tuple[P
 def axes_of(dataset: Dataset, count: int) -> tuple[int, ...]:
     """Axes 0..5 that the components of the joint channels belong to.
 
-    Raises:
-        InputError: The setting ``driven_axes`` does not fit the channel.
+    Raises InputError: the setting ``driven_axes`` does not fit the channel.
     """
     numbers = dataset.settings.get("driven_axes", list(range(1, count + 1)))
     axes = tuple(int(a) - 1 for a in (numbers if isinstance(numbers, list | tuple) else [numbers]))

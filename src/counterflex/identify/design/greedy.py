@@ -12,13 +12,8 @@ def greedy(J: Float, count: int, fixed: int = 0) -> tuple[Int, Float]:
     """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
 
     ``J``: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1. ``fixed``: So many of the first
-    rows are taken whatever they bring, before all others.
-
-    Returns:
-        (count,) rows and the (f, f) covariance they give together with the priors.
-
-    Raises:
-        InputError: More than there are.
+    rows are taken whatever they bring, before all others. Returns (count,) rows and the (f, f) covariance they give
+    together with the priors. Raises InputError: more than there are.
     """
     n, k, f = J.shape
     if count > n:

@@ -83,19 +83,9 @@ def measurable(
 ) -> Float:
     """Candidate poses of the cell's posture, spread over its work space and around the part.
 
-    Args:
-        cell: The cell.
-        count: How many.
-        rng: Where they come from.
-        tracker: (3,) m, place of the tracker in the base, or None where line of sight is not asked for.
-        p_tcp_target: (3,) m, its target on the tool.
-        around_part: Share of poses with the tool within 0.4 m and 45 deg of its place on the part.
-
-    Returns:
-        (count, 6) rad.
-
-    Raises:
-        ReachError: Hardly any pose passes.
+    ``tracker``: (3,) m, place of the tracker in the base, or None where line of sight is not asked for.
+    ``p_tcp_target``: (3,) m, its target on the tool. ``around_part``: Share of poses with the tool within 0.4 m and 45
+    deg of its place on the part. Returns (count, 6) rad. Raises ReachError: hardly any pose passes.
     """
     chain = cell.nominal_chain
     offset = np.zeros(3) if p_tcp_target is None else p_tcp_target

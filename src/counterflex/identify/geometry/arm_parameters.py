@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MRAD
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout, PeriodicTerm
-from counterflex.identify.geometry.placed_frame import COMPONENTS
+from counterflex.identify.geometry.pose_residuals import COMPONENTS
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.axis_sag import LARGEST_RAD as LARGEST_SAG_RAD
 from counterflex.robot.elasticity.axis_sag import TERMS, arm_is_heavy, unit_turns
@@ -126,10 +126,8 @@ def sag_of(chain: ElasticChain, requested: str) -> Sag:
     """How own weight is treated.
 
     ``requested``: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses,
-    and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others.
-
-    Raises:
-        InputError: Another word, or one that the chain's masses and compliances do not allow.
+    and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others. Raises InputError: another
+    word, or one that the chain's masses and compliances do not allow.
     """
     if requested not in SAGS:
         raise InputError("unknown treatment of own weight", where="sag", value=requested, limit=", ".join(SAGS))
@@ -172,13 +170,9 @@ def arm_model(
 ) -> ArmModel:
     """The arm of a cell with parameters for what its geometry may be off by.
 
-    Args:
-        cell: Earlier calibrations are where the displacements start.
-        priors: Standard deviations.
-        sag: See :func:`sag_of`.
-        base: The whole arm may be displaced in its base; only something known in the base tells.
-        flange: What follows axis 6 may be displaced; only a target or tool known in the flange or tool tells.
-        tool: The tool centre point may be displaced in its body; only what the tip itself touches tells.
+    ``base``: The whole arm may be displaced in its base; only something known in the base tells. ``flange``: What
+    follows axis 6 may be displaced; only a target or tool known in the flange or tool tells. ``tool``: The tool centre
+    point may be displaced in its body; only what the tip itself touches tells.
     """
     chain = cell.nominal_chain
     driven = [chain.names[i] for i in np.flatnonzero(chain.joint >= 0)]

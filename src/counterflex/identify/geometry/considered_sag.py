@@ -2,7 +2,7 @@
 
 Weight bends the same arm in the same way in all poses. A compliance that is off by a tenth, or an element that turns
 10 mm beside where it is thought to, passes for a displacement of the geometry in part, which no residual shows: its
-standard deviation goes through the fit (:mod:`counterflex.identify.solver.considered`).
+standard deviation goes through the fit (:mod:`counterflex.identify.solver.jackknife`).
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, frozen
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
-from counterflex.identify.solver.considered import added, considered
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.residuals import Residuals
 
 _STEP, _STEP_M = 1e-2, 1e-3

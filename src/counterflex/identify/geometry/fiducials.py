@@ -13,7 +13,7 @@ from counterflex.core.units import INCH, MM
 from counterflex.geometry import pose, rotation
 from counterflex.geometry.pose import register
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.geometry.placed_frame import PlacedFrame
+from counterflex.identify.geometry.pose_residuals import PlacedFrame
 
 _MIRROR = 0.3
 _CLEAR_SIGMAS = 5.0
@@ -88,10 +88,8 @@ def fiducial_sigma(d: Dataset) -> Float:
 def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> None:
     """Refuse points whose lengths or handedness contradict each other.
 
-    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m, the same points.
-
-    Raises:
-        InputError: Lengths differ by a unit's factor, or a mirror image fits far better than the points themselves.
+    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m, the same points. Raises InputError: lengths differ by a unit's
+    factor, or a mirror image fits far better than the points themselves.
     """
     ratio = _scale(p_base, p_tracker)
     for factor, words in _SCALES.items():
@@ -118,10 +116,7 @@ def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> 
 def robust_register(p_base: Float, p_tracker: Float, *, seed: int = 0) -> Float:
     """T_base_tracker (4, 4) by the triple of points whose registration has the least median error, then refined.
 
-    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m.
-
-    Raises:
-        InputError: As :func:`counterflex.geometry.pose.register`.
+    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m. Raises InputError: as :func:`counterflex.geometry.pose.register`.
     """
     best, residuals = register(p_base, p_tracker)
     errors = np.linalg.norm(residuals, axis=1)

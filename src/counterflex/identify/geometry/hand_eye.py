@@ -106,9 +106,7 @@ def quick_of_samples(Ts_base_tcp: Float, Ts_tracker_target: Float, partly: bool)
     """Frames of many small samples, not refined: rotations first where they tell, else together with the positions.
 
     ``Ts_base_tcp``: (t, s, 4, 4) robot poses, m, of t samples. ``Ts_tracker_target``: (t, s, 4, 4) measured poses, m.
-
-    Returns:
-        T_base_tracker and T_tcp_target of the samples that turn enough, each (k, 4, 4).
+    Returns T_base_tracker and T_tcp_target of the samples that turn enough, each (k, 4, 4).
     """
     count = Ts_base_tcp.shape[1]
     R = Ts_base_tcp[:, :, :3, :3]
@@ -291,13 +289,9 @@ def _proper(M: Float) -> Float:
 def of_points(Ts_base_tcp: Float, p_tracker_target: Float, *, partly: bool = False) -> tuple[Float, Float]:
     """Tracker and offset of a reflector by least squares.
 
-    ``Ts_base_tcp``: (m, 4, 4) robot poses, m. ``p_tracker_target``: (m, 3) measured points.
-
-    Returns:
-        T_base_tracker (4, 4), T_tcp_target (4, 4) without rotation; what the poses do not tell of the offset is zero.
-
-    Raises:
-        InputError: Fewer than four points, points on one line, poses that do not turn, as for :func:`of_poses`.
+    ``Ts_base_tcp``: (m, 4, 4) robot poses, m. ``p_tracker_target``: (m, 3) measured points. Returns T_base_tracker (4,
+    4), T_tcp_target (4, 4) without rotation; what the poses do not tell of the offset is zero. Raises InputError: fewer
+    than four points, points on one line, poses that do not turn, as for :func:`of_poses`.
     """
     A, p = as_float("Ts_base_tcp", Ts_base_tcp, (None, 4, 4)), as_float("p_tracker_target", p_tracker_target, (None, 3))
     if len(A) != len(p) or len(A) <= FEWEST:

@@ -64,15 +64,8 @@ def robust_of_poses(
 ) -> HandEye:
     """:func:`of_poses` that survives up to about 40 % of gross errors: the best of many small samples, then refined.
 
-    Args:
-        Ts_base_tcp: (m, 4, 4) robot poses, m.
-        Ts_tracker_target: (m, 4, 4) measured poses.
-        seed: Of the samples.
-        trials: Samples; 0 is plain least squares, then refined.
-        partly: As for :func:`of_poses`.
-
-    Raises:
-        InputError: As :func:`of_poses`.
+    ``Ts_base_tcp``: (m, 4, 4) robot poses, m. ``Ts_tracker_target``: (m, 4, 4) measured poses. ``trials``: Samples; 0
+    is plain least squares, then refined. Raises InputError: as :func:`of_poses`.
     """
     best = _best(
         len(Ts_base_tcp),

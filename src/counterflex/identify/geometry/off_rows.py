@@ -170,10 +170,8 @@ def without(
 ) -> tuple[list[Dataset], tuple[str, ...]]:
     """Leave blocks of rows out of their datasets.
 
-    ``as_stated``: The user insists on the data as they are: nothing is left out.
-
-    Raises:
-        InputError: More than :data:`LEFT_OUT` of a session is off.
+    ``as_stated``: The user insists on the data as they are: nothing is left out. Raises InputError: more than
+    :data:`LEFT_OUT` of a session is off.
     """
     if as_stated:
         return list(data), tuple(f"{b.sentence()}; used as stated, as requested." for b in blocks)

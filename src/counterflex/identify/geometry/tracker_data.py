@@ -37,9 +37,8 @@ from counterflex.identify.geometry.hand_eye_robust import (
     robust_target,
     robust_tracker,
 )
-from counterflex.identify.geometry.known_drives import known_drive_errors
-from counterflex.identify.geometry.placed_frame import PlacedFrame
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.known_frames import known_drive_errors
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
 
 FEWEST: Final = 4
 ROBOT_M: Final = 5.0 * MM
@@ -79,8 +78,7 @@ class GivenPoses:
 def arm_of(cell: CellModel, d: Dataset) -> ArmGeometry | GivenPoses:
     """The arm in the poses of a dataset: by its joint angles, or by the flange poses that the controller shows.
 
-    Raises:
-        FileFormatError: The dataset has neither ``q`` nor ``p_base_flange`` with ``R_base_flange``.
+    Raises FileFormatError: the dataset has neither ``q`` nor ``p_base_flange`` with ``R_base_flange``.
     """
     if not d.has("q") and d.has("p_base_flange") and d.has("R_base_flange"):
         Ts_base_flange = pose.make(d.values("R_base_flange"), d.values("p_base_flange"))
@@ -103,8 +101,7 @@ def tracker_residuals(
 ) -> TrackerResiduals:
     """Residuals of a dataset of poses or points.
 
-    Raises:
-        FileFormatError: A channel or its standard deviation is missing.
+    Raises FileFormatError: a channel or its standard deviation is missing.
     """
     position = d.channel(POINT)
     sigma = position.need_sigma()
@@ -136,16 +133,9 @@ def check_tracker_data(
 ) -> tuple[str, ...]:
     """Refuse what a fit would hide: gaps, too few poses, contradicting repeats, another reading that fits far better.
 
-    Args:
-        cell: Its robot predicts the poses.
-        d: Poses or points.
-        as_stated: The user insists on the data as they are.
-        partly: Poses that turn about one axis only will do.
-        target: T_tcp_target (4, 4) where other data fix it: only the tracker is looked for.
-
-    Raises:
-        InputError: See above; the message names what was found.
-        FileFormatError: A channel is missing.
+    ``as_stated``: The user insists on the data as they are. ``partly``: Poses that turn about one axis only will do.
+    ``target``: T_tcp_target (4, 4) where other data fix it: only the tracker is looked for. Raises InputError: see
+    above; the message names what was found. Raises FileFormatError: a channel is missing.
     """
     channel = "q" if d.has("q") or not d.has("p_base_flange") else "p_base_flange"
     channels = [channel, POINT] + ([ORIENTATION] if has_orientation(d) else [])
@@ -188,8 +178,7 @@ def check_tracker_data(
 def _check_reach(cell: CellModel, d: Dataset) -> None:
     """Refuse poses of the flange that this robot cannot take: they are in another unit.
 
-    Raises:
-        InputError: The farthest is beyond the robot's length, or hardly away from its foot.
+    Raises InputError: the farthest is beyond the robot's length, or hardly away from its foot.
     """
     length = float(np.sum(np.linalg.norm(cell.nominal_chain.fixed[:, :3, 3], axis=1)))
     farthest = float(np.max(np.linalg.norm(d.values("p_base_flange"), axis=1)))

@@ -19,8 +19,7 @@ from counterflex.identify.data.manifest_checks import Misfit, check_reading, mis
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.holder import TITLE
 from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
-from counterflex.identify.holder.layout import holder_before
-from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, propose
+from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, holder_before, propose
 from counterflex.identify.holder.residuals import (
     DRAWING_SHARE,
     HolderReadings,
@@ -36,8 +35,7 @@ from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
-from counterflex.sensing.holder_beam import Gauge
-from counterflex.sensing.strain_holder import StrainHolder, sight, tool_matrix
+from counterflex.sensing.strain_holder import Gauge, StrainHolder, sight, tool_matrix
 
 LEAST = 6
 """Loads needed, in at least three directions."""
@@ -64,11 +62,9 @@ WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
 def identify(inputs: Inputs) -> Identification:
     """Find the bridges' sensitivities to force and moment from known loads.
 
-    ``inputs``: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``.
-
-    Raises:
-        InputError: Too few loads or directions, or data that fit far better when read otherwise.
-        FileFormatError: A channel is missing or not a number.
+    ``inputs``: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``. Raises
+    InputError: too few loads or directions, or data that fit far better when read otherwise. Raises FileFormatError: a
+    channel is missing or not a number.
     """
     cell, data, holdout, s, progress = inputs
     parts = in_parts(progress, WORK)
@@ -287,10 +283,8 @@ def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> 
 
     ``var f_i = sum over bridges of (M dS [e_j; p x e_j])_i`` for a force of 1 N along j.
 
-    ``p_holder_tcp``: (3,) m tool tip.
-
-    Returns:
-        (3, 3) standard deviation of the force shown along i (rows) by a force of 1 N along j (columns).
+    ``p_holder_tcp``: (3,) m tool tip. Returns (3, 3) standard deviation of the force shown along i (rows) by a force of
+    1 N along j (columns).
     """
     n = len(identified.gauges)
     rows = [int(np.flatnonzero(fit.free_index == k)[0]) for k in range(6 * n)]

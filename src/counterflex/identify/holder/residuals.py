@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.errors import InputError
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.solver.considered import added, considered
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.sensing.strain_holder import StrainHolder, force_matrix, lever, tool_matrix
 
@@ -183,7 +182,7 @@ def readings(data: Dataset, holder: StrainHolder, *, reference_c: float) -> Hold
         InputError: Another number of bridges than the cell has.
     """
     m = len(data)
-    strain, force = _finite(data, "strain"), _finite(data, "f_tcp_holder")
+    strain, force = data.finite("strain"), data.finite("f_tcp_holder")
     if strain.shape[1] != len(holder.gauges):
         raise InputError(
             "the data have another number of bridges than the cell",
@@ -192,12 +191,12 @@ def readings(data: Dataset, holder: StrainHolder, *, reference_c: float) -> Hold
             limit=len(holder.gauges),
         )
     place = (
-        _finite(data, "p_holder_load")
+        data.finite("p_holder_load")
         if data.has("p_holder_load")
         else np.broadcast_to(holder.p_holder_tcp, (m, 3)).copy()
     )
-    warmer = _finite(data, "temperature_c")[:, 0] - reference_c if data.has("temperature_c") else np.zeros(m)
-    time_s = _finite(data, "time_s")[:, 0] if data.has("time_s") else np.zeros(m)
+    warmer = data.finite("temperature_c")[:, 0] - reference_c if data.has("temperature_c") else np.zeros(m)
+    time_s = data.finite("time_s")[:, 0] if data.has("time_s") else np.zeros(m)
     carried = (
         np.abs(holder.sensitivity @ lever(place)) ** 2 @ (data.channel("f_tcp_holder").need_sigma() ** 2)[:, :, None]
     )
@@ -213,21 +212,9 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[HolderReadings]) -> Fit:
     """The fit with standard deviations that hold for what the linear model lacks.
 
     Not below those of the jackknife over loads (hysteresis, warming, bending); and where each point truly is that loads
-    act on, which all loads there have in common (:mod:`counterflex.identify.solver.considered`).
+    act on, which all loads there have in common (:mod:`counterflex.identify.solver.jackknife`).
     """
     wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
     every = np.concatenate([b.p_holder_load for b in blocks])
     points = np.unique(np.round(every / SAME_POINT_M), axis=0) * SAME_POINT_M
     return added(wide, considered(fit, blocks, [b.misplaced_by(fit.values, points) for b in blocks]))
-
-
-def _finite(data: Dataset, name: str) -> Float:
-    values = data.values(name)
-    bad = ~np.all(np.isfinite(values), axis=1)
-    if np.any(bad):
-        raise FileFormatError(
-            f"channel '{name}' holds a value that is not a number",
-            where=data.place(int(np.flatnonzero(bad)[0])),
-            hint="Remove the row, or the cause: an empty cell of the table is read as not a number",
-        )
-    return values

@@ -104,8 +104,7 @@ def file_offsets(
 def refuse(offsets: Sequence[FileOffset], where: Sequence[str], *, as_stated: bool) -> tuple[str, ...]:
     """Name them: as an error, or as remarks where the user insists on the data as they are.
 
-    Raises:
-        InputError: There are some and the user does not insist.
+    Raises InputError: there are some and the user does not insist.
     """
     if not offsets or as_stated:
         return tuple(f"{o.sentence()}; used as stated, as requested." for o in offsets)

@@ -70,11 +70,7 @@ class _Table:
 
 
 def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progress = silent) -> Harmonics:
-    """Harmonics of the drives that hold-out wants.
-
-    Returns:
-        Orders by axis 0..5, only where there are any.
-    """
+    """Harmonics of the drives that hold-out wants. Returns orders by axis 0..5, only where there are any."""
     tables = _tables(setup, fit)
     if sum(len(t.q) for t in tables) < ENOUGH:
         return {}

@@ -13,7 +13,7 @@ from counterflex.identify.design.choice import candidates_of, choose, expected_s
 from counterflex.identify.design.order import order_of_poses, wrong_sides
 from counterflex.identify.design.pose_candidates import in_order, measurable
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model
-from counterflex.identify.geometry.foreseen import foreseen
+from counterflex.identify.geometry.compliances import foreseen
 from counterflex.identify.geometry.known_frames import known_frames
 from counterflex.identify.recipe import Proposal
 
@@ -26,11 +26,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     """Poses of a six-axis tracker target that determine geometry, masses and frames best (D-optimal).
 
     ``cell``: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed. ``settings``:
-    ``seed``, ``sag`` as in the recipe.
-
-    Raises:
-        InputError: Too few.
-        ReachError: Hardly any pose can be measured.
+    ``seed``, ``sag`` as in the recipe. Raises InputError: too few. Raises ReachError: hardly any pose can be measured.
     """
     if count < FEWEST:
         raise InputError("too few poses", value=count, limit=f"{FEWEST} or more, better 40")

@@ -21,16 +21,21 @@ from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.arm_parameters import ArmPriors, sag_as_known, sag_of
 from counterflex.identify.geometry.compliances import bearing_of
 from counterflex.identify.geometry.considered_sag import with_honest_sigma
-from counterflex.identify.geometry.known_drives import axis_sag_table, drive_error_table, known_drive_errors
-from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.geometry.known_frames import (
+    KnownFrames,
+    axis_sag_table,
+    drive_error_table,
+    known_drive_errors,
+    known_frames,
+    tracker_table,
+)
 from counterflex.identify.geometry.off_rows import off_rows, off_rows_of_unseen, without
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
 from counterflex.identify.kinematics import TITLE
-from counterflex.identify.kinematics.approach_check import approach_remarks
 from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, play_remarks, with_approach
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
-from counterflex.identify.kinematics.held_out import held_out, region_errors
+from counterflex.identify.kinematics.held_out import approach_remarks, held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
 from counterflex.identify.kinematics.prior_evidence import OPTIONS as PRIORS
 from counterflex.identify.kinematics.prior_evidence import widened

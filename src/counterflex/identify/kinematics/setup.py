@@ -15,11 +15,9 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_parameters import ArmModel
 from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
-from counterflex.identify.geometry.known_drives import known_drive_errors
-from counterflex.identify.geometry.known_frames import KnownFrames
+from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors
 from counterflex.identify.geometry.off_rows import Session
-from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.geometry.tracker_data import (
     arm_as_known,
     fixes_target,
@@ -28,8 +26,12 @@ from counterflex.identify.geometry.tracker_data import (
     tracker_residuals,
 )
 from counterflex.identify.kinematics.approach_sense import senses
-from counterflex.identify.kinematics.distance_residuals import DistanceResiduals, find_anchor
-from counterflex.identify.kinematics.plane_residuals import PlaneResiduals, find_plane
+from counterflex.identify.kinematics.distance_residuals import (
+    DistanceResiduals,
+    PlaneResiduals,
+    find_anchor,
+    find_plane,
+)
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
 
@@ -89,11 +91,8 @@ def set_up(
     """Find frames, anchors and planes robustly, then build the residuals of all datasets.
 
     ``data``: Datasets of the kinds :data:`KINDS`. ``known``: Tracker and target of the cell file with their standard
-    deviations as priors; None leaves them free.
-
-    Raises:
-        InputError: A dataset that fixes no frame, anchor or plane.
-        FileFormatError: A channel is missing.
+    deviations as priors; None leaves them free. Raises InputError: a dataset that fixes no frame, anchor or plane.
+    Raises FileFormatError: a channel is missing.
     """
     frames = Frames(first=len(model.parameters))
     everything = [*data, *holdout]

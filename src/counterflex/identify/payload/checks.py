@@ -17,8 +17,7 @@ from counterflex.identify.data.alternative_readings import (
 )
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
-from counterflex.identify.payload.parameters import COM, MASS, Effects, Knowledge, parameters
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import COM, MASS, Effects, Knowledge, SensorReadings, parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.flange_sensor import FlangeSensor
 
@@ -67,10 +66,7 @@ def check(
     Tried are the units of forces and moments, every sign, exchanged columns, forces for moments, left-handed axes and
     shifted or reversed rows, each by a fit of zero, weight, centre of gravity and a small mounting rotation.
 
-    ``as_stated``: The finding is a remark, not a refusal.
-
-    Raises:
-        InputError: Another reading is far better.
+    ``as_stated``: The finding is a remark, not a refusal. Raises InputError: another reading is far better.
     """
     known = replace(Knowledge(), mass_share=MASS_SHARE, mass_kg=MASS_SHARE * max(sensor.mass_kg, 20.0))
     free = parameters(sensor, known, Effects())

@@ -9,15 +9,101 @@ from typing import Final
 import numpy as np
 import scipy
 
-from counterflex.core.arrays import Float
-from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError, InputError, ModelError
+from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.payload.groups import orientations
+from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import carrier_pose, hose_rotation, mass_behind, segment_index
 from counterflex.sensing.flange_sensor import FlangeSensor
+
+
+def sensor_before(cell: CellModel) -> FlangeSensor:
+    """The sensor before identification: of the cell, or in the body named ``sensor`` with its axes.
+
+    Raises InputError: the cell names no sensor and no body of its end effector is called so. Raises ModelError: what
+    the cell holds as its sensor is none.
+    """
+    table = cell.tables.get("sensor")
+    if isinstance(table, FlangeSensor):
+        return table
+    if table is not None:
+        raise ModelError("the sensor of the cell is not a sensor", value=type(table).__name__)
+    chain = cell.chain
+    name = next((s.name for s in cell.end_effector.segments if "sensor" in s.name), None)
+    if name is None:
+        raise InputError(
+            "the cell has no force sensor",
+            where=cell.name,
+            limit=", ".join(s.name for s in cell.end_effector.segments) or "no body in the end effector",
+            hint='Add a table [sensor] with segment = "NAME OF THE BODY THAT CARRIES IT" to the cell file',
+        )
+    mass_kg, p_seg_com = mass_behind(chain, name)
+    return FlangeSensor(name, np.eye(4), mass_kg, p_seg_com)
+
+
+# Which readings of a flange sensor are one measurement: those in the same orientation. What the model of the sensor
+# lacks (hose pack, cross-talk, the bent arm) is the same in every reading of one orientation, however often it is read
+# or copied. Weight, zero and centre of gravity show by the direction of gravity in sensor axes alone, so readings whose
+# directions of gravity are within :data:`ALIKE_RAD` of one that stands for them are one group.
+
+ALIKE_RAD: Final = 2.0 * DEG
+"""Angle between directions of gravity in sensor axes up to which two readings are one orientation."""
+
+
+def orientations(R_base_sensor: Float) -> Int:
+    """Number of the orientation that each reading is one of, in the order in which they first come.
+
+    ``R_base_sensor``: (n, 3, 3).
+
+    Returns:
+        (n,) ids from 0; a reading belongs to the first one within :data:`ALIKE_RAD`, not to a neighbour of a
+        neighbour, so that a slow turn is not one orientation.
+    """
+    down, alike = R_base_sensor[:, 2, :], np.cos(ALIKE_RAD)
+    out = np.full(len(down), -1, dtype=np.int64)
+    count = 0
+    for i in range(len(down)):
+        if out[i] < 0:
+            out[(out < 0) & (down @ down[i] >= alike)] = count
+            out[i] = count
+            count += 1
+    return out
+
+
+def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tuple[Int, ...]:
+    """Groups of readings, within and between files: one for each orientation; groups of the files stay whole.
+
+    ``at_rest``: Of each block, whether its rows are single orientations; motions keep groups of their own. Returns (n,)
+    ids for each block.
+    """
+    keys: list[Int] = []
+    used = 0
+    shared: dict[int, int] = {}
+    for block, resting in zip(blocks, at_rest, strict=True):
+        ids, place = np.unique(block.group, return_inverse=True)
+        # Files of single readings share ids where they share a posture; those of a motion count its own windows.
+        named = [shared.setdefault(int(i), used + k) if resting else used + k for k, i in enumerate(ids)]
+        used += len(ids)
+        keys.append(np.asarray(named, dtype=np.int64)[place.reshape(-1)])
+    resting_blocks = [i for i, resting in enumerate(at_rest) if resting]
+    if not resting_blocks:
+        return tuple(keys)
+    orientation = orientations(np.concatenate([blocks[i].R_base_sensor for i in resting_blocks])) + used
+    group = np.concatenate([keys[i] for i in resting_blocks])
+    size = int(orientation.max()) + 1
+    links = scipy.sparse.coo_matrix((np.ones(len(group)), (group, orientation)), shape=(size, size))
+    label = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    return tuple(np.asarray(label[key], dtype=np.int64) for key in keys)
+
+
+def count_of(blocks: Sequence[SensorReadings]) -> int:
+    """Number of different groups in all blocks."""
+    return len(np.unique(np.concatenate([b.group for b in blocks])))
+
 
 KINDS = ("sensor_poses", "sensor_motion")
 CHANNEL = "w_sensor"
@@ -43,10 +129,8 @@ def shared_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Fl
 
     The heaviest body behind the sensor takes the difference. Where that left it without mass, all bodies are scaled.
 
-    ``p_seg_com``: (3,) m, its centre of gravity in the body's frame.
-
-    Returns:
-        By index of the segment: kg, and (3,) m in its own frame; empty where nothing is behind the sensor.
+    ``p_seg_com``: (3,) m, its centre of gravity in the body's frame. Returns by index of the segment: kg, and (3,) m in
+    its own frame; empty where nothing is behind the sensor.
     """
     first = segment_index(chain, segment)
     bodies = range(first + 1, chain.n)
@@ -91,11 +175,11 @@ def readings(
     Raises:
         FileFormatError: A channel is missing or holds values that are not numbers.
     """
-    w = _finite(data, CHANNEL)
+    w = data.finite(CHANNEL)
     sigma = data.channel(CHANNEL).need_sigma()
     zero = np.zeros((len(data), 3))
-    time_s = _finite(data, "time_s")[:, 0] if data.has("time_s") else np.full(len(data), start_s)
-    warmer = _finite(data, "temperature_c")[:, 0] - reference_c if data.has("temperature_c") else zero[:, 0]
+    time_s = data.finite("time_s")[:, 0] if data.has("time_s") else np.full(len(data), start_s)
+    warmer = data.finite("temperature_c")[:, 0] - reference_c if data.has("temperature_c") else zero[:, 0]
     T_base_sensor = _pose(data, chain, sensor) @ sensor.T_seg_sensor
     R = T_base_sensor[:, :3, :3]
     R_t = np.swapaxes(R, -1, -2)
@@ -105,7 +189,7 @@ def readings(
     gamma = R_t @ chain.gravity
     R_rest = R
     if sensor.hose_from:
-        q = _finite(data, "q")
+        q = data.finite("q")
         R_rest = hose_rotation(chain, sensor.hose_from, sensor.segment, q) @ sensor.T_seg_sensor[:3, :3]
     block = SensorReadings(
         data.name,
@@ -141,7 +225,7 @@ def readings(
     spin = 0.5 * (R_t @ rate - np.swapaxes(R_t @ rate, -1, -2))
     omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     if data.has("accelerometer_sensor"):
-        gamma = -smooth(_finite(data, "accelerometer_sensor"), 0)
+        gamma = -smooth(data.finite("accelerometer_sensor"), 0)
     else:
         gamma = gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
     block = replace(
@@ -181,8 +265,7 @@ def distinct(block: SensorReadings) -> int:
 def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[str, ...]:
     """Refuse what cannot give weight and bias; say what a poor set cannot see.
 
-    Raises:
-        InputError: Fewer than three directions of gravity.
+    Raises InputError: fewer than three directions of gravity.
     """
     together = np.concatenate([b.R_base_sensor for b in blocks])
     count = distinct(replace(blocks[0], R_base_sensor=together))
@@ -210,13 +293,11 @@ def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[st
 
 def _pose(data: Dataset, chain: ElasticChain, sensor: FlangeSensor) -> Float:
     if data.has("q"):
-        return carrier_pose(chain, sensor.segment, _finite(data, "q"))
+        return carrier_pose(chain, sensor.segment, data.finite("q"))
     index = segment_index(chain, sensor.segment)
     for name, T_seg_known in (("R_base_flange", None), ("R_base_tcp", chain.T_last_tcp)):
         if data.has(name):
-            R = data.values(name)
-            if not np.all(np.isfinite(R)):
-                raise _bad(data, name, int(np.argwhere(~np.isfinite(R))[0, 0]))
+            R = data.finite(name)
             if T_seg_known is None:
                 step = pose.inverse(chain.T_segment_flange)
                 for i in range(chain.flange_segment + 1, index + 1):
@@ -233,22 +314,6 @@ def _pose(data: Dataset, chain: ElasticChain, sensor: FlangeSensor) -> Float:
         where=data.where or data.name,
         limit="channel q, R_base_flange or R_base_tcp",
         hint="Map one of them in the manifest: [channels.q] columns = [...]",
-    )
-
-
-def _finite(data: Dataset, name: str) -> Float:
-    values = data.values(name)
-    bad = ~np.all(np.isfinite(values), axis=1)
-    if np.any(bad):
-        raise _bad(data, name, int(np.flatnonzero(bad)[0]))
-    return values
-
-
-def _bad(data: Dataset, name: str, row: int) -> FileFormatError:
-    return FileFormatError(
-        f"channel '{name}' holds a value that is not a number",
-        where=data.place(row),
-        hint="Remove the row, or the cause: an empty cell of the table is read as not a number",
     )
 
 

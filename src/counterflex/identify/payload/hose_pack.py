@@ -14,13 +14,55 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress, in_parts, saying
-from counterflex.identify.payload.holdout import held_out_forces
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload.residuals import SensorReadings
-from counterflex.identify.solver.holdout import HeldOut
-from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.core.progress import Progress, in_parts, saying, silent
+from counterflex.identify.payload.residuals import (
+    Effects,
+    Knowledge,
+    SensorReadings,
+    force_error,
+    moment_error,
+    needed,
+    parameters,
+)
+from counterflex.identify.solver.holdout import HeldOut, cross_validate
+from counterflex.identify.solver.parameters import Parameters
+from counterflex.identify.solver.solve import solve
+from counterflex.sensing.flange_sensor import COUNTS, FlangeSensor
+
+
+def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings], progress: Progress = silent) -> HeldOut:
+    """Force errors by folds; the nominal ones with the zero found on the training part."""
+    return cross_validate(chosen, blocks, needed=needed(), error=force_error, progress=progress)
+
+
+def held_out_moments(
+    force: HeldOut,
+    chosen: Parameters,
+    blocks: Sequence[SensorReadings],
+    unseen: Sequence[SensorReadings],
+    progress: Progress = silent,
+) -> HeldOut:
+    """Moment errors of the same rows by the same fits.
+
+    ``unseen``: Readings of a separate file, or empty for folds of ``blocks``.
+    """
+    zero_only = chosen.with_fixed([name for name in chosen.names if name not in needed()])
+    nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))
+    for fold, fit in enumerate(force.fits):
+        mine = [(force.block == i) & (force.fold == fold) for i in range(len(unseen or blocks))]
+        training = list(blocks)
+        if not unseen:
+            training = [
+                b.subset(~np.isin(np.arange(len(b.group)), force.row[m])) for b, m in zip(blocks, mine, strict=True)
+            ]
+        before = solve(zero_only, training).values
+        for block, m in zip(unseen or blocks, mine, strict=True):
+            if np.any(m):
+                rows = block.subset(np.isin(np.arange(len(block.group)), force.row[m]))
+                identified[m], nominal[m] = moment_error(rows, fit.values), moment_error(rows, before)
+        progress((fold + 1) / len(force.fits))
+    return replace(force, nominal=nominal, identified=identified)
+
 
 GAIN: Final = 0.95
 """A rest is kept where it lowers the held-out error below this share of that of a simpler one."""
@@ -58,11 +100,7 @@ class Rest:
 
 
 def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
-    """Degrees that the setting ``hose`` allows.
-
-    Raises:
-        InputError: An unknown value.
-    """
+    """Degrees that the setting ``hose`` allows. Raises InputError: an unknown value."""
     hose = str(settings.get("hose", "auto"))
     if hose not in _DEGREES:
         raise InputError("setting hose", value=hose, limit="auto, none, 1 or 2")
@@ -72,10 +110,8 @@ def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
 def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints: bool) -> tuple[str, ...]:
     """Bodies that the setting ``hose_from`` allows, ``""`` for the base.
 
-    ``with_joints``: The data say where the axes stand; without, only the base can be tried.
-
-    Raises:
-        InputError: A body that no hose pack can come from.
+    ``with_joints``: The data say where the axes stand; without, only the base can be tried. Raises InputError: a body
+    that no hose pack can come from.
     """
     setting = str(settings.get("hose_from", "auto"))
     if setting == "auto":

@@ -15,15 +15,14 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.greedy import greedy
-from counterflex.identify.payload.data import readings
+from counterflex.identify.payload.data import readings, sensor_before
 from counterflex.identify.payload.hose_pack import ROWS_PER_FUNCTION, degrees_of
-from counterflex.identify.payload.parameters import Effects, Knowledge, parameters
-from counterflex.identify.payload.sensor import sensor_before
+from counterflex.identify.payload.residuals import Effects, Knowledge, parameters
 from counterflex.identify.recipe import Proposal
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
 from counterflex.robot.model.controller_axes import coupled_inside
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.sensing.flange_sensor import COUNTS
 
 CANDIDATES = 400
 FORCE_N, MOMENT_NM = 1.0, 0.1
@@ -93,8 +92,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 def candidates(cell: CellModel, seed: int, height_m: float) -> Float:
     """Postures (n, 6) rad near the part with the wrist turned any way, tool tip at least so high above the base.
 
-    Raises:
-        InputError: None meets the limits.
+    Raises InputError: none meets the limits.
     """
     chain = cell.chain
     rng = np.random.default_rng(seed)
@@ -126,10 +124,8 @@ def working_postures(cell: CellModel, count: int, seed: int, height_m: float) ->
     The working posture has the tool square to the part's zero plane, turned about itself as the cell says, over the
     middle of the blank.
 
-    ``count``: How many; 0 gives none. ``height_m``: Least height of the tool tip above the base.
-
-    Raises:
-        InputError: None meets the limits.
+    ``count``: How many; 0 gives none. ``height_m``: Least height of the tool tip above the base. Raises InputError:
+    none meets the limits.
     """
     if count == 0:
         return np.zeros((0, 6))

@@ -18,9 +18,18 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload import TITLE
 from counterflex.identify.payload import checks as payload_checks
 from counterflex.identify.payload import weight as payload_weight
-from counterflex.identify.payload.data import KINDS, check_orientations, clock, readings, shared_mass, with_added_mass
-from counterflex.identify.payload.groups import ALIKE_RAD, count_of, groups_of
-from counterflex.identify.payload.holdout import held_out_forces, held_out_moments
+from counterflex.identify.payload.data import (
+    ALIKE_RAD,
+    KINDS,
+    check_orientations,
+    clock,
+    count_of,
+    groups_of,
+    readings,
+    sensor_before,
+    shared_mass,
+    with_added_mass,
+)
 from counterflex.identify.payload.hose_pack import (
     BASE,
     ROWS_PER_FUNCTION,
@@ -28,23 +37,25 @@ from counterflex.identify.payload.hose_pack import (
     choose_rest,
     degrees_of,
     frames_of,
+    held_out_forces,
+    held_out_moments,
     trials_of,
 )
-from counterflex.identify.payload.parameters import (
+from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
+from counterflex.identify.payload.residuals import (
     DRIFT,
     INERTIA,
     KELVIN,
     TURN,
     Effects,
     Knowledge,
+    SensorReadings,
+    force_error,
     needed,
     parameters,
     seg_frame_com,
     sensor_of,
 )
-from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
-from counterflex.identify.payload.residuals import SensorReadings, force_error
-from counterflex.identify.payload.sensor import sensor_before
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, score_separate
@@ -52,8 +63,7 @@ from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_o
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.sensing.carrier import hose_bodies
-from counterflex.sensing.flange_sensor import FlangeSensor
-from counterflex.sensing.orientation_basis import COUNTS
+from counterflex.sensing.flange_sensor import COUNTS, FlangeSensor
 
 SIGNIFICANT = 2.6
 """Standard deviations beyond which a drift is kept: one of six components exceeds that by chance in 6 % of cases."""

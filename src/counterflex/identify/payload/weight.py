@@ -22,10 +22,9 @@ from counterflex.geometry.rotation import skew
 from counterflex.identify.data.alternative_readings import Reading, quaternion_mistakes, transposed
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.payload.data import CHANNEL, axes_of, distinct
-from counterflex.identify.payload.parameters import MASS, OFFSET, TURN
-from counterflex.identify.payload.residuals import SensorReadings
+from counterflex.identify.payload.residuals import MASS, OFFSET, TURN, SensorReadings
 from counterflex.identify.solver.fit import Fit
-from counterflex.sensing.orientation_basis import degree_of, orientation_basis
+from counterflex.sensing.flange_sensor import degree_of, orientation_basis
 
 RATIO: Final = 2.0
 """How many times smaller another reading must make the median residual."""
@@ -145,9 +144,7 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     fits as well and finds a weight that hangs down where the stated one finds none or one that pulls upward.
 
     ``data``: Kind ``sensor_poses``; motions are left alone. ``as_stated``: The user insists: the finding is a remark.
-
-    Raises:
-        InputError: Another reading is found, or the weight pulls upward in all.
+    Raises InputError: another reading is found, or the weight pulls upward in all.
     """
     if data.kind != "sensor_poses":
         return ()
@@ -205,10 +202,8 @@ def _better(stated: Plain, other: Plain, count: int) -> bool:
 def check_rest(blocks: Sequence[SensorReadings], fit: Fit, *, as_stated: bool) -> tuple[str, ...]:
     """Refuse an orientation-dependent rest as large as the weight: something else than a hose pack is in the data.
 
-    ``as_stated``: The user insists: the finding is a remark.
-
-    Raises:
-        InputError: The force of the rest varies by as much as the weight.
+    ``as_stated``: The user insists: the finding is a remark. Raises InputError: the force of the rest varies by as much
+    as the weight.
     """
     degree = degree_of((len(fit.values) - OFFSET) // 6)
     if not degree:

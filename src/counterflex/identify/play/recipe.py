@@ -15,11 +15,21 @@ from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import TITLE
-from counterflex.identify.play.considered import compliance_share, with_honest_sigma, with_spread
-from counterflex.identify.play.parameters import COMPLIANCE, axis_play, blocks, compliance, parameters
+from counterflex.identify.play.parameters import (
+    COMPLIANCE,
+    axis_play,
+    blocks,
+    compliance,
+    compliance_share,
+    least_seen,
+    parameters,
+    too_wide,
+    why_not,
+    with_honest_sigma,
+    with_spread,
+)
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
-from counterflex.identify.play.trust import least_seen, too_wide, why_not
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import Motion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit

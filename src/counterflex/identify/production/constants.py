@@ -19,15 +19,13 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.cutting.arc_force import force_thickness, mean_thickness
 from counterflex.cutting.coefficients import ForceLaw, LinearEdgeLaw
 from counterflex.identify.cutting.considered import RUNOUT_M, ForceSensor, runout_of_arcs, shown_by_sensor
-from counterflex.identify.cutting.force_forms import EDGES, FORMS, NAMES, Form
+from counterflex.identify.cutting.force_forms import FORMS, NAMES, Form, solve_physical
 from counterflex.identify.production.residuals import LAW, ProductionResiduals
-from counterflex.identify.solver.considered import added, considered
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate
-from counterflex.identify.solver.jackknife import FEWEST_PARTS, with_jackknife
+from counterflex.identify.solver.jackknife import FEWEST_PARTS, added, considered, with_jackknife
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
-from counterflex.identify.solver.solve import solve
 
 MOST_INDEX: Final = 30.0
 """Largest condition index (Belsley, Kuh and Welsch 1980: from 30 on a dependence harms)."""
@@ -215,7 +213,7 @@ def find(
         error=row_error,
         folds=_folds(block, run, seed),
     )
-    fit = _physical(parameters, block)
+    fit = solve_physical(parameters, block)
     runs = np.unique(run, return_inverse=True)[1].reshape(-1).astype(np.int64)
     if int(runs.max()) + 1 >= FEWEST_PARTS:
         fit = with_jackknife(fit, [block], [runs])
@@ -272,19 +270,6 @@ def _folds(block: ProductionResiduals, run: Int, seed: int) -> Folds:
             hint="Give more runs",
         )
     return Folds(parts={0: np.arange(count, dtype=np.int64) % min(5, count)})
-
-
-def _physical(parameters: Parameters, block: ProductionResiduals) -> Fit:
-    """An edge force below zero, which no edge has, is held at zero."""
-    fit = solve(parameters, [block])
-    for _ in EDGES:
-        negative = [name for name in EDGES if fit.value(name) < 0.0]
-        if not negative:
-            break
-        least = min(negative, key=fit.value)
-        parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
-        fit = solve(parameters, [block])
-    return fit
 
 
 def _difference(fit: Fit, shared: Float) -> Difference:

@@ -20,7 +20,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, UM
 from counterflex.cutting.arc_force import ArcCuts
 from counterflex.cutting.cutter import Cutter
-from counterflex.identify.production.planned import CHIP_M, weights_at
+from counterflex.identify.production.alignment import CHIP_M, weights_at
 from counterflex.identify.production.stretches import Stretches, widths_known
 from counterflex.identify.solver.parameters import Parameter, Parameters
 

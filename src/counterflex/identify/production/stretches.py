@@ -16,8 +16,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.alignment import Aligned, steady
-from counterflex.identify.production.planned import PlannedCut, RunRecord, force_of
+from counterflex.identify.production.alignment import Aligned, PlannedCut, RunRecord, force_of, steady
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 AIR_ROWS: Final = 20
@@ -135,9 +134,8 @@ def stretches_of(
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 
-    Raises:
-        InputError: A saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
-            steady stretch.
+    Raises InputError: a saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
+    steady stretch.
     """
     choice = Choice() if choice is None else choice
     cutter = cell.cutter_of(tool)

@@ -2,25 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import DEG, MM
 from counterflex.identify.geometry.compliances import Springs, with_compliance
-from counterflex.identify.pulls.coupled_springs import coupled_by
 from counterflex.identify.pulls.history import band_slopes, lost_angles, lost_sigma
 from counterflex.identify.pulls.pulls import Pulls
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, carried, gains, misplaced, misplaced_by
-from counterflex.identify.solver.considered import added, considered
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.jackknife import parts_of_groups, with_jackknife
+from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
-from counterflex.robot.elasticity.compliance import cartesian_compliance, linear_gap
+from counterflex.robot.elasticity.compliance import cartesian_compliance, element_jacobians, linear_gap
+
+# Directions of an elastic element that move each other: what a diagonal compliance leaves out, the same in all poses.
+# A housing or a bearing under a moment about one of its axes also turns a little about the others. An element of this
+# model has six compliances and no coupling between them. Coupling is the same in every pull, so it passes for another
+# compliance, and neither residuals nor pulls left out show it. It goes through the fit with its usual size
+# (:mod:`counterflex.identify.solver.jackknife`).
+
+COUPLING: Final = 0.1
+"""Compliance between two directions of an element over the root of the product of theirs, one standard deviation."""
+
+
+def coupled_by(
+    chain: ElasticChain,
+    springs: Springs,
+    q: Float,
+    w_tcp_base: Float,
+    at: Callable[[Float], Float],
+    acts: Bool | None = None,
+) -> Float:
+    """How one standard deviation of each coupling moves the tool.
+
+    ``d = k sqrt(c_a c_b) (J_a (J_b^T w) + J_b (J_a^T w))`` for each two directions a, b of an element, k
+    :data:`COUPLING`.
+
+    Args:
+        chain: The cell's.
+        springs: Its compliances.
+        q: (n, 6) rad.
+        w_tcp_base: (n, 6) N, N m.
+        at: Takes twists (n, 6, m) given at the TCP to the point whose displacement is wanted.
+        acts: (n, k) whether a spring lies between what is compared in a row; None is all.
+
+    Returns:
+        (n, 6, m) m, rad, base axes: a column for each two directions of one element.
+    """
+    J = element_jacobians(chain, q)  # (n, s, 6, 6)
+    soft = springs.of_chain(chain)
+    out = []
+    for a, b in itertools.combinations(range(len(springs)), 2):
+        if springs.segment[a] != springs.segment[b] or soft[a] * soft[b] == 0.0:
+            continue
+        Ja, Jb = (J[:, springs.segment[k], :, springs.direction[k]] for k in (a, b))
+        moved = Ja * np.sum(Jb * w_tcp_base, axis=1)[:, None] + Jb * np.sum(Ja * w_tcp_base, axis=1)[:, None]
+        if acts is not None:
+            moved = moved * acts[:, a, None]
+        out.append(COUPLING * np.sqrt(soft[a] * soft[b]) * moved)
+    return at(np.stack(out, axis=2)) if out else np.zeros((len(q), 6, 0))
+
 
 BEARING_M: Final = 10.0 * MM
 """How well the centre is known that an elastic element turns about, per axis."""
@@ -105,10 +152,8 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     (:func:`counterflex.identify.pulls.history.lost_sigma`), and of bearings that are not where they are thought to be
     (:func:`counterflex.identify.pulls.residuals.misplaced`).
 
-    ``R_base_tracker``: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``.
-
-    Returns:
-        The block; :func:`refreshed` brings its offset up to date.
+    ``R_base_tracker``: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``. Returns the block;
+    :func:`refreshed` brings its offset up to date.
     """
     c = pulls.d.shape[1]
     point = pulls.p_tcp_measured
@@ -182,7 +227,7 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[PullResiduals]) -> Fit:
     What differs from pose to pose (friction, drift) is seen in what the fit becomes without some of them
     (:func:`counterflex.identify.solver.jackknife.with_jackknife`); bearings that are not where they are thought to be
     and directions of an element that move each other are the same in all poses, and go through the fit
-    (:mod:`counterflex.identify.solver.considered`).
+    (:mod:`counterflex.identify.solver.jackknife`).
     """
     wide = with_jackknife(fit, blocks, parts_of_groups(blocks))
     return added(wide, considered(fit, blocks, [b.moved for b in blocks]))

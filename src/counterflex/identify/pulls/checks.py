@@ -41,11 +41,7 @@ _OF_SENSORS: Final = (
 
 
 def check_plain(data: Dataset) -> None:
-    """Refuse gaps, poses that never change, zero loads.
-
-    Raises:
-        InputError: Names channel and line.
-    """
+    """Refuse gaps, poses that never change, zero loads. Raises InputError: names channel and line."""
     check_finite(data, [name for name in data.channels if name != "time_s"])
     if len(data) < _FEWEST:
         raise InputError(
@@ -102,15 +98,9 @@ def check_work(
 ) -> tuple[str, ...]:
     """Name rows with negative work; refuse data that are mostly so.
 
-    Args:
-        chain: The cell's.
-        pulls: The rows.
-        R_base_tracker: (3, 3), where the displacement is in tracker axes.
-        as_stated: The user insists: the finding is a remark.
-        most: Share of the rows above which the data are refused.
-
-    Raises:
-        InputError: More rows than ``most``, and the user does not insist.
+    ``R_base_tracker``: (3, 3), where the displacement is in tracker axes. ``as_stated``: The user insists: the finding
+    is a remark. ``most``: Share of the rows above which the data are refused. Raises InputError: more rows than
+    ``most``, and the user does not insist.
     """
     bad = impossible(chain, pulls, R_base_tracker)
     count, n = int(np.sum(bad)), len(pulls)
@@ -140,10 +130,8 @@ def check_worth(unexplained_percent: float, where: str) -> None:
     However large the priors, springs that were found have to explain something; where they do not, deflections are
     smaller than anything the priors allow (mm stated as m), or have nothing to do with the loads.
 
-    ``unexplained_percent``: ``sum |measured - predicted| / sum |measured|`` of held-out pulls, in %.
-
-    Raises:
-        InputError: 100 % or more.
+    ``unexplained_percent``: ``sum |measured - predicted| / sum |measured|`` of held-out pulls, in %. Raises InputError:
+    100 % or more.
     """
     if not unexplained_percent < _NOTHING_PERCENT:
         raise InputError(

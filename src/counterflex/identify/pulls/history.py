@@ -38,13 +38,8 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     Each row is a path of its own: relaxed at ``q + approach``, to ``q`` (unloaded reading), load on, and, where it was
     approached again, back to ``q + approach`` and to ``q`` under load (loaded reading).
 
-    ``chain``: With play; axes without an entry lose nothing.
-
-    Returns:
-        (n, 6) rad, positive in the positive direction of the axis angles.
-
-    Raises:
-        ModelError: The pulls have no history.
+    ``chain``: With play; axes without an entry lose nothing. Returns (n, 6) rad, positive in the positive direction of
+    the axis angles. Raises ModelError: the pulls have no history.
     """
     n = len(pulls)
     play = chain.play
@@ -81,10 +76,7 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
 def band_slopes(chain: ElasticChain, pulls: Pulls) -> Float:
     """Derivative of :func:`lost_angles` of each axis by the half band of its play.
 
-    -2 .. 2: 2 where the load turns the torque of an axis round, 0 where it does not.
-
-    Returns:
-        (n, 6).
+    -2 .. 2: 2 where the load turns the torque of an axis round, 0 where it does not. Returns (n, 6).
     """
     if chain.play is None:
         return np.zeros((len(pulls), 6))
@@ -102,10 +94,7 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     that nobody can say on which side of its play it is. Such rows, believed, make the play smaller and the torsion
     softer than they are.
 
-    ``chain``: With play or None.
-
-    Returns:
-        (n, 6) rad.
+    ``chain``: With play or None. Returns (n, 6) rad.
     """
     if chain.play is None:
         return np.zeros((len(pulls), 6))
@@ -143,10 +132,7 @@ def lost_sigma(chain: ElasticChain, pulls: Pulls) -> Float:
 
     :func:`uncertain_angles` where the history is known, :func:`unknown_angles` where it is not, carried to the tool.
 
-    ``chain``: With play or None.
-
-    Returns:
-        (n, 6) m, rad, base axes.
+    ``chain``: With play or None. Returns (n, 6) m, rad, base axes.
     """
     angles = uncertain_angles(chain, pulls) if pulls.history else unknown_angles(chain)[None, :]
     out: Float = np.sqrt(np.sum((jacobian(chain, pulls.q) * angles[:, None, :]) ** 2, axis=2))

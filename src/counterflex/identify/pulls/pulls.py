@@ -102,8 +102,7 @@ def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = 
 def read_load(chain: ElasticChain, data: Dataset) -> tuple[Float, Float, Float]:
     """Poses (n, 6) rad, loads about the TCP in base axes (n, 6) N, N m, and their standard deviations.
 
-    Raises:
-        FileFormatError: A channel is missing, or ``p_tcp_load_m`` is no point.
+    Raises FileFormatError: a channel is missing, or ``p_tcp_load_m`` is no point.
     """
     q = data.values("q")
     if data.has("w_tcp_base"):
@@ -120,8 +119,7 @@ def read_load(chain: ElasticChain, data: Dataset) -> tuple[Float, Float, Float]:
 def read_path(data: Dataset) -> tuple[str, Float | None]:
     """How the axes moved between the readings: history, and approach (n, 6) rad or None.
 
-    Raises:
-        FileFormatError: There is no such history, or it lacks the approach.
+    Raises FileFormatError: there is no such history, or it lacks the approach.
     """
     history = str(data.settings.get("history", ""))
     if history and history not in HISTORIES:

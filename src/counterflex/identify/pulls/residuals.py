@@ -26,15 +26,9 @@ COMPONENTS = ("x m", "y m", "z m", "rx rad", "ry rad", "rz rad")
 def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float) -> Float:
     """Displacement per compliance of each spring, ``f_k(q) J_k(point) (J_k^T w)``, f_k what regions the chain has.
 
-    Args:
-        chain: Its rigid geometry.
-        springs: k of them.
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m about the TCP in base axes.
-        p_tcp_point: (3,) m, the point whose displacement is wanted, in the frame of the TCP.
-
-    Returns:
-        (n, 6, k): displacement of the point and rotation vector, base axes, per m/N or rad/(N m).
+    ``q``: (n, 6) rad. ``w_tcp_base``: (n, 6) N, N m about the TCP in base axes. ``p_tcp_point``: (3,) m, the point
+    whose displacement is wanted, in the frame of the TCP. Returns (n, 6, k): displacement of the point and rotation
+    vector, base axes, per m/N or rad/(N m).
     """
     columns = element_jacobians(chain, q)[:, springs.segment, :, springs.direction]  # (k, n, 6)
     J = np.moveaxis(columns, 0, -1)
@@ -54,16 +48,8 @@ def misplaced(
 
         s^2 = sum_k (J_k c_k b |f|)^2 + (b c_k J_k^T w)^2    (the latter for the translation only)
 
-    Args:
-        chain: The cell's.
-        springs: k of them; only the rotations matter.
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m.
-        p_tcp_point: (3,) m, in the frame of the TCP.
-        bearing_m: b, per axis.
-
-    Returns:
-        (n, 6) m, rad, base axes.
+    ``q``: (n, 6) rad. ``w_tcp_base``: (n, 6) N, N m. ``p_tcp_point``: (3,) m, in the frame of the TCP. Returns (n, 6)
+    m, rad, base axes.
     """
     turning = springs.direction >= 3
     columns = element_jacobians(chain, q)[:, springs.segment[turning], :, springs.direction[turning]]
@@ -164,7 +150,7 @@ class PullResiduals:
         R_tracker_base: (3, 3), where measured in tracker axes, else None.
         turn: (3,) places of the rotation vector r that corrects it, ``R_base_tracker Exp(r)``, or None.
         moved: (n, c, m) what one standard deviation of each of m quantities that are not fitted moves ``measured`` by,
-            the same in all rows (:mod:`counterflex.identify.solver.considered`).
+            the same in all rows (:mod:`counterflex.identify.solver.jackknife`).
     """
 
     name: str

@@ -82,11 +82,7 @@ def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> lis
         seen = "q_link" if dataset.has("q_link") else "p_tracker_target"
         names = [lead, seen, *(n for n in ("time_s", "tau_motor") if dataset.has(n))]
         for name in names:
-            bad = np.flatnonzero(~np.all(np.isfinite(dataset.values(name)), axis=1))
-            if len(bad):
-                raise FileFormatError(
-                    f"channel '{name}' holds a value that is not a number", where=dataset.place(int(bad[0]))
-                )
+            dataset.finite(name)
         limits = cell.robot.joint_limits_rad
         far = np.any((q < limits[:, 0] - 5.0 * DEG) | (q > limits[:, 1] + 5.0 * DEG), axis=1)
         if far.any():

@@ -15,22 +15,19 @@ from counterflex.core.units import MS, URAD
 from counterflex.identify.data.changes import AxisServo, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.cell_table import changes as timing_changes
-from counterflex.identify.delays.cell_table import lag_of
-from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.checks import changes as timing_changes
+from counterflex.identify.delays.checks import check_delay, lag_of
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo import TITLE
-from counterflex.identify.servo.data import LoadStep, load_steps
-from counterflex.identify.servo.exchange import together, with_exchange
+from counterflex.identify.servo.data import LoadStep, Mode, load_steps, lowest_mode
 from counterflex.identify.servo.proposal import FORCE_N, propose
-from counterflex.identify.servo.residuals import ServoResiduals
-from counterflex.identify.servo.ringing import Mode, lowest_mode
-from counterflex.identify.solver.correlated import with_correlation
+from counterflex.identify.servo.residuals import ServoResiduals, together, with_exchange
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, row_error, score_separate
+from counterflex.identify.solver.jackknife import with_correlation
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import Stop, solve
 from counterflex.robot.model.description import Servo

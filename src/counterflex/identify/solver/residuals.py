@@ -40,10 +40,8 @@ class Residuals(Protocol):
     def evaluate(self, x: Float) -> Float:
         """Weighted residuals ``(measured - predicted) / sigma``.
 
-        ``x``: (p,) values of all parameters, SI, in the order of the identification's parameters.
-
-        Returns:
-            (rows, components), dimensionless.
+        ``x``: (p,) values of all parameters, SI, in the order of the identification's parameters. Returns (rows,
+        components), dimensionless.
         """
 
     def jacobian(self, x: Float) -> Float:

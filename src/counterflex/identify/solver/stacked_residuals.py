@@ -198,11 +198,7 @@ class Stacked:
         return self._slopes[1]
 
     def check_finite(self) -> None:
-        """Refuse residuals that are not finite at the start.
-
-        Raises:
-            InputError: Names block and row.
-        """
+        """Refuse residuals that are not finite at the start. Raises InputError: names block and row."""
         for block, rows in zip(self.blocks, self.rows(self.start), strict=True):
             if not np.all(np.isfinite(rows)):
                 row = int(np.argwhere(~np.isfinite(rows))[0, 0])

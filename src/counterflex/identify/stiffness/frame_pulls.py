@@ -143,10 +143,8 @@ def summary(data: Dataset) -> dict[str, Any] | None:
 def places(chain: ElasticChain, data: Dataset, frame: SensorFrame) -> tuple[Float, Float]:
     """Axes of the sensors in the base (n, 3, 3), and the measured point in them (n, 3) m, of each row.
 
-    ``data``: With ``q``; with ``R_base_frame`` (and ``p_base_frame``) where the axes are those of the frame.
-
-    Raises:
-        FileFormatError: The place of the frame is missing.
+    ``data``: With ``q``; with ``R_base_frame`` (and ``p_base_frame``) where the axes are those of the frame. Raises
+    FileFormatError: the place of the frame is missing.
     """
     n = len(data)
     p_tcp = np.asarray(data.settings.get("p_tcp_measured_m", np.zeros(3)), dtype=np.float64)

@@ -184,11 +184,7 @@ def search(
     fit: Fit,
     progress: Progress = silent,
 ) -> PiecewiseSearch:
-    """Regions that the data demand.
-
-    Returns:
-        The regions kept; none where data not used do not bear one out.
-    """
+    """Regions that the data demand. Returns the regions kept; none where data not used do not bear one out."""
     parameters, now = plan.parameters, list(blocks)
     accepted: list[Region] = []
     errors: list[float] = []

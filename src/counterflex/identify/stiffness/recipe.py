@@ -123,8 +123,7 @@ def settle(
 ) -> tuple[Fit, list[PullResiduals]]:
     """Fit, with what is not linear in the compliances brought up to date until it rests within 1 um.
 
-    Returns:
-        The fit, and the blocks with their offsets at its values.
+    Returns the fit, and the blocks with their offsets at its values.
     """
     now = list(blocks)
     fit = solve(plan.parameters, now, progress=share_of(progress, 0.0, 0.5))

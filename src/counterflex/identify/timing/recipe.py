@@ -8,22 +8,53 @@ from typing import Any, Final, cast
 import numpy as np
 
 from counterflex.core.arrays import Float, as_positive
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import in_parts
-from counterflex.core.units import MM, MS, UM, URAD
-from counterflex.geometry import pose
+from counterflex.core.units import DEG, MM, MS, UM, URAD
+from counterflex.geometry import pose, rotation
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.cell_table import PPM, changes, delay_names, delay_sigmas, delays, lag_of
-from counterflex.identify.delays.checks import check_delay
+from counterflex.identify.delays.checks import PPM, changes, check_delay, delay_names, delay_sigmas, delays, lag_of
 from counterflex.identify.delays.delay import Delay, Pair, build, find_delay
 from counterflex.identify.delays.pairs import pairs
 from counterflex.identify.delays.stamped import Stamped
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Proposal, Recipe
 from counterflex.identify.solver.holdout import HeldOut, score_separate
 from counterflex.identify.timing import TITLE
-from counterflex.identify.timing.start_pose import over_part
 from counterflex.robot.elasticity.chain import forward
-from counterflex.robot.kinematics.inverse import inverse_path
+from counterflex.robot.kinematics.inverse import Solution, inverse, inverse_path
+
+_ABOVE_M = 150.0 * MM
+_AXIS_TURNS = 24
+
+
+def over_part(cell: CellModel) -> Float:
+    """Joint angles with the tool over the part's zero, in the cell's posture.
+
+    Of the turns about the tool the one with the largest distance from singularities within the joint limits. Returns
+    (6,) rad. Raises ReachError: no turn about the tool is reachable.
+    """
+    chain = cell.nominal_chain
+    down = cell.T_base_part @ pose.make(rotation.about_x(np.pi), np.array([0.0, 0.0, _ABOVE_M]))
+    limits = chain.joint_limits_rad + cell.joint_margin_rad * np.array([1.0, -1.0])
+    best: Solution | None = None
+    for k in range(_AXIS_TURNS):
+        target = down @ pose.make(rotation.about_z(k * 360.0 / _AXIS_TURNS * DEG))
+        try:
+            solution = inverse(chain, target, cell.branch)
+        except ReachError:
+            continue
+        inside = bool(np.all((solution.q > limits[:, 0]) & (solution.q < limits[:, 1])))
+        if inside and (best is None or solution.sigma_min > best.sigma_min):
+            best = solution
+    if best is None:
+        raise ReachError(
+            "no pose over the part is reachable in the cell's posture",
+            value=cell.branch,
+            hint="Move the part, or choose another posture",
+        )
+    out: Float = best.q
+    return out
+
 
 CYCLE_S: Final = 4.0 * MS
 FREQUENCY_HZ: Final = {"program": (0.15, 1.2), "correction": (0.15, 4.0)}
@@ -115,14 +146,9 @@ _SHOWN = 1500
 def identify(inputs: Inputs) -> Identification:
     """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
 
-    ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches.
-
-    Returns:
-        Fits by pair, changes to ``[timing]``.
-
-    Raises:
-        FileFormatError: Damaged stamps or values, no standard deviations.
-        InputError: Nothing moves, or a unit, a sign or which channel is which looks wrong.
+    ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches. Returns fits by pair,
+    changes to ``[timing]``. Raises FileFormatError: damaged stamps or values, no standard deviations. Raises
+    InputError: nothing moves, or a unit, a sign or which channel is which looks wrong.
     """
     cell, data, holdout, settings, progress = inputs
     order = str(settings["lag"])

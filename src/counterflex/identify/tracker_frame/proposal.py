@@ -14,10 +14,10 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.choice import candidates_of, expected_sigma, prior_information
 from counterflex.identify.design.pose_candidates import in_order, measurable
 from counterflex.identify.geometry.arm_parameters import ArmPriors, arm_model, sag_as_known
+from counterflex.identify.geometry.compliances import foreseen
 from counterflex.identify.geometry.fiducials import FiducialResiduals
-from counterflex.identify.geometry.foreseen import foreseen
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
-from counterflex.identify.geometry.placed_frame import PlacedFrame, frame_parameters
+from counterflex.identify.geometry.pose_residuals import PlacedFrame, frame_parameters
 from counterflex.identify.recipe import Proposal
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
@@ -32,11 +32,8 @@ _FEWEST = {"poses": 4, "fiducials": 4}
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses (``measure = "poses"``) or places of fiducials (``measure = "fiducials"``).
 
-    ``settings``: ``measure``, ``seed``.
-
-    Raises:
-        InputError: Too few, or another ``measure``.
-        ReachError: Hardly any pose can be measured.
+    ``settings``: ``measure``, ``seed``. Raises InputError: too few, or another ``measure``. Raises ReachError: hardly
+    any pose can be measured.
     """
     what = str(settings.get("measure", "poses"))
     if what not in _FEWEST:

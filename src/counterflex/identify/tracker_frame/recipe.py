@@ -25,11 +25,9 @@ from counterflex.identify.geometry.fiducials import (
     fiducial_sigma,
     robust_register,
 )
-from counterflex.identify.geometry.known_drives import known_drive_errors
-from counterflex.identify.geometry.known_frames import KnownFrames, known_frames, tracker_table
+from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors, known_frames, tracker_table
 from counterflex.identify.geometry.off_rows import Session, off_rows, without
-from counterflex.identify.geometry.placed_frame import COMPONENTS, PlacedFrame, frame_parameters
-from counterflex.identify.geometry.pose_residuals import TrackerResiduals
+from counterflex.identify.geometry.pose_residuals import COMPONENTS, PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
@@ -38,8 +36,15 @@ from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
 from counterflex.identify.tracker_frame import TITLE
-from counterflex.identify.tracker_frame.considered import SCALE, sigma_at, unrest, with_frame_sigma
-from counterflex.identify.tracker_frame.frame_drift import Drift, drifts, rounds_of
+from counterflex.identify.tracker_frame.considered import (
+    SCALE,
+    Drift,
+    drifts,
+    rounds_of,
+    sigma_at,
+    unrest,
+    with_frame_sigma,
+)
 from counterflex.identify.tracker_frame.proposal import propose
 
 FEWEST_FIDUCIALS: Final = 4
@@ -55,10 +60,8 @@ def identify(inputs: Inputs) -> Identification:
     """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
 
     ``inputs``: The cell, whose robot predicts the poses, sag under own weight included; ``fiducials`` and
-    ``tracker_poses``.
-
-    Raises:
-        InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.
+    ``tracker_poses``. Raises InputError: too few or collinear fiducials, a mirrored frame, units mixed up, poses that
+    do not turn.
     """
     cell, data, holdout, options, progress = inputs
     notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))

@@ -37,8 +37,7 @@ class Bricks:
     def __post_init__(self) -> None:
         """Check that it is a body that can be clamped and loaded.
 
-        Raises:
-            InputError: Planes that do not increase, a mask of another shape, or an end without material.
+        Raises InputError: planes that do not increase, a mask of another shape, or an end without material.
         """
         for name, planes in (("x", self.x), ("y", self.y), ("z", self.z)):
             if len(planes) < 2 or np.any(np.diff(planes) <= 0.0):
@@ -72,13 +71,8 @@ class Solved:
     def strain(self, points: Float) -> Float:
         """Strain at points of the body.
 
-        ``points``: (k, 3) m, inside of the body; on a face between cells their mean.
-
-        Returns:
-            (k, 3, 3, 6) strain tensor for each unit motion.
-
-        Raises:
-            InputError: A point outside of the body.
+        ``points``: (k, 3) m, inside of the body; on a face between cells their mean. Returns (k, 3, 3, 6) strain tensor
+        for each unit motion. Raises InputError: a point outside of the body.
         """
         basis, mesh = self._basis, self._basis.mesh
         low, high = mesh.p[:, mesh.t].min(axis=1), mesh.p[:, mesh.t].max(axis=1)
@@ -133,11 +127,8 @@ _MIRRORED: Float = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
 def solve(body: Bricks, e_pa: float, poisson_ratio: float) -> Solved:
     """Solve a body for the six unit motions of its loaded face.
 
-    ``a(u, v) = integral lambda tr eps(u) tr eps(v) + 2 mu eps(u) : eps(v)``, u = 0 at the first plane of z, and
-    ``u = t + theta x p`` at the last one.
-
-    Raises:
-        InputError: A material constant out of range, or a body that falls apart.
+    ``a(u, v) = integral lambda tr eps(u) tr eps(v) + 2 mu eps(u) : eps(v)``, u = 0 at the first plane of z, and ``u = t
+    + theta x p`` at the last one. Raises InputError: a material constant out of range, or a body that falls apart.
     """
     from skfem import Basis, ElementHexS2, MeshHex
 

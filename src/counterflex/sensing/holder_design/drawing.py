@@ -16,8 +16,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.sensing.holder_beam import HolderBeam
 from counterflex.sensing.holder_design.bricks import Bricks
+from counterflex.sensing.strain_holder import HolderBeam
 
 LEAST_WALL_M = 1e-3
 """Least thickness of material behind a pocket, and least width of a rib."""
@@ -62,8 +62,7 @@ class Pocket:
     def check(self, beam: HolderBeam, name: str = "pocket") -> None:
         """Refuse a pocket that the cheek cannot have.
 
-        Raises:
-            InputError: It leaves no wall or rib, or reaches beyond the cheek.
+        Raises InputError: it leaves no wall or rib, or reaches beyond the cheek.
         """
         if self.side not in (-1, 1):
             raise InputError(f"{name}: side", value=self.side, limit="-1 or 1")
@@ -107,11 +106,7 @@ class Drawing:
     gauge_m: float = 3e-3
 
     def __post_init__(self) -> None:
-        """Check every pocket, and that none meets another.
-
-        Raises:
-            InputError: They cannot be cut.
-        """
+        """Check every pocket, and that none meets another. Raises InputError: they cannot be cut."""
         for k, one in enumerate(self.pockets):
             one.check(self.beam, f"pocket {k + 1}")
             if one.height_m < self.gauge_m:

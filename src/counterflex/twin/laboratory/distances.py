@@ -19,9 +19,7 @@ def measure(order: Order) -> Measured:
     """Distances of the tool tip from the fixed ball.
 
     ``order``: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``anchor_m``, [x, y, z] of the fixed ball in the base.
-
-    Returns:
-        ``q``, ``distance``.
+    Returns ``q``, ``distance``.
     """
     truth, laboratory, _request, settings, progress = order
     q = order.q

@@ -18,13 +18,8 @@ def measure(order: Order) -> Measured:
     """Fiducials, in one round or several.
 
     ``order``: Request: ``x_m``, ``y_m``, ``z_m`` in the base. Settings: ``rounds`` (1), and how the tracker moves from
-    one round to the next: ``drift_um`` and ``drift_urad``, [x, y, z] in its axes (none).
-
-    Returns:
-        ``p_base_fiducial``, ``p_tracker_fiducial``, ``time_s``; the group is the fiducial.
-
-    Raises:
-        InputError: A column is missing.
+    one round to the next: ``drift_um`` and ``drift_urad``, [x, y, z] in its axes (none). Returns ``p_base_fiducial``,
+    ``p_tracker_fiducial``, ``time_s``; the group is the fiducial. Raises InputError: a column is missing.
     """
     _truth, laboratory, _request, settings, progress = order
     places = order.columns("x_m", "y_m", "z_m")

@@ -121,8 +121,7 @@ class Order(NamedTuple):
     def columns(self, *names: str) -> Float:
         """Columns of the request side by side, (n, len(names)).
 
-        Raises:
-            InputError: One is missing, empty, of another length than the first, or has a value that is not finite.
+        Raises InputError: one is missing, empty, of another length than the first, or has a value that is not finite.
         """
         missing = [name for name in names if name not in self.request]
         if missing:
@@ -163,8 +162,7 @@ class Measurement:
     ) -> Measured:
         """Measure; see :class:`Order` for the arguments.
 
-        Raises:
-            InputError: A column is missing or a setting is unknown or out of range.
-            SimulationError: The simulated cell left its physical range.
+        Raises InputError: a column is missing or a setting is unknown or out of range. Raises SimulationError: the
+        simulated cell left its physical range.
         """
         return self.take(Order(truth, laboratory, request, settings, progress))

@@ -30,10 +30,8 @@ MODULES: Final[dict[str, str]] = {
 def measurement(kind: str) -> Measurement:
     """The measurement that gives datasets of a kind.
 
-    ``kind``: For example ``tracker_poses``, as in :class:`counterflex.identify.recipe.Proposal`.
-
-    Raises:
-        InputError: The simulated laboratory has no equipment for it.
+    ``kind``: For example ``tracker_poses``, as in :class:`counterflex.identify.recipe.Proposal`. Raises InputError: the
+    simulated laboratory has no equipment for it.
     """
     if kind not in MODULES:
         raise InputError(

@@ -60,8 +60,7 @@ class StraightCuts:
 def straight_cuts(request: Mapping[str, Float]) -> StraightCuts:
     """The test cuts of a request's columns.
 
-    Raises:
-        InputError: A column is missing, or a motion has no length or no speed.
+    Raises InputError: a column is missing, or a motion has no length or no speed.
     """
     missing = [name for name in COLUMNS if name not in request]
     if missing:
@@ -90,8 +89,7 @@ def straight_cuts(request: Mapping[str, Float]) -> StraightCuts:
 def slot_path(cuts: StraightCuts, tool: int, rapid_m_s: float = 0.25) -> tuple[ToolPath, Int]:
     """Join the test cuts by rapids above the work.
 
-    Returns:
-        The path, and (rows,) the test cut that each row runs, -1 between cuts.
+    Returns the path, and (rows,) the test cut that each row runs, -1 between cuts.
     """
     top = float(max(cuts.start_part[:, 2].max(), cuts.end_part[:, 2].max())) + _CLEAR_M
     points: list[Float] = []
@@ -150,11 +148,8 @@ def _over(here: Float, target: Float, top: float) -> Sequence[Float]:
 def engaged(p_part: Float, low_part: Float, high_part: Float, radius_m: float) -> Bool:
     """Whether the commanded tool touches the stated blank seen from above, (n,).
 
-    Args:
-        p_part: (n, 3) commanded tips, m.
-        low_part: (3,) lower corner of the blank.
-        high_part: (3,) upper corner.
-        radius_m: Of the tool.
+    ``p_part``: (n, 3) commanded tips, m. ``low_part``: (3,) lower corner of the blank. ``high_part``: (3,) upper
+    corner.
     """
     nearest = np.clip(p_part[:, :2], low_part[:2], high_part[:2])
     inside = np.linalg.norm(p_part[:, :2] - nearest, axis=1) < radius_m

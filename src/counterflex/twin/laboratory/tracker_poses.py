@@ -22,10 +22,8 @@ REST_S = 0.2
 def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
     """Drive to joint angles one after the other and rest.
 
-    ``q``: (n, 6) rad, commanded.
-
-    Returns:
-        (n, 4, 4) T_base_tcp as they truly are, and (n, 6) rad as the controller shows them.
+    ``q``: (n, 6) rad, commanded. Returns (n, 4, 4) T_base_tcp as they truly are, and (n, 6) rad as the controller shows
+    them.
     """
     plant = Plant(truth)
     Ts, shown = np.empty((len(q), 4, 4)), np.empty((len(q), 6))
@@ -43,10 +41,8 @@ def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
 def measure(order: Order) -> Measured:
     """Poses of the tracker's six-axis target.
 
-    ``order``: Request: ``q1_rad`` ... ``q6_rad``.
-
-    Returns:
-        ``q``, ``p_tracker_target``, ``R_tracker_target`` (rotation vectors).
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``. Returns ``q``, ``p_tracker_target``, ``R_tracker_target`` (rotation
+    vectors).
     """
     truth, laboratory, _request, _settings, progress = order
     q = order.q

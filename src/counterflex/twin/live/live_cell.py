@@ -22,12 +22,18 @@ from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
-from counterflex.twin.plant.meeting import load_on_hand, tip_in_part
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
-from counterflex.twin.plant.setup import touched_part_frame
-from counterflex.twin.plant.simulate import as_delivered, hermite, mounted_tools, near_stock
+from counterflex.twin.plant.simulate import (
+    as_delivered,
+    hermite,
+    load_on_hand,
+    mounted_tools,
+    near_stock,
+    tip_in_part,
+    touched_part_frame,
+)
 from counterflex.twin.truth.truth import Truth
 
 CHANGE_S: Final = 2.0

@@ -80,7 +80,7 @@ def edge_load(h: float, sin_kappa: float, radii: Float, law: Float, out: Float) 
 
 
 @kernel()
-def _add(
+def add_edge(
     out: Float,
     load: Float,
     weight: float,
@@ -176,7 +176,7 @@ def cutting_wrench(
             wide = min(depth, flute) - corner
             if wide > 0.0:
                 edge_load(level, 1.0, radii, law, load)
-                _add(out, load, share * wide, nx, ny, 1.0, 0.0, radius, corner + 0.5 * wide, turning)
+                add_edge(out, load, share * wide, nx, ny, 1.0, 0.0, radius, corner + 0.5 * wide, turning)
         if faces.shape[0] > 0 and level > min(0.0, dz):
             below = stock_height(z, x0, y0, cell, bottom, px + rims[0, 0] * nx, py + rims[0, 0] * ny)
             below -= pz + rims[0, 1] + _SOFT_M
@@ -191,7 +191,9 @@ def cutting_wrench(
                         engaged = max(below, above) / (max(below, above) - min(below, above))
                     out[6] = max(out[6], max(below + rims[s, 1], above + rims[s + 1, 1]))
                     edge_load(h, sk, radii, law, load)
-                    _add(out, load, share * engaged * faces[s, 2], nx, ny, sk, ck, faces[s, 0], faces[s, 1], turning)
+                    add_edge(
+                        out, load, share * engaged * faces[s, 2], nx, ny, sk, ck, faces[s, 0], faces[s, 1], turning
+                    )
                 below = above
         if dz < 0.0:
             for s in range(rings.shape[0]):
@@ -200,7 +202,7 @@ def cutting_wrench(
                 if standing > 0.0:
                     out[6] = max(out[6], standing)
                     edge_load(min(-dz, standing), 0.0, radii, law, load)  # at first contact no more than stands there
-                    _add(out, load, share * rings[s, 1], nx, ny, 0.0, 1.0, r, 0.0, turning)
+                    add_edge(out, load, share * rings[s, 1], nx, ny, 0.0, 1.0, r, 0.0, turning)
     if turning == 0.0 and (out[0] != 0.0 or out[1] != 0.0 or out[2] != 0.0):
         status = STILL
     return status
@@ -293,27 +295,10 @@ def coupled_wrench(
 ) -> int:
     """:func:`cutting_wrench` for a tool given in base coordinates, the result in base axes, with running sums.
 
-    Args:
-        z: See :func:`cutting_wrench`, as all that is not listed.
-        grid: See there.
-        p_base_tcp: (3,) m.
-        T_base_part: (4, 4) where the part truly lies.
-        history: See there.
-        count: See there.
-        delay_steps: See there.
-        turning: See there.
-        shape: See there.
-        rings: See there.
-        rims: See there.
-        faces: See there.
-        circle: See there.
-        radii: See there.
-        law: See there.
-        load: See there.
-        p_part: (3,) m, set to the tip in the part frame.
-        out: (7,) set, in part axes.
-        w_tcp_base: (6,) N, N m, set: on the tool about the tip in base axes.
-        sums: (9,) force and moment in part axes added to; largest force, largest depth, number of calls.
+    ``p_base_tcp``: (3,) m. ``T_base_part``: (4, 4) where the part truly lies. ``p_part``: (3,) m, set to the tip in the
+    part frame. ``out``: (7,) set, in part axes. ``w_tcp_base``: (6,) N, N m, set: on the tool about the tip, base axes.
+    ``sums``: (9,) force and moment in part axes added to; largest force, largest depth, number of calls. All others as
+    for :func:`cutting_wrench`.
 
     Returns:
         OK, SHANK or STILL.

@@ -136,10 +136,7 @@ class Controller:
 def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, **settings: object) -> Controller:
     """A controller that has been told a cell's nominal geometry.
 
-    ``T_base_part``: (4, 4) part frame.
-
-    Raises:
-        ModelError: The robot has no closed-form geometry.
+    ``T_base_part``: (4, 4) part frame. Raises ModelError: the robot has no closed-form geometry.
     """
     if robot.opw is None:
         raise ModelError(
@@ -225,14 +222,9 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
 def interpolate(path: ToolPath, controller: Controller) -> Reference:
     """Run a tool path on the controller.
 
-    ``path``: In the part frame; at least two points.
-
-    Returns:
-        References at the interpolation cycle; speeds are central differences.
-
-    Raises:
-        InputError: The path has fewer than two points.
-        ReachError: See :meth:`Controller.joints`.
+    ``path``: In the part frame; at least two points. Returns references at the interpolation cycle; speeds are central
+    differences. Raises InputError: the path has fewer than two points. Raises ReachError: see
+    :meth:`Controller.joints`.
     """
     if len(path) < 2:
         raise InputError("a tool path of fewer than two points cannot be run", value=len(path), limit=">= 2")

@@ -81,10 +81,7 @@ def sensor_place(truth: Truth, segment: str | None = None) -> tuple[str, str, st
     """Bodies that carry the sensor, hang behind it, and hold the hose pack.
 
     ``segment``: Name of the carrier; None takes that of the truth, the body named ``sensor``, else the first behind the
-    last axis.
-
-    Raises:
-        InputError: No such body, nothing behind it, or not the one of the truth.
+    last axis. Raises InputError: no such body, nothing behind it, or not the one of the truth.
     """
     if truth.sensor is not None:
         if segment not in (None, truth.sensor.segment):

@@ -104,10 +104,8 @@ def _elastic(body: Body) -> list[str]:
 def model_xml(truth: Truth, step_s: float) -> str:
     """MJCF text of the truth.
 
-    ``step_s``: Integration step, s.
-
-    Returns:
-        MJCF: ``implicitfast`` integration, no contacts, no automatic reset, site ``tcp`` at the tool tip.
+    ``step_s``: Integration step, s. Returns MJCF: ``implicitfast`` integration, no contacts, no automatic reset, site
+    ``tcp`` at the tool tip.
     """
     head = (
         f'<mujoco model="counterflex"><compiler angle="radian" autolimits="true" balanceinertia="false" '

@@ -19,8 +19,7 @@ from counterflex.twin.plant.drives import gains
 from counterflex.twin.plant.friction import play_torque, slip_parameters
 from counterflex.twin.plant.loads import apply_loads, balance_parameters
 from counterflex.twin.plant.mjcf import Coordinates, coordinates, model_xml
-from counterflex.twin.plant.other_forces import OtherForces
-from counterflex.twin.plant.posture_springs import PostureSprings
+from counterflex.twin.plant.other_forces import OtherForces, PostureSprings
 from counterflex.twin.plant.slow_changes import SlowChanges
 from counterflex.twin.plant.step_length import on_axes, parts_of_step
 from counterflex.twin.truth.truth import Truth
@@ -36,11 +35,9 @@ _ROUNDS = 200
 class Plant:
     """One elastic robot cell, stepped in time.
 
-    Args:
-        truth: Its parameters.
-        step_s: Time from one call of :meth:`step` to the next, s; 0.5 ms resolves all modes that matter.
-        friction: False leaves out dry friction and play (for comparison with closed forms).
-        parts: Integration steps in a step; None divides it as finely as its stiffest spring asks for.
+    ``step_s``: Time from one call of :meth:`step` to the next, s; 0.5 ms resolves all modes that matter. ``friction``:
+    False leaves out dry friction and play (for comparison with closed forms). ``parts``: Integration steps in a step;
+    None divides it as finely as its stiffest spring asks for.
 
     Attributes:
         time_s: Time since the last reset, s.
@@ -283,8 +280,7 @@ class Plant:
     def check(self) -> None:
         """Raise if the simulation has left its physical range since the last reset.
 
-        Raises:
-            SimulationError: A coordinate is not finite or the engine warned.
+        Raises SimulationError: a coordinate is not finite or the engine warned.
         """
         if not np.all(np.isfinite(self._qpos)) or self._warnings.any():
             raise SimulationError(
@@ -310,8 +306,7 @@ class Plant:
     def body_pose(self, name: str) -> Float:
         """``T_base_body`` (4, 4) now, of the frame behind a body's drive and elastic element.
 
-        Raises:
-            InputError: There is no such body.
+        Raises InputError: there is no such body.
         """
         return self._body_pose(name)
 
@@ -329,13 +324,7 @@ class Plant:
 
         ``w = w_process + sum m g - d(momentum)/dt``, taken about the origin of the body's frame in its axes: what a
         force sensor whose tool side is this body shows, weight and inertia included. Inertia is that of the last step
-        (none right after :meth:`reset`).
-
-        Returns:
-            (6,) N, N m.
-
-        Raises:
-            InputError: There is no such body.
+        (none right after :meth:`reset`). Returns (6,) N, N m. Raises InputError: there is no such body.
         """
         i, d = self._body_of(name), self._data
         qacc = d.qacc.copy()

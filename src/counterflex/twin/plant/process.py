@@ -45,8 +45,7 @@ def end_rings(cutter: Cutter) -> Float:
 def corner_slices(cutter: Cutter) -> tuple[Float, Float]:
     """Slices of the rounded corner, equal steps of kappa.
 
-    Returns:
-        Rims (K + 1, 2): radius and height, m; slices (K, 5): radius, height, edge length, m, sin and cos of kappa.
+    Returns rims (K + 1, 2): radius and height, m; slices (K, 5): radius, height, edge length, m, sin and cos of kappa.
     """
     corner, inner = cutter.corner_radius_m, cutter.radius_m - cutter.corner_radius_m
     if corner == 0.0:
@@ -77,12 +76,8 @@ def force_law(cutting: CuttingTruth) -> Float:
 class Process:
     """Cuts a height map with a tool whose tip is given step by step.
 
-    Args:
-        stock: Height map in the part frame; a copy is cut.
-        cutter: The tool.
-        cutting: Force constants and runout.
-        step_s: Time between calls of :meth:`wrench`, s.
-        T_base_part: (4, 4) where the part truly lies.
+    ``stock``: Height map in the part frame; a copy is cut. ``step_s``: Time between calls of :meth:`wrench`, s.
+    ``T_base_part``: (4, 4) where the part truly lies.
 
     Attributes:
         stock: The map as cut so far (call :meth:`finish` at the end).
@@ -134,8 +129,7 @@ class Process:
     def spindle(self, speed_rad_s: float) -> None:
         """Set the spindle speed, rad/s, positive clockwise seen from the spindle, 0 standing still.
 
-        Raises:
-            InputError: So slow that a tooth period exceeds the remembered motion (about 2 s).
+        Raises InputError: so slow that a tooth period exceeds the remembered motion (about 2 s).
         """
         self._turning = float(np.sign(speed_rad_s))
         period = 2.0 * math.pi / (abs(speed_rad_s) * self._teeth) if speed_rad_s else self.step_s

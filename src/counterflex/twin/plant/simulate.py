@@ -12,17 +12,74 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
+from counterflex.geometry import pose, wrench
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import Controller, Reference, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
-from counterflex.twin.plant.meeting import load_on_hand, tip_in_part
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
-from counterflex.twin.plant.setup import touched_part_frame
 from counterflex.twin.plant.turning.column_material import near as near_columns
 from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import Truth
+
+
+def tip_in_part(plant: Plant, process: Process, T_base_tcp: Float | None) -> Float:
+    """(3,) m, tip of the tool in the part frame.
+
+    ``plant``: The robot; its hand holds the tool, or the part. ``T_base_tcp``: (4, 4) tool frame of a spindle that
+    stands, where the robot holds the part; else None.
+    """
+    if T_base_tcp is None:
+        T = process.T_base_part
+        out: Float = (plant.p_base_tcp - T[:3, 3]) @ T[:3, :3]
+        return out
+    held: Float = (T_base_tcp[:3, 3] - plant.p_base_tcp) @ plant.R_base_tcp
+    return held
+
+
+def load_on_hand(plant: Plant, process: Process, T_base_tcp: Float | None) -> Float:
+    """(6,) N, N m, what the process does to the robot, about the origin of its hand, base axes.
+
+    Args:
+        plant: See :func:`tip_in_part`.
+        process: Likewise; where the robot holds the part, it is told where that is now.
+        T_base_tcp: Likewise.
+    """
+    if T_base_tcp is None:
+        return process.wrench(plant.p_base_tcp)
+    process.T_base_part[:3, :3], process.T_base_part[:3, 3] = plant.R_base_tcp, plant.p_base_tcp
+    on_tool = process.wrench(T_base_tcp[:3, 3].copy())
+    return -wrench.shift(on_tool, T_base_tcp[:3, 3] - plant.p_base_tcp)
+
+
+# Where the part really lies once its frame has been measured with the robot itself.
+# In the shop the part is clamped somewhere and the robot touches datum points on it. The controller computes their
+# coordinates from its nominal geometry; the tool really is where sag and geometric error put it. So the part's true
+# pose is the one that carries the datum points onto the touched ones: what the robot gets wrong there cancels, only its
+# variation across the part remains.
+
+
+def touched_part_frame(plant: Plant, controller: Controller, datum_points_part: Float) -> tuple[Float, Float]:
+    """Touch datum points in static equilibrium, no load but the robot's own weight.
+
+    ``controller``: What it believes, with the part frame it will run the program in. ``datum_points_part``: (k, 3) m, k
+    >= 3, not on one line, in the part frame.
+
+    Returns:
+        ``T_base_part`` (4, 4) true pose of the part, and what the rigid fit leaves at the points (k, 3) m in base axes.
+
+    Raises:
+        InputError: Too few points, or points on one line.
+        ReachError: The robot cannot reach one.
+    """
+    points = as_float("datum_points_part", datum_points_part, (None, 3))
+    if len(points) < 3:
+        raise InputError("datum points", value=len(points), limit="3 or more")
+    axis = np.tile(np.array([0.0, 0.0, 1.0]), (len(points), 1))
+    touched = np.array([plant.equilibrium(q)[:3, 3] for q in controller.joints(points, axis)])
+    return pose.register(touched, points)
+
 
 LEAD_IN_S = 0.4  # motion through air that is simulated before contact becomes possible
 LEAD_OUT_S = 0.1  # and after
@@ -57,8 +114,8 @@ def simulate(
         stock: Blank in the part frame; not changed.
         cutter: The tool, or the tools by their numbers: a tool change mounts the next one, in the same stock.
         datum_points_part: (k, 3) m; the part frame is measured by touching them with the robot (see
-            :func:`~counterflex.twin.plant.setup.touched_part_frame`). None: it was measured with an ideal instrument,
-            the part lies exactly where the controller has it.
+            :func:`touched_part_frame`). None: it was measured with an ideal instrument, the part lies exactly where
+            the controller has it.
         turning: The tool cuts in several directions or turns while it cuts: the material is held in columns, and the
             record has what is left of them.
         skip_air: Leave out long air moves.

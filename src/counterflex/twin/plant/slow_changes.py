@@ -37,11 +37,9 @@ def hose_of(pack: HosePack) -> Hose:
 class SlowChanges:
     """Moves the tool tip and the base of a plant and keeps the generalised forces of the hose.
 
-    Args:
-        truth: With other kinds.
-        ends: The tool tip in the last body and the first body in the base, (3,) m each, live: they are changed.
-        body_pose: Gives ``T_base_body`` (4, 4) of a body by name.
-        push: Adds the generalised forces of a wrench (6,) on a body about a point (3,), base axes, to an array (n,).
+    ``ends``: The tool tip in the last body and the first body in the base, (3,) m each, live: they are changed.
+    ``body_pose``: Gives ``T_base_body`` (4, 4) of a body by name. ``push``: Adds the generalised forces of a wrench
+    (6,) on a body about a point (3,), base axes, to an array (n,).
 
     Attributes:
         tool_growth_m: How much longer the tool in use is than the one that touched the part.

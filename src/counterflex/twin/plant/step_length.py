@@ -27,11 +27,7 @@ _POSTURES: Final = 24
 def on_axes(coordinates: Coordinates, sign: Float, on_link: Float, on_motor: Float) -> Float:
     """Matrix (n, n) of springs, or of dampers, on the link angle ``q + sign rz`` and on the motor angle of each axis.
 
-    Args:
-        coordinates: Of the truth.
-        sign: (6,) of each axis.
-        on_link: (6,) N m/rad, or N m s/rad.
-        on_motor: (6,), the same.
+    ``sign``: (6,) of each axis. ``on_link``: (6,) N m/rad, or N m s/rad. ``on_motor``: (6,), the same.
     """
     out: Float = np.zeros((len(coordinates.kind), len(coordinates.kind)))
     for axis, (m, t) in enumerate(zip(coordinates.motor, coordinates.torsion, strict=True)):

@@ -57,8 +57,7 @@ class HolderShape:
 def _rectangle(t: float, b: float) -> tuple[float, float, float, float]:
     """Area, second moments about the axes along t and along b ... and torsion constant of a section t x b.
 
-    Returns:
-        area, moment for bending across b (``t b^3 / 12``), moment for bending across t (``b t^3 / 12``), torsion.
+    Returns area, moment for bending across b (``t b^3 / 12``), moment for bending across t (``b t^3 / 12``), torsion.
     """
     short, long = min(t, b), max(t, b)
     torsion = long * short**3 * (1.0 / 3.0 - 0.21 * short / long * (1.0 - (short / long) ** 4 / 12.0))
@@ -148,11 +147,7 @@ class StrainFrame:
 
 
 def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
-    """Assemble and solve the frame.
-
-    Returns:
-        The frame with its answers to unit loads on the ring.
-    """
+    """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
     s = shape
     cuts = [c for z in s.notch_z_m for c in (z - 0.5 * s.notch_m, z + 0.5 * s.notch_m)]
     z = np.unique(np.round(np.concatenate([np.linspace(0.0, s.length_m, elements + 1), cuts]), 9))
@@ -250,12 +245,8 @@ class InstrumentedHolder:
     ) -> Float:
         """(m, n) what the amplifiers show along a history of load, each sample the mean over its step.
 
-        Args:
-            force: (m, 3) N in time order, from rest.
-            p_holder_load: (3,) or (m, 3) m.
-            temperature_c: (m,) deg C.
-            rng: Of the noise.
-            step_s: Between samples; longer ones average more noise.
+        ``force``: (m, 3) N in time order, from rest. ``p_holder_load``: (3,) or (m, 3) m. ``temperature_c``: (m,) deg
+        C.
         """
         s = self.still(force, p_holder_load)
         s = s + hysteresis(s) + self.zero + np.outer(np.asarray(temperature_c) - REFERENCE_C, self.per_kelvin)

@@ -76,10 +76,7 @@ class StrainStream:
     def sample(self, load: Float, time_s: float) -> tuple[Float, float]:
         """Strain that the amplifiers show and temperature that the thermometer shows.
 
-        ``load``: (6,) N, N m, mean of :meth:`load` since the last sample.
-
-        Returns:
-            (n,) dimensionless, deg C.
+        ``load``: (6,) N, N m, mean of :meth:`load` since the last sample. Returns (n,) dimensionless, deg C.
         """
         holder, rng = self._holder, self._rng
         still = holder.sensitivity @ load

@@ -104,11 +104,7 @@ FAMILIES: Final = {family.name: family for family in (MILD, WIDE, OTHER)}
 
 
 def family_of(name: str) -> Family:
-    """The family of a name.
-
-    Raises:
-        InputError: There is none of that name.
-    """
+    """The family of a name. Raises InputError: there is none of that name."""
     if name not in FAMILIES:
         raise InputError("unknown family of truths", value=name, limit=", ".join(FAMILIES))
     return FAMILIES[name]

@@ -115,8 +115,7 @@ def _family_of(table: Table, seed: int | None) -> str:
 def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     """The inverse of :func:`to_dict`, strict about missing, unknown and impossible values.
 
-    Raises:
-        FileFormatError: The data is not a truth of version 1, or a value is impossible.
+    Raises FileFormatError: the data is not a truth of version 1, or a value is impossible.
     """
     top = Table(data, where)
     if top.text("format") != FORMAT:
@@ -249,20 +248,12 @@ def _body_from(t: Table) -> Body:
 
 
 def write_truth(path: str | os.PathLike[str], truth: Truth) -> None:
-    """Write a truth file, whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a truth file, whole or not at all. Raises OutputError: the folder cannot be written."""
     write_text(path, tomli_w.dumps(to_dict(truth)))
 
 
 def read_truth(path: str | os.PathLike[str]) -> Truth:
-    """Read a truth file.
-
-    Raises:
-        FileFormatError: The file is missing, is no TOML, or is not a truth of version 1.
-    """
+    """Read a truth file. Raises FileFormatError: the file is missing, is no TOML, or is not a truth of version 1."""
     text = file_content.text(path, _HINT)
     with file_content.readable(path, "TOML", _HINT):
         data = tomllib.loads(text)

@@ -50,13 +50,9 @@ def nominal_truth(
 ) -> Truth:
     """Turn a cell's description into a truth with exactly its geometry, compliances and masses.
 
-    ``friction``: Factor on all dry friction and play; 0 leaves both out.
-
-    Returns:
-        The truth: every compliance entry above zero is an elastic coordinate, damped with beta = 1 ms.
-
-    Raises:
-        ModelError: The friction factor is negative, or the description has more slip elements than the truth.
+    ``friction``: Factor on all dry friction and play; 0 leaves both out. Returns the truth: every compliance entry
+    above zero is an elastic coordinate, damped with beta = 1 ms. Raises ModelError: the friction factor is negative, or
+    the description has more slip elements than the truth.
     """
     if not 0.0 <= friction < 10.0:
         raise ModelError("friction factor", value=friction, limit="0..10")

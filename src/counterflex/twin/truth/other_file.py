@@ -99,9 +99,7 @@ def other_to_dict(other: OtherPhysics) -> dict[str, Any]:
 def other_from(top: Table) -> OtherPhysics:
     """Take the tables of :func:`other_to_dict` out of a truth file's.
 
-    Raises:
-        FileFormatError: A key is missing, unknown or of the wrong kind.
-        ModelError: A value is out of range.
+    Raises FileFormatError: a key is missing, unknown or of the wrong kind. Raises ModelError: a value is out of range.
     """
     return OtherPhysics(
         gears=tuple(closed(row, _gear) for row in top.rows("gears")) if "gears" in top else (),

@@ -1,21 +1,220 @@
 """How the true cell differs from what a planner knows: seeded amounts, the same on every machine.
 
-How the numbers are drawn: :mod:`counterflex.twin.truth.draws`; what other kinds of physics a family may have:
+How the numbers are drawn: :mod:`counterflex.twin.truth.draw_other`; what other kinds of physics a family may have:
 :mod:`counterflex.twin.truth.draw_other`.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.robot.model.description import ElasticRegion
-from counterflex.twin.truth.draw_other import other_cell, other_cutting
-from counterflex.twin.truth.draws import draw, factor, vector
+from counterflex.core.units import MM, MRAD, MS, N_PER_MM2, UM, URAD
+from counterflex.geometry import pose
+from counterflex.robot.model.description import ElasticRegion, EndEffector, Play, Robot, Segment, Servo
+from counterflex.twin.truth.draw_other import draw, factor, other_cell, other_cutting, vector
 from counterflex.twin.truth.family import MILD, Family
+from counterflex.twin.truth.other import OtherPhysics
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One row of the table of differences.
+
+    Attributes:
+        group: ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting``, ``stock`` or
+            ``other kinds``.
+        known: Value in the nominal truth, in ``unit``.
+        true: Value in the truth.
+    """
+
+    group: str
+    name: str
+    known: float
+    true: float
+    unit: str
+
+
+def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
+    """How a truth differs from the nominal one, for reports.
+
+    Returns rows in shop units; positions as the distance between known and true. Raises InputError: the two do not have
+    the same bodies.
+    """
+    if [b.name for b in known.bodies] != [b.name for b in true.bodies]:
+        raise InputError("the truths are not of the same cell", value=[b.name for b in true.bodies])
+    rows: list[Difference] = []
+    for a, b in zip(known.bodies, true.bodies, strict=True):
+        if a.compliance.any():
+            ratio = float(np.max(a.compliance) / np.max(b.compliance))
+            rows.append(Difference("stiffness", a.name, 100.0, 100.0 * ratio, "%"))
+            gap = float(np.linalg.norm(b.p_seg_bearing - a.p_seg_bearing)) / MM
+            rows.append(Difference("bearings", a.name, 0.0, gap, "mm off"))
+        moved = float(np.linalg.norm(b.T_prev_seg[:3, 3] - a.T_prev_seg[:3, 3])) / MM
+        rows.append(Difference("geometry", a.name, 0.0, moved, "mm off"))
+        if a.joint is not None:
+            rows.append(Difference("geometry", f"{a.name} zero", 0.0, (b.offset_rad - a.offset_rad) / MRAD, "mrad"))
+        if a.mass_kg > 0.0:
+            rows.append(Difference("masses", a.name, a.mass_kg, b.mass_kg, "kg"))
+    for axis, (d, e) in enumerate(zip(known.drives, true.drives, strict=True), start=1):
+        rows.append(
+            Difference("drives", f"axis {axis} dry friction", sum(d.link_friction_nm), sum(e.link_friction_nm), "N m")
+        )
+        rows.append(
+            Difference(
+                "drives", f"axis {axis} play", 2.0 * d.dead_band_rad / URAD, 2.0 * e.dead_band_rad / URAD, "urad"
+            )
+        )
+        rows.append(
+            Difference("drives", f"axis {axis} speed loop", d.speed_bandwidth_per_s, e.speed_bandwidth_per_s, "1/s")
+        )
+        for what, gain in (("position_gain_per_s", "position loop"), ("integral_time_s", "integral time")):
+            unit = "1/s" if what == "position_gain_per_s" else "ms"
+            scale = 1.0 if unit == "1/s" else MS
+            rows.append(
+                Difference("drives", f"axis {axis} {gain}", getattr(d, what) / scale, getattr(e, what) / scale, unit)
+            )
+        if d.following_gain_per_s is not None and e.following_gain_per_s is not None:
+            rows.append(
+                Difference("drives", f"axis {axis} following", d.following_gain_per_s, e.following_gain_per_s, "1/s")
+            )
+        rows.append(
+            Difference(
+                "drives", f"axis {axis} slip angle", sum(d.link_slip_rad) / URAD, sum(e.link_slip_rad) / URAD, "urad"
+            )
+        )
+    for i, name in enumerate(("cutting", "radial", "axial")):
+        x, y = known.cutting, true.cutting
+        rows.append(Difference("cutting", f"{name} k1.1", x.k_pa[i] / N_PER_MM2, y.k_pa[i] / N_PER_MM2, "N/mm2"))
+        rows.append(Difference("cutting", f"{name} exponent", x.exponent[i], y.exponent[i], "-"))
+        rows.append(Difference("cutting", f"{name} ploughing", x.edge_n_m[i] * MM, y.edge_n_m[i] * MM, "N/mm"))
+    rows.append(Difference("cutting", "runout", known.cutting.runout_m / UM, true.cutting.runout_m / UM, "um"))
+    rows.append(
+        Difference("stock", "top of the blank", known.stock_top_offset_m / MM, true.stock_top_offset_m / MM, "mm")
+    )
+    return (*rows, *_other(true.other))
+
+
+def _other(other: OtherPhysics) -> list[Difference]:
+    """The kinds that no planner here has a model of; none of them is known."""
+    rows: list[Difference] = []
+
+    def row(name: str, known: float, true: float, unit: str) -> None:
+        rows.append(Difference("other kinds", name, known, true, unit))
+
+    for gear in other.gears:
+        row(f"axis {gear.axis + 1} stiffness without load", 100.0, 100.0 * gear.share[0], "%")
+        row(f"axis {gear.axis + 1} hysteresis of the gear", 0.0, gear.hysteresis_nm, "N m")
+    for friction in other.frictions:
+        row(f"axis {friction.axis + 1} friction at standstill", 100.0, 100.0 * friction.stiction_share, "%")
+        row(f"axis {friction.axis + 1} friction when cold", 100.0, 100.0 * (1.0 + friction.cold_share), "%")
+    if other.couplings:
+        row("springs between coordinates", 0.0, float(len(other.couplings)), "springs")
+    if other.controller is not None:
+        row("smoothing of the references", 0.0, other.controller.smoothing_s / MS, "ms")
+        row("rounding of corners", 100.0, 100.0 * other.controller.blending_share, "%")
+    if other.thermal is not None:
+        row("growth of the spindle", 0.0, other.thermal.spindle_m / UM, "um in the end")
+        row("drift of the arm", 0.0, float(np.linalg.norm(other.thermal.arm_m)) / UM, "um in the end")
+    if other.hose is not None:
+        row("hose pack", 0.0, other.hose.pull_n_m, "N/m")
+    for tool in other.tools:
+        row(f"tool {tool.number} diameter", 0.0, tool.diameter_m / UM, "um")
+    return rows
+
+
+# A truth written as a cell description: what a planner would have to be told to know everything.
+# Used to tell the error of the method from the error of the model. Inertia and runout have no place in a
+# description and stay unknown.
+
+
+def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Robot, EndEffector]:
+    """Geometry, compliances, bearings, masses, play, friction and loop gains of a truth as robot and end effector.
+
+    An elastic element that turns about a bearing away from the drive's frame becomes a segment of its own,
+    ``Rz(theta) Tr(e) E Tr(-e)``.
+
+    ``truth``: Made from ``robot`` and ``end_effector``, perhaps perturbed. ``robot``: Its nominal description; limits,
+    closed-form geometry and counterbalance are kept. Raises InputError: the truth has other bodies.
+    """
+    names = [s.name for s in (*robot.segments, *end_effector.segments)]
+    if [b.name for b in truth.bodies] != names:
+        raise InputError("the truth is not one of this cell", value=[b.name for b in truth.bodies], limit=names)
+    count = len(robot.segments)
+    arm, back = _segments(truth.bodies[:count], np.eye(4))
+    if end_effector.segments:
+        first = truth.bodies[count]
+        hand, tip = _segments(
+            (
+                replace(first, T_prev_seg=pose.inverse(robot.T_last_flange) @ first.T_prev_seg),
+                *truth.bodies[count + 1 :],
+            ),
+            np.eye(4),
+        )
+        true_hand = EndEffector(segments=hand, T_last_tcp=tip @ truth.T_last_tcp)
+        flange: Float = back @ robot.T_last_flange
+    else:
+        flange = back @ robot.T_last_flange
+        true_hand = EndEffector(segments=(), T_last_tcp=pose.inverse(robot.T_last_flange) @ truth.T_last_tcp)
+    play = tuple(Play(d.dead_band_rad, tuple(d.link_friction_nm), tuple(d.link_slip_rad)) for d in truth.drives)
+    servo = tuple(
+        Servo(
+            speed_gain_nm_s=d.speed_bandwidth_per_s * d.servo_inertia_kg_m2,
+            position_gain_per_s=d.position_gain_per_s,
+            integral_time_s=d.integral_time_s,
+            friction_nm=d.motor_friction_nm,
+            slip_rad=d.motor_slip_rad,
+        )
+        for d in truth.drives
+    )
+    own = {body.name: f"{body.name}_bearing" if _away(body) else body.name for body in truth.bodies}
+    regions = tuple(replace(region, segment=own[region.segment]) for region in truth.regions)
+    true_robot = replace(robot, segments=arm, T_last_flange=flange, play=play, servo=servo, regions=regions)
+    return true_robot, true_hand
+
+
+def _away(body: Body) -> bool:
+    """Whether the elastic element turns about another point than the drive."""
+    return bool(np.any(body.p_seg_bearing != 0.0)) and bool(np.any(body.compliance > 0.0))
+
+
+def _segments(bodies: tuple[Body, ...], T_last_here: Float) -> tuple[tuple[Segment, ...], Float]:
+    """Segments of a run of bodies, and the pose of the last body's frame in the last segment's."""
+    out: list[Segment] = []
+    for body in bodies:
+        T_prev = T_last_here @ body.T_prev_seg
+        whole = Segment(
+            name=body.name,
+            T_prev_seg=T_prev,
+            joint=body.joint,
+            sign=body.sign,
+            offset_rad=body.offset_rad,
+            compliance=body.compliance,
+            mass_kg=body.mass_kg,
+            p_seg_com=body.p_seg_com,
+        )
+        if not _away(body):
+            out.append(whole)
+            T_last_here = np.eye(4)
+            continue
+        e = body.p_seg_bearing
+        out.append(replace(whole, compliance=np.zeros(6), mass_kg=0.0, p_seg_com=np.zeros(3)))
+        out.append(
+            Segment(
+                name=f"{body.name}_bearing",
+                T_prev_seg=pose.make(p=e),
+                compliance=body.compliance,
+                mass_kg=body.mass_kg,
+                p_seg_com=body.p_seg_com - e,
+            )
+        )
+        T_last_here = pose.make(p=-e)
+    return tuple(out), T_last_here
+
 
 EDGE_N_M = (2000.0, 2000.0, 0.0)  # ploughing force that the planner's law has no term for
 EDGE_SIGMA = 0.30
@@ -35,13 +234,8 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
     ploughing force of 2 N/mm, 5 um runout, geometry off by 0.15 mm per link and axis, joint offsets by 0.05 mrad,
     bearing positions by 10 mm, damping by 15 %, the height of the blank by 0.05 mm.
 
-    ``seed``: 0, 1, 2, ...
-
-    Returns:
-        The same truth for the same seed and family on every machine.
-
-    Raises:
-        InputError: The seed is negative.
+    ``seed``: 0, 1, 2, ... Returns the same truth for the same seed and family on every machine. Raises InputError: the
+    seed is negative.
     """
     if seed < 0:
         raise InputError("seed of the truth", value=seed, limit=">= 0")

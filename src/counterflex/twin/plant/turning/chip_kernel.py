@@ -17,7 +17,7 @@ from typing import Final
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.jit import kernel
 from counterflex.core.units import MM
-from counterflex.twin.plant.chip import OK, SHANK, STILL, edge_load
+from counterflex.twin.plant.chip import OK, SHANK, STILL, add_edge, edge_load
 from counterflex.twin.plant.turning.column_material import UInt8
 
 SLICE_M: Final = 0.25 * MM
@@ -49,23 +49,6 @@ def filled(low: Float32, high: Float32, held: UInt8, grid: Float, x: float, y: f
     near = (1.0 - u) * _filled(low, high, held, j, i, a, b) + u * _filled(low, high, held, j, i + 1, a, b)
     far = (1.0 - u) * _filled(low, high, held, j + 1, i, a, b) + u * _filled(low, high, held, j + 1, i + 1, a, b)
     return float((1.0 - v) * near + v * far)
-
-
-@kernel()
-def _add(
-    out: Float, load: Float, weight: float, c: float, s: float, sk: float, ck: float, r: float, up: float, turns: float
-) -> None:
-    """Add the force of an edge element and its moment about the tip, in the axes square to and along the tool."""
-    inward = weight * (load[1] * sk + load[2] * ck)
-    fx = -weight * load[0] * turns * s - inward * c
-    fy = weight * load[0] * turns * c - inward * s
-    fz = weight * (load[1] * ck - load[2] * sk)
-    out[0] += fx
-    out[1] += fy
-    out[2] += fz
-    out[3] += r * s * fz - up * fy
-    out[4] += up * fx - r * c * fz
-    out[5] += r * (c * fy - s * fx)
 
 
 @kernel()
@@ -130,30 +113,12 @@ def turned_wrench(
     own: Float,
     out: Float,
 ) -> int:
-    """Mean cutting wrench on the tool now.
+    """Mean cutting wrench on the tool now; arguments not named here as for :func:`.chip.cutting_wrench`.
 
-    Args:
-        low: (ny, nx, 8) m, columns of material.
-        high: Same.
-        held: (ny, nx).
-        grid: (3,) x0, y0, cell, m.
-        box: (2,) lowest and highest material, m.
-        p: (3,) m, tool tip in the part frame now.
-        u: (3,) tool axis from the tip to the spindle, part axes.
-        history: (HISTORY, 6) ring of tips and axes, one per step; now is written at ``count``.
-        count: Number of steps since the start.
-        delay_steps: Tooth period in steps.
-        turns: +1 clockwise seen from the spindle, -1 counter-clockwise, 0 standing still.
-        shape: (3,) tool radius, corner radius, flute length, m.
-        rings: (n, 2) radius and edge length of the rings of the end face, m.
-        rims: (K + 1, 2) radius and height of the rims between the slices of the corner, m; (1, 2) without corner.
-        faces: (K, 5) radius, height, edge length, sin kappa, cos kappa of the slices.
-        circle: (ANGLES, 2) cosine and sine of the sampled angles.
-        radii: (teeth,) m, runout.
-        law: (10,) see :func:`counterflex.twin.plant.chip.edge_load`.
-        load: (3,) workspace.
-        own: (6,) workspace: force and moment in the tool's axes.
-        out: (7,) set to force N and moment N m about the tip in part axes, and the largest engaged axial depth m.
+    ``low``, ``high``: (ny, nx, 8) m, columns of material; ``held``: (ny, nx) how many. ``grid``: (3,) x0, y0, cell, m.
+    ``box``: (2,) lowest and highest material, m. ``p``: (3,) m, tool tip in the part frame now. ``u``: (3,) tool axis
+    from the tip to the spindle, part axes. ``history``: (HISTORY, 6) ring of tips and axes, one per step; now is at
+    ``count``. ``turns``: as ``turning`` there. ``own``: (6,) workspace: force and moment in the tool's axes.
 
     Returns:
         OK, SHANK or STILL.
@@ -196,7 +161,7 @@ def turned_wrench(
             if wide > _SOFT_M and chip > 0.0:
                 deepest = wide
                 edge_load(chip, 1.0, radii, law, load)
-                _add(own, load, share * wide, c, s, 1.0, 0.0, radius, middle, turns)
+                add_edge(own, load, share * wide, c, s, 1.0, 0.0, radius, middle, turns)
             t = flute + SLICE_M
             x, y, z = x + t * u[0], y + t * u[1], z + t * u[2]
             if level + t * lever > 0.0 and filled(low, high, held, grid, x, y, z, _SOFT_M) > 0.5:
@@ -214,7 +179,7 @@ def turned_wrench(
             if engaged > 0.0:
                 deepest += engaged * (rims[k + 1, 1] - rims[k, 1])
                 edge_load(chip, sk, radii, law, load)
-                _add(own, load, share * engaged * faces[k, 2], c, s, sk, ck, r, t, turns)
+                add_edge(own, load, share * engaged * faces[k, 2], c, s, sk, ck, r, t, turns)
         if up < 0.0:
             half = max(-0.5 * up * abs(u[2]), _SOFT_M)
             for k in range(rings.shape[0]):
@@ -224,7 +189,7 @@ def turned_wrench(
                 if engaged > 0.0:
                     deepest = max(deepest, -engaged * up)
                     edge_load(-up, 0.0, radii, law, load)
-                    _add(own, load, share * engaged * rings[k, 1], c, s, 0.0, 1.0, r, 0.0, turns)
+                    add_edge(own, load, share * engaged * rings[k, 1], c, s, 0.0, 1.0, r, 0.0, turns)
         out[6] = max(out[6], deepest)
     for k in (0, 3):
         out[k] = ex * own[k] + gx * own[k + 1] + u[0] * own[k + 2]

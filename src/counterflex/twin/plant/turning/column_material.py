@@ -66,8 +66,7 @@ class ColumnMaterial:
     def make_room(self) -> None:
         """Double the stretches that a column has room for.
 
-        Raises:
-            SimulationError: There are :data:`MOST_STRETCHES` already.
+        Raises SimulationError: there are :data:`MOST_STRETCHES` already.
         """
         if self.low.shape[2] >= MOST_STRETCHES:
             raise SimulationError(

@@ -26,13 +26,8 @@ _LEVER_M: Final = 20.0 * MM
 class TurningProcess(Process):
     """Cuts columns of material with a tool whose tip is given step by step and whose axis is that of the plant.
 
-    Args:
-        stock: Blank in the part frame.
-        cutter: The tool.
-        cutting: Force constants and runout.
-        step_s: Time between calls of :meth:`wrench`, s.
-        T_base_part: (4, 4) where the part truly lies.
-        R_base_tcp: (3, 3) live view of the axes of the tool frame; its z points out of the spindle.
+    ``step_s``: Time between calls of :meth:`wrench`, s. ``T_base_part``: (4, 4) where the part truly lies.
+    ``R_base_tcp``: (3, 3) live view of the axes of the tool frame; its z points out of the spindle.
 
     Attributes:
         material: As cut so far (call :meth:`finish_material` at the end).
@@ -76,8 +71,7 @@ class TurningProcess(Process):
     def wrench(self, p_base_tcp: Float) -> Float:
         """Mean cutting wrench now, see :meth:`Process.wrench`.
 
-        Raises:
-            SimulationError: The tool cuts above its flutes, or is moved into stock with the spindle off.
+        Raises SimulationError: the tool cuts above its flutes, or is moved into stock with the spindle off.
         """
         R = self.T_base_part[:3, :3]
         self.p_part[:] = (p_base_tcp - self.T_base_part[:3, 3]) @ R
