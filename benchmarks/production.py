@@ -47,7 +47,7 @@ from counterflex.identify.production.stretches import stretches_of
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.file import read_truth, write_truth
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 CELL: Final = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
@@ -103,8 +103,8 @@ def milled(folder: Path, name: str, worn: float) -> Path:
     file = folder / f"truth-{name}.toml"
     write_truth(file, replace(truth, cutting=replace(cutting, k_pa=_three(k_pa), edge_n_m=_three(edge_n_m))))
     plan, cell = folder / "plan", folder / "cell.toml"
-    twin = live.LiveSettings(plan / "part.ngc", cell, file, RSI, original=folder / "part.ngc", hose_share=0.0)
-    loop = online_session.RunSettings(cell, RSI, plan / "plan.parquet", compensated=True, arm=False)
+    twin = live.LiveSettings(plan / "part.ngc", cell, file, ("rsi", RSI), original=folder / "part.ngc", hose_share=0.0)
+    loop = online_session.RunSettings(cell, ("rsi", RSI), plan / "plan.parquet", compensated=True, arm=False)
     closed_loop.run(twin, folder / f"part-{name}", loop, folder / name, sensors=closed_loop.Sensors())
     return folder / name
 

@@ -24,7 +24,7 @@ from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.files.cell.cell import read_cell
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
@@ -111,9 +111,9 @@ def milled(folder: Path, of_cell: str, of_loop: str, plan: Path, truth: Path) ->
     there.write_text(of_cell, encoding="utf-8")
     believed.write_text(of_loop, encoding="utf-8")
     said = closed_loop.run(
-        live.LiveSettings(PROGRAM, there, truth, RSI, hose_share=0.0),
+        live.LiveSettings(PROGRAM, there, truth, ("rsi", RSI), hose_share=0.0),
         folder / "part",
-        online_session.RunSettings(believed, RSI, plan, compensated=False, arm=True),
+        online_session.RunSettings(believed, ("rsi", RSI), plan, compensated=False, arm=True),
         folder / "log",
         sensors=closed_loop.Sensors(force=True),
     )

@@ -20,7 +20,7 @@ from counterflex.protocols.session.session import SessionChecks
 from counterflex.protocols.session.snapshot_kernel import lengths_of, share_of
 from counterflex.runtime.state.states import Cause, State
 from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
+from counterflex.app.run.robot_links import ROBOT_LINKS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS
@@ -24,7 +27,9 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     LANGUAGES,
     MAKERS,
     DATA_KINDS,
+    ROBOT_LINKS,
     SETUPS,
+    PLCS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )
@@ -41,16 +46,16 @@ class Extension:
     fault: str  # Why it cannot be used, or empty
 
 
-def extensions() -> list[Extension]:
+def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:
     """Everything that is registered, our own first in each group."""
-    return [_looked_at(registry, name) for registry in REGISTRIES for name in registry]
+    return [_looked_at(registry, name) for registry in registries for name in registry]
 
 
 def _looked_at(registry: Registry[Any], name: str) -> Extension:
     title, fault = "", ""
     try:
         entry = registry[name]
-        title = str(getattr(entry, "title", entry))
+        title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
     except CounterflexError as problem:
         fault = str(problem)
     return Extension(registry.group, name, registry.package(name), title, fault)

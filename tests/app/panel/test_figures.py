@@ -27,7 +27,7 @@ from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.states import Cause, State
 from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
 ABOUT: dict[str, Any] = {

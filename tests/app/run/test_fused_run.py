@@ -20,7 +20,7 @@ from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"
@@ -42,9 +42,9 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     compensate(PROGRAM, cell, tmp_path / "plan", report=False, programmed_feed=True, predict=False)
     plan = tmp_path / "plan" / "plan.parquet"
     summary = closed_loop.run(
-        live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", RSI, hose_share=0.0),
+        live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", ("rsi", RSI), hose_share=0.0),
         tmp_path / "part",
-        online_session.RunSettings(cell, RSI, plan, compensated=False, arm=True),
+        online_session.RunSettings(cell, ("rsi", RSI), plan, compensated=False, arm=True),
         tmp_path / "log",
         sensors=closed_loop.Sensors(force=True),
     )

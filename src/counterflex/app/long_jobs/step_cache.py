@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ from counterflex.core.errors import FileFormatError
 DONE: Final = "done.json"
 """Written last into the folder of a step: its fingerprint, and what the job needs to go on."""
 _ROOT: Final = Path(counterflex.__file__).parent
-_SHOW: Final = ("cli", "report")
+_SHOW: Final = ("cli", "report", "commands")
 """Rooms that show results and make none."""
 _NAMED: Final = 4
 """Changed parts that a line names; the others are counted."""
@@ -57,17 +58,24 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
 
 
 @cache
-def program_files() -> Mark:
+def program_files(package: str = "") -> Mark:
     """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included.
 
     Hidden files do not count: editors and unfinished copies leave them.
+
+    Args:
+        package: Another one that is imported: one hash of all that it computes with, nothing where it is a script.
     """
+    file_of = (sys.modules[package].__file__ or "") if package else ""
+    if package and not file_of.endswith("__init__.py"):
+        return ()
+    root = Path(file_of).parent if package else _ROOT
     rooms: dict[str, Any] = {}
-    for file in sorted(_ROOT.rglob("*")):
-        place = file.relative_to(_ROOT)
+    for file in sorted(root.rglob("*")):
+        place = file.relative_to(root)
         hidden = any(part.startswith(".") or part == "__pycache__" for part in place.parts)
         if not hidden and file.is_file() and place.parts[0] not in _SHOW:
-            room = f"code of {place.parts[0]}" if len(place.parts) > 1 else "code"
+            room = f"code of {package or place.parts[0]}" if package or len(place.parts) > 1 else "code"
             rooms.setdefault(room, hashlib.sha256()).update(place.as_posix().encode() + b"\n" + file.read_bytes())
     return tuple((room, digest.hexdigest()[:16]) for room, digest in sorted(rooms.items()))
 

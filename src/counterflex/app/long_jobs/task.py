@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.long_jobs.step_cache import Mark, fingerprint
+from counterflex.app.long_jobs.step_cache import Mark, fingerprint, program_files
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ class Task:
         """What it is made from."""
         facts = [_plain(item) for item in self.arguments if not isinstance(item, Reads | Writes)]
         name = f"{self.function.__module__}.{self.function.__qualname__}"
-        return fingerprint(*self.files(), job=name, arguments=facts)
+        package = name.partition(".")[0]
+        code = () if package == "counterflex" else program_files(package)
+        return (*fingerprint(*self.files(), job=name, arguments=facts), *code)
 
 
 @dataclass(frozen=True)

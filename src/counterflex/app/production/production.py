@@ -56,15 +56,7 @@ def apply_constants(
 ) -> dict[str, Any]:
     """Write a cell file with the constants found.
 
-    Args:
-        p: Of the job.
-        identification: Its changes are written.
-        target: New cell file.
-        place: Where it is written until the results are complete.
-        date: As printed.
-
-    Returns:
-        What was taken over, plain values.
+    ``place``: Where it is written until the results are complete.
 
     Raises:
         InputError: The target is the cell file or any file that is there.

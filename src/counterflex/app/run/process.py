@@ -13,7 +13,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.run.child import outlive_starter
-from counterflex.app.run.session import RunSettings, open_session
+from counterflex.app.run.session import RunSettings, open_session, robot_files
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
@@ -46,7 +46,7 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
         difference of wall clock and monotonic clock in ns.
     """
     loop = session.loop.settings
-    files = {"cell": settings.cell, "plan": settings.plan, "program": settings.program, "rsi": settings.rsi}
+    files = {"cell": settings.cell, "plan": settings.plan, "program": settings.program, **robot_files(settings)}
     radius, turn = loop.translation.radius, loop.rotation.radius
     return {
         "counterflex": __version__,
@@ -61,7 +61,7 @@ def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[
             "speed_m_s": loop.translation.speed,
         },
         "listens": list(session.link.address),
-        "protocol": "EGM" if settings.egm else "RSI",
+        "protocol": (settings.robot or ("",))[0].upper(),
         "holds_feed": bool(session.link.holds_feed),
         "sources": {"force": session.force is not None, "tracker": session.tracker is not None},
         "force_mode": loop.force.name.lower(),

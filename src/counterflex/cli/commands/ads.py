@@ -38,9 +38,9 @@ def list_(
 
     Example: `counterflex ads list --cell cell.toml --containing strain`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    symbols = job.list_symbols(cell, containing)
+    symbols = PLCS["ads"].symbols(cell, containing)
     if as_json:
         print_json([{"name": one.name, "type": one.kind, "comment": one.comment} for one in symbols])
         return
@@ -53,9 +53,9 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
 
     Example: `counterflex ads read --cell cell.toml`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    readings = job.read(cell)
+    readings = PLCS["ads"].read(cell)
     if as_json:
         print_json(readings)
         return
@@ -78,9 +78,9 @@ def write(
 
     Example: `counterflex ads write filter_hz 8 --cell cell.toml`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    result = job.write(cell, name, value)
+    result = PLCS["ads"].write(cell, name, value)
     if as_json:
         print_json(result)
         return
@@ -105,9 +105,9 @@ def forward(
 
     Example: `counterflex ads forward 127.0.0.1:5002 --cell cell.toml --strain`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    result = job.forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
+    result = PLCS["ads"].forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
     if as_json:
         print_json(result)
         return

@@ -115,6 +115,8 @@ Percent = Annotated[float, Field(gt=0.0, le=100.0)]
 class OnlineTable(Table):
     """Which signals correct, through which filters, within which limits."""
 
+    protocol: str | None = None
+    link: dict[str, bool | int | float | str] = Field(default_factory=dict)
     force: Literal["none", "measured", "pilot", "scale", "fused"] = "pilot"
     force_from: Literal["sensor", "holder", "both"] = "sensor"
     pair: PairTable = PairTable()

@@ -94,6 +94,8 @@ _HOUR = 60.0 * MINUTE
 _GPA = KN * N_PER_MM2
 UNKNOWN_ERROR = 0.05
 """Share by which a force is off where identify holder has not stated it."""
+PROTOCOL = "netft"
+"""Of a force sensor whose table names none."""
 _SHAPE = "expected 0, 9 or 34 rows of six numbers"
 
 
@@ -115,7 +117,7 @@ class SensorTable(PoseTable):
     hose_from: str = ""
     range_n: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
     range_nm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    protocol: Annotated[str, Field(min_length=1)] = "netft"
+    protocol: Annotated[str, Field(min_length=1)] = PROTOCOL
     link: dict[str, bool | int | float | str] = Field(default_factory=dict)
     frame: FrameTable | None = None
     source: str = ""

@@ -109,10 +109,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     spread geometrically over ``feed_ratio``; the depth of each cut keeps the force of the law known so far below
     ``force_max_n``.
 
-    Args:
-        cell: With the corners of its blank.
-        count: Number of pieces, each with a feed of its own.
-        settings: :data:`SETTINGS`, ``tool`` and ``seed``.
+    ``count``: Number of pieces, each with a feed of its own. ``settings``: :data:`SETTINGS`, ``tool`` and ``seed``.
 
     Raises:
         InputError: The cell has no box as blank, or the blank is too small for the tool.

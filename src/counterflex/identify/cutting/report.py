@@ -77,10 +77,8 @@ def trend(relative_force: Float, run_m: Float, group: Int) -> Wear | None:
 def wear_trend(block: SlotResiduals, fit: Fit) -> Wear | None:
     """Wear from the cuts of a block that repeat one another: same feed, depth, width and speed within 1 %.
 
-    Args:
-        block: The pieces that were fitted.
-        fit: Their fit; each measured force is put in relation to its prediction, so that what depth and give explain
-            does not count as wear.
+    ``fit``: Their fit; each measured force is put in relation to its prediction, so that what depth and give explain
+    does not count as wear.
 
     Returns:
         The trend, or None where no condition was cut three times or more.
@@ -126,7 +124,6 @@ class Shared:
     Attributes:
         sensor: The force sensor.
         wear: Growth of the force to the last piece, share.
-        runout_m: Runout.
         is_identified: Whether the runout was identified from the records.
         before: (p,) standard deviations without all this.
     """
@@ -143,11 +140,7 @@ class Chosen:
     """The form that was chosen and its fit.
 
     Attributes:
-        cuts: All pieces.
         block: The pieces that were fitted.
-        form: The form.
-        fit: Its fit.
-        h_ref_m: Reference thickness.
         range_m: Least and largest mean thickness of the fitted pieces.
         shared: What is in its standard deviations because all cuts share it.
     """

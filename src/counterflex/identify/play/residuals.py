@@ -285,11 +285,7 @@ class ReversalResiduals:
 
 @dataclass(frozen=True, eq=False)
 class AxisResiduals:
-    """All motions of one axis as one block; see :class:`counterflex.identify.solver.residuals.Residuals`.
-
-    Attributes:
-        parts: The motions.
-    """
+    """All motions of one axis as one block; see :class:`counterflex.identify.solver.residuals.Residuals`."""
 
     parts: tuple[ReversalResiduals, ...]
 

@@ -80,9 +80,7 @@ def median_weights(rows: Float) -> Float:
 def hampel_weights(rows: Float, scale: float) -> Float:
     """(n,) weights: 1 up to the usual size t, t / size up to 2 t, falling to 0 at 4 t.
 
-    Args:
-        rows: (n, k) weighted residuals.
-        scale: Spread that is taken for ordinary.
+    ``rows``: (n, k) weighted residuals.
     """
     if len(rows) < FEWEST or rows.shape[1] == 0:
         return np.ones(len(rows))
@@ -196,13 +194,7 @@ def solve(
     1 that holds for what its residuals show, so that neither optimistic standard deviations, heavy tails, repeats
     with errors in common nor what the model lacks makes the result look better than it is.
 
-    Args:
-        parameters: What to find.
-        blocks: Measurements.
-        robust: False gives every row full weight.
-        start: (p,) SI values to start from; None is nominal. Held parameters stay at nominal.
-        stop: When to stop.
-        progress: Told about rounds.
+    ``start``: (p,) SI values to start from; None is nominal. Held parameters stay at nominal.
 
     Returns:
         The fit; parameters that the data do not see stay at their priors.

@@ -135,8 +135,6 @@ class Stacked:
     """Residuals and Jacobian over the free fit coordinates; the last point is remembered.
 
     Attributes:
-        parameters: All of them.
-        blocks: The measurements.
         free: (f,) places of the free parameters.
         known: (f,) 1 where a free parameter has a prior, else 0.
         lower: (f,) bounds.
@@ -286,9 +284,6 @@ class Stacked:
         ``C = (sum_b J_b^T J_b + P)^-1`` by SVD with scaled columns, so that neither the squares of the Jacobian nor the
         sizes of the parameters cost digits; directions that neither data nor priors hold get a huge variance. The
         number of a block is ``trace(J_b C J_b^T)``; those of all blocks and the priors add up to f.
-
-        Args:
-            parts: Per block the triangle of :meth:`triangles`.
         """
         f = len(self.free)
         stack = np.concatenate([*(part[:, :f] for part in parts), np.diag(self.known)])

@@ -41,10 +41,8 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     The amplitude falls with the frequency so that speed and acceleration stay bounded; the three axes have slightly
     different frequencies so that they can be told apart.
 
-    Args:
-        cell: Its robot controller is to follow.
-        count: Length of the record, s; 5 to 120.
-        settings: ``through``: ``program`` (default) or ``correction`` (sensor interface); ``seed`` is not used.
+    ``count``: Length of the record, s; 5 to 120. ``settings``: ``through``: ``program`` (default) or ``correction``
+    (sensor interface); ``seed`` is not used.
 
     Returns:
         Columns ``time_s``, ``x_m y_m z_m`` (commanded tip in the base), ``q1_rad`` ... ``q6_rad``; expected standard
@@ -117,8 +115,7 @@ _SHOWN = 1500
 def identify(inputs: Inputs) -> Identification:
     """Find delays in records; see :mod:`counterflex.identify.delays.delay` for the model.
 
-    Args:
-        inputs: What is known before; datasets of the kind ``record``, held out by stretches.
+    ``inputs``: What is known before; datasets of the kind ``record``, held out by stretches.
 
     Returns:
         Fits by pair, changes to ``[timing]``.

@@ -71,26 +71,27 @@ def rsi(
         )
     import numpy as np
 
-    from counterflex.app.simulated_cell import rsi as job
+    from counterflex.app.run.robot_links import ROBOT_LINKS
     from counterflex.app.simulated_cell import scenario as shown
     from counterflex.app.simulated_cell.alone import Watched
+    from counterflex.core.registry import imported
     from counterflex.core.units import DEG
 
-    settings = job.LoneRsi(
-        rsi=rsi,
-        program=program,
-        cell=cell,
-        T_part_tcp=shown.matrix((0.0,) * 6 if place is None else place),
-        q=np.array(trial.standstill.joints_deg) * DEG,
-        seconds=10.0 if seconds is None and program is None else seconds,
-        peer=host_port(trial.controller.peer),
-        timing=shown.timing(trial.controller, gate_s=0.8),
-        answer=shown.path_answer(trial.controller),
-        context=shown.rsi_context(trial.rsi),
-        faults=shown.schedule(trial, fault),
-    )
+    settings: dict[str, Any] = {
+        "rsi": rsi,
+        "program": program,
+        "cell": cell,
+        "T_part_tcp": shown.matrix((0.0,) * 6 if place is None else place),
+        "q": np.array(trial.standstill.joints_deg) * DEG,
+        "seconds": 10.0 if seconds is None and program is None else seconds,
+        "peer": host_port(trial.controller.peer),
+        "timing": shown.timing(trial.controller, gate_s=0.8),
+        "answer": shown.path_answer(trial.controller),
+        "table": trial.rsi,
+        "faults": shown.schedule(trial, fault),
+    }
     with progress_bar(f"RSI {rsi.name}") as progress:
-        summary = job.run(settings, Watched(record, print_start, progress))
+        summary = imported(ROBOT_LINKS["rsi"].alone)(Watched(record, print_start, progress), **settings)
     if as_json:
         print_json(summary)
     else:
