@@ -14,7 +14,7 @@ from counterflex.app import modes as job
 from counterflex.app import tap_test
 from counterflex.app.cell_modes import modes_in
 from counterflex.app.lowest_mode import estimate
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
@@ -52,12 +52,12 @@ def test_the_command_prints_and_writes(tmp_path: Path) -> None:
         str(tmp_path / "out"),
         "--json",
     ]
-    result = CliRunner().invoke(app, words)
+    result = CliRunner().invoke(whole(), words)
     assert result.exit_code == 0, result.output
     printed = json.loads(result.stdout)
     assert len(printed["modes"]) == 3
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["modes"] == printed["modes"]
-    assert "Hz" in CliRunner().invoke(app, ["modes", str(SMALL)]).output
+    assert "Hz" in CliRunner().invoke(whole(), ["modes", str(SMALL)]).output
 
 
 def test_a_robot_without_stiffness_is_refused_or_taken_by_its_class() -> None:

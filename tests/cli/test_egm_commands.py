@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.integrations.abb.link.calls import read_egm_calls
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -24,7 +24,7 @@ MODULE = (
 
 
 def told(*arguments: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(word) for word in arguments])
+    result = CliRunner().invoke(whole(), [str(word) for word in arguments])
     text = result.output + (str(result.exception) if result.exception else "")
     return result.exit_code, text
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -143,6 +144,22 @@ def test_the_line_names_what_is_wrong(answers: list[Any]) -> None:
 
 
 def test_the_command_itself_is_light(tmp_path: Path) -> None:
-    script = "import sys, counterflex.cli.main; print([m for m in sys.modules if '.' not in m])"
+    script = (
+        "import sys; from counterflex.cli import main; main._own(*main._OWN); "
+        "print([m for m in sys.modules if '.' not in m])"
+    )
     ended = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert not {"numpy", *HEAVY} & set(ended.stdout.replace("'", "").strip("[]\n").split(", "))
+
+
+def test_a_command_loads_no_module_of_another() -> None:
+    """Only what the called one imports itself: the options of all others take longer to read than it may take."""
+    script = (
+        "import sys; from counterflex.cli.main import parsed; parsed(['dcc', 'show', '--help']); "
+        "print([m for m in sys.modules if m.startswith('counterflex.cli.commands.')])"
+    )
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60).stdout
+    loaded = set(ast.literal_eval(said.splitlines()[-1]))
+    assert "counterflex.cli.commands.standards.dcc" in loaded
+    others = {f"counterflex.cli.commands.{name}" for name in ("prove", "run", "log", "campaign", "twin", "inspection")}
+    assert not loaded & others

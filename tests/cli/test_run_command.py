@@ -16,7 +16,7 @@ from counterflex.app import doctor
 from counterflex.app.run import run as online
 from counterflex.app.run.end import End, RunEnd, ended_how
 from counterflex.app.run.status import Status
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.core.arrays import Float
 from counterflex.runtime.record_ring import WIDTH, column
 from counterflex.runtime.state.supervisor import Cause, State
@@ -76,7 +76,7 @@ def test_the_exit_status_tells_how_it_ended(
     monkeypatch.setattr(online, "run", lambda *_, **__: found)
     monkeypatch.setattr(doctor, "require_fit", lambda: None)
     line = ["run", "--arm", "--cell", DEMO / "cell.toml", "--rsi", DEMO / "rsi.xml", "--out", tmp_path / "log"]
-    result = CliRunner().invoke(app, [str(word) for word in [*line, *(["--json"] if as_json else [])]])
+    result = CliRunner().invoke(whole(), [str(word) for word in [*line, *(["--json"] if as_json else [])]])
     assert result.exit_code == end, result.output
     assert words in result.output
 
@@ -155,7 +155,7 @@ def test_the_status_line_says_every_danger(folder: Path, monkeypatch: pytest.Mon
 
         monkeypatch.setattr(online, "run", run)
         words = ["run", "--cell", "cell.toml", "--egm", "6510", "--out", "log", "--json"]
-        return CliRunner().invoke(app, words).output
+        return CliRunner().invoke(whole(), words).output
 
     assert said in lines(replace(plain, **shown))
     assert said not in lines(plain)

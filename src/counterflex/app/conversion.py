@@ -52,7 +52,6 @@ def run(
 
     Args:
         cell_file: The cell that frames, process words and the free rotation about the tool are taken from.
-        language: Name at the prompt, see :func:`~counterflex.programs.language.at_prompt`.
         tolerance_m: Largest distance of straight pieces from a helix, for languages without one.
         points_per_file: Most motions of a file of a robot language; None takes the limit of the language.
 

@@ -231,7 +231,6 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
     """Measure and judge this machine, and keep the verdict for arming.
 
     Args:
-        folder: Where run logs will be written.
         keep: Keep the verdict; what was measured for too short a time to judge is never kept.
 
     Raises:

@@ -135,11 +135,7 @@ def sharp_corners(plan: Plan) -> int:
 
 
 def expected_deflection(cell: Cell, points: CutPoints) -> Expected:
-    """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known.
-
-    Args:
-        points: Where it is judged.
-    """
+    """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known."""
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     return expected(points.sizes(whole + _left_open(cell, points, whole, np.random.default_rng(_SEED))), points.of)
 

@@ -82,11 +82,7 @@ class Source:
 
 
 def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
-    """Everything that is not known of a cell, the most expensive first.
-
-    Args:
-        points: Where it is judged.
-    """
+    """Everything that is not known of a cell, the most expensive first."""
     listed = [
         Unknown(
             one.name,
@@ -100,11 +96,7 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
 
 
 def sources(cell: Cell, points: CutPoints) -> list[Source]:
-    """Everything that is not known of a cell, each drawn by itself.
-
-    Args:
-        points: Where it is judged.
-    """
+    """Everything that is not known of a cell, each drawn by itself."""
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
     listed.append(_force(cell, points))
     listed += [*_play(cell, points), *_identified_play(cell, points)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import inspect
 import math
 import os
@@ -10,6 +11,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Mapping, Sequence
+from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any, Final, NoReturn
 
@@ -18,43 +20,13 @@ from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
 from counterflex.cli.arguments import option
-from counterflex.cli.commands import (
-    ads,
-    benchmark_part,
-    campaign,
-    convert,
-    correct,
-    dataset,
-    difference,
-    doctor,
-    egm,
-    extensions,
-    holder,
-    identify,
-    inspection,
-    log,
-    modes,
-    preflight,
-    production,
-    program,
-    prove,
-    question,
-    rsi,
-    thermal,
-    tracker,
-    twin,
-)
-from counterflex.cli.commands import run as online
 from counterflex.cli.commands.extensions import COMMANDS
-from counterflex.cli.commands.operate import opcua, operator, panel
-from counterflex.cli.commands.plan import group as plan
-from counterflex.cli.commands.standards import dcc, iso230, iso9283
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s, warn
 from counterflex.core import compiling, remarks
 from counterflex.core.errors import InputError
 
-__all__ = ["app", "parsed"]
+__all__ = ["parsed", "whole"]
 _CommandLineFault: Final[type[Exception]] = next(
     kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException"
 )
@@ -135,6 +107,18 @@ PANELS: Final = {
     "Tools": ("doctor", "extensions", *LAB),
 }
 """Commands by what they are for, in the order of ``--help``."""
+_OWN: Final = tuple(name for names in PANELS.values() for name in names if name not in LAB)
+_MODULES: Final = {
+    **dict.fromkeys(("cell", "robots", "pose", "deflection"), "question"),
+    **dict.fromkeys(("path", "compensate"), "program"),
+    **dict.fromkeys(("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"), "prove"),
+    **{name: f"operate.{name.removesuffix('-user')}" for name in ("operator", "panel", "panel-user", "opcua")},
+    **{name: f"standards.{name}" for name in ("iso9283", "iso230", "dcc")},
+    "diff": "difference",
+    "inspect": "inspection",
+    "plan": "plan.group",
+}
+"""Module of a command, below ``cli.commands``, where it has another name."""
 
 
 class _Group(TyperGroup):
@@ -184,52 +168,32 @@ app = typer.Typer(
 )
 
 
-def _in_panels(app: typer.Typer) -> None:
-    """Put every command under the heading of its use."""
-    panel_of = {name: panel for panel, names in PANELS.items() for name in names}
-    for command in app.registered_commands:
-        command.rich_help_panel = panel_of[_name(command)]
-    for group in app.registered_groups:
-        group.rich_help_panel = panel_of[_name(group)]
-
-
 def _name(info: Any) -> str:
     """The word that calls a command or a group."""
     return str(info.name or getattr(getattr(info, "callback", None), "__name__", ""))
 
 
-for room in (
-    question,
-    modes,
-    program,
-    convert,
-    difference,
-    correct,
-    preflight,
-    prove,
-    inspection,
-    dataset,
-    identify,
-    production,
-    twin,
-    tracker,
-    ads,
-    campaign,
-):
-    room.register(app)
-for room in (plan, holder, online, operator, panel, opcua, log, doctor, extensions, rsi, egm):
-    room.register(app)
-for room in (iso9283, iso230, dcc, thermal, benchmark_part):
-    room.register(app)
-_in_panels(app)
-_with_own_classes(app)
-_OWN: Final = frozenset(map(_name, (*app.registered_commands, *app.registered_groups)))
+@cache
+def _room(module: str) -> typer.Typer:
+    """The commands of a module; once, for a group would be filled again."""
+    room = typer.Typer()
+    importlib.import_module(f"counterflex.cli.commands.{module}").register(room)
+    _with_own_classes(room)
+    return room
+
+
+def _own(*names: str) -> typer.Typer:
+    """The commands of ours that have these names, their modules loaded and no others."""
+    together = copy.copy(app)
+    rooms = [_room(module) for module in dict.fromkeys(_MODULES.get(name, name.replace("-", "_")) for name in names)]
+    together.registered_commands = [info for room in rooms for info in room.registered_commands if _name(info) in names]
+    together.registered_groups = [info for room in rooms for info in room.registered_groups if _name(info) in names]
+    return together
 
 
 def whole() -> typer.Typer:
     """The commands, those that other packages add (:data:`COMMANDS`) among them; a package that is broken adds none."""
-    together = copy.copy(app)
-    together.registered_commands, together.registered_groups = [*app.registered_commands], [*app.registered_groups]
+    together = _own(*_OWN)
     for name, add in COMMANDS.items():
         if name not in _OWN:
             add(together)
@@ -237,18 +201,18 @@ def whole() -> typer.Typer:
     return together
 
 
-def _among(called: str) -> typer.Typer:
-    """The commands that a called one stands among: of other packages nothing is imported for one of our own.
+def _only(words: Sequence[str]) -> typer.Typer:
+    """The command that is called, alone where it is ours; else all, of the others name and help only.
 
-    Args:
-        called: The word; empty where the commands are listed.
+    Reading the options of all takes longer than a stop may.
 
     Raises:
-        InputError: Its package is broken, or is not installed.
+        InputError: The package of the command is broken, or is not installed.
     """
-    if called in _OWN:
-        return app
-    if called in COMMANDS:
+    called = next((word for word in words if not word.startswith("-")), "")
+    if called in _OWN and words[0] == called:
+        return _own(called)
+    if called in COMMANDS and called not in _OWN:
         COMMANDS[called]  # what is wrong with its package is said, not that there is no such command
     elif called in LAB:
         raise InputError(
@@ -256,19 +220,12 @@ def _among(called: str) -> typer.Typer:
             value=f"counterflex {called}",
             hint="In a clone of counterflex: python -m pip install -e lab",
         )
-    return whole()
-
-
-def _only(words: Sequence[str]) -> typer.Typer:
-    """The commands, with the options of the one that is called only: reading all takes longer than a stop may."""
-    called = next((word for word in words if not word.startswith("-")), "")
-    commands = _among(called)
-    small = copy.copy(commands)
+    small = whole()
     small.registered_commands = [
-        info if called == _name(info) else _named_only(info) for info in commands.registered_commands
+        info if called == _name(info) else _named_only(info) for info in small.registered_commands
     ]
     small.registered_groups = [
-        info if called == info.name else _without_commands(info) for info in commands.registered_groups
+        info if called == info.name else _without_commands(info) for info in small.registered_groups
     ]
     return small
 

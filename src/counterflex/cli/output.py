@@ -44,7 +44,6 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
     """Refuse an output that would replace an input: the same file, or the folder that the input lies in.
 
     Args:
-        out: File or folder to be written.
         option: Name of the option that says ``out``.
 
     Raises:

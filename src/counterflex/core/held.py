@@ -65,7 +65,6 @@ def clear_unheld(folder: Path, prefix: str) -> None:
     Nothing is said, and nothing fails: what cannot be removed stays, and all stays where there are no locks.
 
     Args:
-        folder: Where they lie.
         prefix: Of their names; such files are held by :func:`share` by everybody who uses them.
     """
     with contextlib.suppress(OSError):

@@ -42,9 +42,6 @@ def clear_leftovers(folder: Path, name: str) -> None:
 
     Only what this program named for this output on this computer is touched, and never what belongs to a process that
     lives. Nothing is said, and nothing fails: what cannot be removed stays.
-
-    Args:
-        folder: Where temporary files for the output lie.
     """
     if os.name != "posix":  # elsewhere there is no harmless way to ask for a process
         return

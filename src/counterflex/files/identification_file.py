@@ -62,11 +62,7 @@ def _prior(item: Parameter) -> float:
 
 
 def fit_table(fit: Fit, place: Place) -> dict[str, Any]:
-    """A fit as plain values.
-
-    Args:
-        place: Where rows stand.
-    """
+    """A fit as plain values."""
     covariance = covariance_shop(fit)
     return {
         "parameters": parameter_rows(fit),

@@ -179,7 +179,6 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
 
     Args:
         figures: Plotly figures by the name that ``data-figure`` has in the template.
-        scales: Colour scales of the maps, if any.
         values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.
     """
     from plotly.offline import get_plotlyjs

@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from counterflex.app.log_export.content import EVERY, content_of
 from counterflex.app.log_export.foxglove import SCHEMAS
 from counterflex.app.log_export.job import export_to
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
@@ -111,9 +111,9 @@ def test_what_cannot_be_written_is_said(log: Path, tmp_path: Path, monkeypatch: 
     with pytest.raises(InputError, match="rerun-sdk"):
         export_to(log, "rerun", tmp_path / "x.rrd", range_m=1e-4)
     with pytest.raises(InputError, match="what is to be written is not clear"):
-        app(["log", "export", str(log), "--to", "foxglove"], standalone_mode=False)
+        whole()(["log", "export", str(log), "--to", "foxglove"], standalone_mode=False)
     with pytest.raises(InputError, match="what is to be written is not clear"):
-        app(["log", "export", str(log), "--csv", "a.csv", "--to", "foxglove", "--out", "b"], standalone_mode=False)
+        whole()(["log", "export", str(log), "--csv", "a.csv", "--to", "foxglove", "--out", "b"], standalone_mode=False)
     assert list(tmp_path.glob("x*")) == []
 
 

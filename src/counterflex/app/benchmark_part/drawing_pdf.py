@@ -37,9 +37,6 @@ _STEP: Final = re.compile(r"([MLlmhvz])|(-?\d*\.?\d+)")
 def pdf_of(svg: str) -> bytes:
     """The page.
 
-    Args:
-        svg: Of :func:`counterflex.app.benchmark_part.part.drawing`.
-
     Raises:
         InputError: An element that is not known here.
     """

@@ -145,7 +145,6 @@ def run(
     and was made from the same inputs is not done again.
 
     Args:
-        cell_file: Cell as it is before any measurement.
         grid: Programs to compensate and machine before and after, placements of the part, postures; without a program
             the cells are only identified. With several set-ups (program, placement, posture) one that cannot be run is
             a row with its fault, and of every machining only the figures are kept.

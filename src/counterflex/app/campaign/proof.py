@@ -42,7 +42,6 @@ def placed(
 
     Args:
         pose: Keys of ``[part]`` that change (``x_mm`` ... ``c_deg``).
-        folder: Where it is written.
 
     Returns:
         ``branch`` and ``rotation_about_tool_deg``.
@@ -70,7 +69,6 @@ def compensated(
     """Compensate a program with a cell, telling the fraction done.
 
     Args:
-        folder: Where the program files are written.
         placed_cell: Cell file that says where the part stands and how the robot holds the tool; None is the same.
 
     Returns:

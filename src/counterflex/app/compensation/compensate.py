@@ -129,7 +129,6 @@ def compensate(
     """Plan and write a compensated program.
 
     Args:
-        program: G-code or KRL file.
         language: Of the output, one of :func:`counterflex.programs.language.at_prompt`; None is that of
             the program.
         tolerance_m: Largest distance between the written path and the planned one.
@@ -204,10 +203,8 @@ def run(
     """Write program files, ``plan.parquet``, ``summary.json`` and ``report.html`` into ``out``: all or none of them.
 
     Args:
-        program: G-code or KRL file.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
         shown: The program as commands on the page name it; None: as ``program``.
-        options: As for :func:`compensate`; returned is its summary.
     """
     cell = read_cell(cell_file, assume_class=assume_class)
     with atomic.atomic_folder(out) as staging:

@@ -66,9 +66,6 @@ class WritingOrder:
 def written(name: str, order: WritingOrder) -> Written:
     """Return the program in a language: its own with other targets, or another one.
 
-    Args:
-        name: At the prompt, see :func:`counterflex.programs.language.at_prompt`.
-
     Raises:
         InputError: There is no such language.
         OutputError: The writer of another package fails, or names a file that it must not.
@@ -182,11 +179,7 @@ def writer_settings(order: WritingOrder, dialect: str, *, moving: bool = True) -
 
 
 def robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, dialect: str) -> Written:
-    """Write a path as a robot program, with what stays out of it as warnings.
-
-    Args:
-        writer: A :class:`~counterflex.programs.robot_writer.writer.RobotWriter`.
-    """
+    """Write a path as a robot program, with what stays out of it as warnings."""
     job = order.job
     lines = order.cell.machine_functions(dialect).lines
     text = writer(

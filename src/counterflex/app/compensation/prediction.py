@@ -282,7 +282,6 @@ def summary_of(
     """What ``summary.json`` says of a compensated program, in shop units.
 
     Args:
-        written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
     predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell, job.places)

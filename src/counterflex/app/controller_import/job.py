@@ -192,7 +192,6 @@ def cell_text(
 
     Args:
         base: Name of the base.
-        files: Where the data are from.
     """
     source = ", ".join(files)
     load = data.loads.get(tool)

@@ -55,7 +55,6 @@ def read_poses(text: str, where: str, tool: str, base: str) -> list[ShownPose]:
     """Poses of a table with columns q1_deg to q6_deg, x_mm y_mm z_mm, a_deg b_deg c_deg, and perhaps tool and base.
 
     Args:
-        text: A header and rows, see :mod:`counterflex.files.small_table`.
         tool: Taken where the file has no column ``tool``.
         base: The same of ``base``.
 

@@ -139,7 +139,6 @@ def correct(
 
     Args:
         plan_folder: Of ``compensate`` or of an earlier ``correct``: the program that the measured parts were made by.
-        scans: Parts made by it; see :func:`counterflex.app.correction.scans.read_scan`.
         limit_m: Largest change of a correction.
 
     Raises:
@@ -324,7 +323,6 @@ def run(
     Args:
         plan_folder: Of ``compensate`` or ``correct``.
         apply: New cell file, or None.
-        options: As for :func:`correct`; returned is its summary.
     """
     cell = read_cell(cell_file)
     folder = Path(plan_folder)

@@ -99,7 +99,6 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
     Args:
         path: File of ``inspect``, its folder, or a folder of ``simulate`` or ``prove``.
         program: The program that the part was to be made by.
-        job: The same as read.
         number: Of the scan, so that simulated ones have noise of their own.
 
     Raises:

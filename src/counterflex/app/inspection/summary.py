@@ -45,7 +45,6 @@ def summary_of(
     """The entries ``parts`` and ``features`` of the summary.
 
     Args:
-        features: Measured on each.
         covered: By name, areas of the part and of its features by what is known about them.
     """
     return {

@@ -61,7 +61,6 @@ def read_tool_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> Tool
     """Read a log: a folder or file (.mcap) of run logs, else a tracker log, export or dataset.
 
     Args:
-        source: The file or folder.
         cell: Of the program: where the tracker stood, and how it is aimed at the tool.
 
     Raises:

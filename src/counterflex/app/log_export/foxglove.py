@@ -137,7 +137,6 @@ def write(content: Content, target: Path, range_m: float, progress: Progress = s
     """Write a run as MCAP that Foxglove reads without an extension.
 
     Args:
-        target: File, whole or not at all.
         range_m: Deviation at which the colours of the cut end.
 
     Raises:

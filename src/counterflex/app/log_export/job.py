@@ -20,7 +20,6 @@ def export_to(
 
     Args:
         viewer: One of :data:`VIEWERS`.
-        target: File, whole or not at all.
         number: Of the run; None is the last.
         range_m: Deviation at which the colours of the cut end.
 

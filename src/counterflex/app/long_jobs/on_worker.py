@@ -68,7 +68,6 @@ def unpacked(data: object, root: Path, below: str | None = None) -> dict[str, An
     Nothing is unpickled, and no file gets out of the folder, whoever made the parcel.
 
     Args:
-        data: As :func:`packed` made it.
         below: Folder below it that all files must lie in; None takes any.
 
     Raises:
@@ -168,9 +167,6 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
 
 def taken(parcel: object, task: Task, root: Path) -> Any:
     """What a task returned, its files written to their places; or the exception that it raised.
-
-    Args:
-        parcel: As :func:`carried_out` made it.
 
     Raises:
         InputError: The worker runs another program; no task would be the same there.

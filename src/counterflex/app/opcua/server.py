@@ -146,9 +146,6 @@ _TYPES: Final = {
 class OpcuaServer:
     """A server.
 
-    Args:
-        settings: Checked by :func:`.settings.require_safe`.
-
     Raises:
         FileFormatError: The file of users is none.
     """

@@ -94,11 +94,7 @@ def _pair(rows: Float, frames: Float) -> list[float | None]:
 
 
 class Figures:
-    """Figures of a run, from all snapshots since the last call.
-
-    Args:
-        about: What the run says of itself, :func:`counterflex.app.run.process.about_run`.
-    """
+    """Figures of a run, from all snapshots since the last call."""
 
     def __init__(self, about: Mapping[str, Any]) -> None:
         self._about = about

@@ -138,7 +138,6 @@ class PanelPage:
     """One page in one browser.
 
     Args:
-        session: Whose it is.
         report_action: Told in words what the operator did, for all pages.
     """
 
@@ -242,7 +241,6 @@ class PanelPage:
         """Send what is new, unless the page is behind.
 
         Args:
-            message: The same for all pages.
             last: What was last new, for a page that has just begun.
         """
         if not self._ready or not self.client.has_socket_connection or self._sent - self._seen > BEHIND:

@@ -67,7 +67,6 @@ def login_routes(
     Args:
         users: Who may; None: nobody, a link opens the panel.
         note: Told of who logs in and out: name, address, what he did.
-        refused: Told of who was not let through.
         tries: Which passwords are looked at; None: by the clock of the computer.
     """
     tries = tries if tries is not None else Tries()
@@ -141,7 +140,6 @@ class PanelServer:
     """A panel.
 
     Args:
-        settings: Checked by :func:`.settings.require_safe`.
         started: Told the links that open it, once: whose, and the address.
 
     Raises:

@@ -79,7 +79,6 @@ def per_operation(
     """Choose a place of the external axes for each operation, with one posture for all.
 
     Args:
-        given: The same on its cell.
         region: Values of the external axes; the part stays where ``one`` has it.
         one: Best place for all operations, branch and rotation in rad; None where there is none.
         least_damping: That an operation must keep in the cut, as that of the best place for all.

@@ -121,7 +121,6 @@ def placement_of(
 
     Args:
         cell: The cell; its present place is what the result is compared with.
-        wish: Where the part may stand.
         given: The program as :func:`prepared` has it; None: it is read here.
 
     Raises:

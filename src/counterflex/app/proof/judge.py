@@ -125,12 +125,7 @@ def _outlines(tool: Int, cell: Cell) -> Float:
 
 
 def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStock | None = None) -> Judged:
-    """Judge one run.
-
-    Args:
-        reference: What it is judged against.
-        columns: Of material, where the tool turned.
-    """
+    """Judge one run."""
     feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
     deviation = path_deviation(
         reference.job.path,

@@ -168,7 +168,6 @@ def run(
     them or none.
 
     Args:
-        program: G-code or KRL to machine.
         original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
             the original. None: the program itself.
     """

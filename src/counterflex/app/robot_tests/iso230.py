@@ -51,8 +51,6 @@ def circular(
     """Judge circular paths by ISO 230-4; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
-        files: Logs, exports or datasets.
-        out: Folder, made when missing.
         path: Commanded circle, a table or a program; None takes plane and centre from the readings.
         radius_mm: Nominal radius where there is no ``path``; without both there is no F and no D.
 
@@ -117,8 +115,6 @@ def straight(
     """Judge the straight stretches of a path; with ``out``, write tables, ``summary.json`` and ``report.html``.
 
     Args:
-        files: Logs, exports or datasets.
-        out: Folder, made when missing.
         path: Commanded path, a table or a program; None takes every file as one straight line.
 
     Raises:

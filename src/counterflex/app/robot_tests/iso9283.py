@@ -45,7 +45,6 @@ def run(
     """Judge measurements by ISO 9283; with ``out``, write tables, ``summary.json`` and ``report.html`` there.
 
     Args:
-        files: Logs, exports or datasets.
         out: Folder, made when missing; None writes nothing.
         poses: Commanded poses: a table, or a program that dwells at them; None where datasets state them.
         path: Commanded path: a table or a program. With it the path test is judged, without it the pose test.

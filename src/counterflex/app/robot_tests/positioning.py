@@ -38,7 +38,6 @@ def judge_positioning(file: str | Path, out: str | Path | None = None) -> dict[s
 
     Args:
         file: Table of approaches (:mod:`counterflex.files.positioning_file`).
-        out: Folder, made when missing.
     """
     result = positioning(read_approaches(file))
     targets = result.targets

@@ -28,11 +28,7 @@ class AxisMove(NamedTuple):
 
 
 def copied_text(path: Path, folder: Path) -> str:
-    """Text of a cell file as it has to be in another folder: the files that it names are where they were.
-
-    Args:
-        folder: Where the copy will lie.
-    """
+    """Text of a cell file as it has to be in another folder: the files that it names are where they were."""
     doc = parsed(path)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
@@ -45,7 +41,6 @@ def text_with_posture(
 
     Args:
         branch: Such as ``front up noflip``.
-        rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
         turning: Rotation along the program, with its points; None where the tool does not turn about its axis.
     """
@@ -86,7 +81,6 @@ def text_with_place(
         pose: Keys of ``[part]`` in shop units, of ``[tcp]`` where the robot holds the part; those that stay as they are
             do not appear anew.
         branch: Such as ``front up noflip``.
-        rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
         mounted: Body of the end effector or ``tcp``, its key, and the angle in deg that it gets.
         axes: Values that external axes get, by name, mm or deg.
@@ -152,9 +146,6 @@ def text_placed_as(path: Path, other: Path, folder: Path) -> str:
 
 def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[Path, bytes]]:
     """Text of a cell file whose files lie in a folder of its own, so that the folder is all that it needs.
-
-    Args:
-        folder: Where the new file will lie.
 
     Returns:
         The text, and the contents of these files by where they have to be written.

@@ -116,10 +116,6 @@ def new_cell(target: Path) -> Iterator[Path]:
 def write_new(text: str, target: Path, place: Path, what: str) -> None:
     """Write a cell file that was read back from a trial beside it.
 
-    Args:
-        target: Where it will be.
-        place: Where it is written: see :func:`new_file`.
-
     Raises:
         ModelError: It is no possible cell; nothing is written.
     """
@@ -142,7 +138,6 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
     """Apply one change to the tables of a cell file.
 
     Args:
-        doc: The tables, plain or with comments.
         source: Goes into the ``source`` key of what is written.
 
     Raises:

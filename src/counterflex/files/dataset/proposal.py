@@ -48,9 +48,6 @@ class ProposalTable(Versioned):
 def write_proposal(folder: Path, proposal: Proposal) -> Path:
     """Write a proposal and, for datasets of its kind, a manifest with a table to fill.
 
-    Args:
-        folder: Where.
-
     Returns:
         Path of ``proposal.toml``.
     """

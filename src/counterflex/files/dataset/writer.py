@@ -37,7 +37,6 @@ def write_dataset(
     """Write ``NAME.csv`` and ``NAME.toml``; :func:`counterflex.files.dataset.reader.read_dataset` reads them back.
 
     Args:
-        folder: Where; made when missing.
         channels: (n,) or (n, k) SI by canonical name; rotations as (n, 3) rotation vectors or (n, 3, 3) matrices.
         sigma: Standard deviations by channel name, SI: one, (k,), or (n, k); channels without one state none.
         group: (n,) ids of rows that belong together, written as a column ``group``.

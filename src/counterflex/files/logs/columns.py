@@ -69,7 +69,6 @@ def require_all(absent: Sequence[str], about: Mapping[str, Any], where: str, wha
     """Refuse a log of older code for a job that needs everything that is recorded today.
 
     Args:
-        where: Folder or file, for the message.
         what: What cannot be done with it, for the message: ``computed again``.
 
     Raises:

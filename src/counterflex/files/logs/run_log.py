@@ -55,7 +55,6 @@ class RunLog:
     """Writes records into segments ``run-000.mcap``, ``run-001.mcap``, ... of a folder.
 
     Args:
-        folder: Made when missing.
         about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
 
     Attributes:

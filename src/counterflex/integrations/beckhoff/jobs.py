@@ -233,7 +233,6 @@ def forward(
 
     Args:
         cell: Cell file with a table ``[ads.tracker]``.
-        peer: Where datagrams go.
         readings: Or None.
         watch: Told what has been done, at every hundredth reading.
 

@@ -27,7 +27,6 @@ def cluster_figure(poses: Sequence[PoseCycles], radii_um: Sequence[float]) -> di
     The circle is the outline of the sphere of radius RP about the barycentre; the cross is the commanded position.
 
     Args:
-        poses: Attained poses; the first :data:`MOST` are drawn.
         radii_um: RP of each, um.
     """
     drawn = list(poses[:MOST])

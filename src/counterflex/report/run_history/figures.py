@@ -56,12 +56,7 @@ def curves_figure(runs: Sequence[tuple[str, RunCurves, Float | None]], *, by_len
 
 
 def trend_figure(figures: Mapping[str, Sequence[float | None]], titles: Mapping[str, str]) -> dict[str, Any] | None:
-    """Figures from run to run, one below the other; None where no figure is known for two runs.
-
-    Args:
-        figures: By name, one value per run.
-        titles: With units, by name.
-    """
+    """Figures from run to run, one below the other; None where no figure is known for two runs."""
     known = {name: v for name, v in figures.items() if sum(one is not None for one in v) > 1}
     if not known:
         return None

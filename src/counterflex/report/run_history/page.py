@@ -115,9 +115,7 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
 
     Args:
         subtitle: One line below it: the cell and the log.
-        runs: One or two.
         names: Headings of the figures by name, in order.
-        notes: What has to be known before.
     """
     heads = ("figure", *(one.name for one in runs), *(("difference",) if len(runs) == 2 else ()))
     rows = []
