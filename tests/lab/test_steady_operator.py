@@ -15,6 +15,7 @@ import pytest
 
 from counterflex.app.run.operator_requests import Clock, ask
 from counterflex.core.errors import Interrupted, OutputError
+from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.system.realtime import locked_kb, prepared
 from counterflex.protocols.system.signals import heard_when_asked
