@@ -47,7 +47,7 @@ def test_a_kernel_module_depends_on_all_that_it_imports(path: Path) -> None:
 
 
 def _forget() -> None:
-    for known in (jit._source, jit._imported, jit._closure, jit._cache_root, jit.cache_folder):
+    for known in (jit._source, jit._imported, jit._closure, jit._cache_root, jit.folder_name):
         known.cache_clear()
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import enum
 import functools
 import sys
 from collections.abc import Callable, Iterator
@@ -17,6 +18,9 @@ import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
+
+from counterflex.core import shipped
 
 if sys.platform != "win32":
     import fcntl
@@ -71,6 +75,16 @@ class _BySources(UserProvidedCacheLocator):  # type: ignore[misc]
     def get_suitable_cache_subpath(cls, py_file: str) -> str:  # noqa: ARG003
         return ""
 
+    def get_source_stamp(self) -> int:
+        return 0  # the name of the folder says which sources; a copied file has another time
+
+
+class _InPackage(_BySources):
+    """Place of code that came with the package: only read."""
+
+    def ensure_cache_path(self) -> None:
+        pass
+
 
 class _Code(CompileResultCacheImpl):  # type: ignore[misc]
     """Numba's way to write and read compiled code, in that place."""
@@ -78,18 +92,48 @@ class _Code(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes: Final = (_BySources,)  # Numba's other places are not proven to be this user's alone
 
 
+class _ShippedCode(_Code):
+    _locator_classes: Final = (_InPackage,)
+
+
+class _ShippedCache(FunctionCache):  # type: ignore[misc]
+    """Code of one function that came with the package, for another processor than this one, which can run it."""
+
+    _impl_class = _ShippedCode
+
+    def __init__(self, function: Callable[..., Any], what: shipped.Shipped) -> None:
+        super().__init__(function)
+        self._target = what.target
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        signature, _, function = super()._index_key(sig, codegen)
+        return signature, self._target, function
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        if not all(map(shipped.is_listed, Path(self.cache_path).glob(f"{self._impl.filename_base}.*"))):
+            return None
+        return super().load_overload(sig, target_context)
+
+
 class _SharedCache(FunctionCache):  # type: ignore[misc]
     """Numba's cache of one function, asked again when no other process is compiling that function any more."""
 
     _impl_class = _Code
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], folder: Path | None) -> None:
         super().__init__(function)
+        self.shipped: _ShippedCache | None = None
+        what = shipped.listed()
+        if folder is not None and what is not None:
+            numba.config.CACHE_DIR = str(folder)
+            self.shipped = _ShippedCache(function, what)
         self._name_of_lock = f"{function.__qualname__}-{function.__code__.co_firstlineno}.lock"
         self.locks: contextlib.ExitStack | None = None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         result = self._loaded(sig, target_context)
+        if result is None and self.shipped is not None:
+            result = self.shipped.load_overload(sig, target_context)
         if result is None and self.locks is not None:
             self.locks.enter_context(_alone(Path(self.cache_path) / self._name_of_lock))
             result = self._loaded(sig, target_context)
@@ -115,6 +159,14 @@ class _NoCache(NullCache):  # type: ignore[misc]
     locks: contextlib.ExitStack | None = None
 
 
+class Kept(enum.StrEnum):
+    """Where compiled code lies: this user's, for this processor; the package's, for a baseline one; nowhere."""
+
+    NATIVE = "native"
+    SHIPPED = "shipped"
+    MISSING = "missing"
+
+
 class Dispatcher(CPUDispatcher):  # type: ignore[misc]
     """A compiled function that is compiled for the stated signatures when it is first needed, and for no other type."""
 
@@ -126,12 +178,31 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
         """State the only signatures that it will ever have; their names are looked up when they are needed."""
         self._only_stated, self._stated, self._records = True, signatures, records
 
-    def enable_caching(self) -> None:
-        """Take the cache by sources, or none where Numba finds no place for it."""
+    def keep(self, folder: Path, in_package: Path | None) -> None:
+        """Take the cache by sources, or none where Numba finds no place for it.
+
+        Args:
+            folder: Of compiled code of this user.
+            in_package: Of that which came with the package, or None.
+        """
+        numba.config.CACHE_DIR = str(folder)
         try:
-            self._cache = _SharedCache(self.py_func)
+            self._cache = _SharedCache(self.py_func, in_package)
         except RuntimeError:
             self._cache = _NoCache()
+
+    def kept(self) -> Kept:
+        """Where the code of all stated signatures lies."""
+        if not isinstance(self._cache, _SharedCache):
+            return Kept.MISSING
+        stated = [with_records(one, self._records) if self._records else one for one in self._stated]
+        wanted = [normalize_signature(one)[0] for one in stated]
+        for cache, where in ((self._cache, Kept.NATIVE), (self._cache.shipped, Kept.SHIPPED)):
+            if cache is not None:
+                index = cache._cache_file._load_index()
+                if all(cache._index_key(one, self.targetctx.codegen()) in index for one in wanted):
+                    return where
+        return Kept.MISSING
 
     def compile(self, sig: Any) -> Any:
         """Compile for a signature, while no other process compiles the same."""
@@ -177,6 +248,7 @@ def dispatcher(
     signatures: tuple[Any, ...] | None,
     records: dict[str, Any],
     folder: Path,
+    in_package: Path | None,
 ) -> Dispatcher:
     """Return the compiled function of a kernel; nothing is compiled yet. The caller holds the lock of the compiler.
 
@@ -184,9 +256,8 @@ def dispatcher(
         signatures: The only ones that it will have, or None.
         records: Types by the names that signatures give them.
     """
-    numba.config.CACHE_DIR = str(folder)
     compiled = Dispatcher(function, targetoptions=options)
-    compiled.enable_caching()
+    compiled.keep(folder, in_package)
     if signatures is not None:
         compiled.state(signatures, records)
     return compiled

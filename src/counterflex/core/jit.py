@@ -6,6 +6,10 @@ user's own folder (:mod:`counterflex.core.user_folder`): compiled code is execut
 cannot be written, code is kept as long as the process. Processes that need the same kernel at the same
 time compile it once: one compiles, the others wait and read it.
 
+A wheel brings the code of its kernels, compiled for a baseline processor (:mod:`counterflex.core.shipped`). It is read
+where this user has none compiled for the own processor, from the same name: a package, a Python or a Numba that it was
+not made for has no folder there.
+
 Nothing is compiled or read when a module is imported, and Numba itself is loaded with the first call of a kernel. A
 kernel that states its signatures is compiled for them, and for nothing else, when it is first called or called by a
 kernel that is being compiled; :func:`compile_stated` does it before, where a first call must not wait: the online loop.
@@ -90,8 +94,8 @@ def _cache_root() -> Path:
 
 
 @functools.cache
-def cache_folder(module: str) -> Path:
-    """Folder for the compiled kernels of a module, named after all sources they depend on.
+def folder_name(module: str) -> str:
+    """Name of the folder for the compiled kernels of a module: of the module, and of all sources they depend on.
 
     Args:
         module: Full dotted name, for example ``counterflex.plan.cut_kernel``.
@@ -101,7 +105,12 @@ def cache_folder(module: str) -> Path:
     for dependency in sorted(_closure(name)):
         digest.update(dependency.encode())
         digest.update(_source(dependency) or b"")
-    return _cache_root() / f"{name}-{digest.hexdigest()[:16]}"
+    return f"{name}-{digest.hexdigest()[:16]}"
+
+
+def cache_folder(module: str) -> Path:
+    """This user's folder for the compiled kernels of a module."""
+    return _cache_root() / folder_name(module)
 
 
 @dataclass(frozen=True)
@@ -158,11 +167,13 @@ class Kernel:
         """Numba's dispatcher, made by the first thread that needs it."""
         from numba.core.compiler_lock import global_compiler_lock
 
+        from counterflex.core import shipped
         from counterflex.core.compiled import dispatcher
 
         with global_compiler_lock:  # a second lock could be taken in the other order by a thread that compiles
             if self._made is None:
-                self._made = dispatcher(*self._making, cache_folder(self.py_func.__module__))
+                module = self.py_func.__module__
+                self._made = dispatcher(*self._making, cache_folder(module), shipped.folder(folder_name(module)))
         return self._made
 
     def __call__(self, *args: Any, **kws: Any) -> Any:
@@ -196,16 +207,27 @@ def thread_count() -> int:
     return int(numba.get_num_threads())
 
 
+def entries(*rooms: str) -> list[Kernel]:
+    """Return the entry points of the modules imported so far.
+
+    Args:
+        rooms: Modules, or packages with all below them, for example ``counterflex.runtime``.
+    """
+    return [
+        function
+        for function in _ENTRIES
+        if any(f"{function.py_func.__module__}.".startswith(f"{room}.") for room in rooms)
+    ]
+
+
 def compile_stated(*rooms: str) -> None:
     """Compile all entry points, or read them from the cache: after this no call of them waits for it.
 
     Args:
-        rooms: Modules, or packages with all below them, for example ``counterflex.runtime``; those imported so far.
+        rooms: See :func:`entries`.
     """
-    for function in _ENTRIES:
-        module = function.py_func.__module__
-        if any(module == room or module.startswith(room + ".") for room in rooms):
-            function.compile_stated()
+    for function in entries(*rooms):
+        function.compile_stated()
 
 
 def kernel(

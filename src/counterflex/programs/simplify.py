@@ -32,7 +32,7 @@ def fits(s: Float, p: Float, r: Float, a: int, b: int, tol2: float, tol2_r: floa
     return True
 
 
-@kernel("void(f8[:], f8[:,:], f8[:,:], b1[:], f8, f8)")
+@kernel("void(f8[:], f8[:,:], f8[:,:], b1[:], f8, f8)", entry=True)
 def _open_window(s: Float, p: Float, r: Float, keep: Bool, tol2: float, tol2_r: float) -> None:
     """Greedy opening window: gallop to the first chord that fails, then bisect; ``keep`` holds the fixed vertices."""
     n = len(s)

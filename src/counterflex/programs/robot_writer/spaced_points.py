@@ -12,7 +12,7 @@ FINER = 4
 """Places for a vertex within the smallest distance, where vertices would come too close together."""
 
 
-@kernel("void(f8[:], f8[:,:], f8[:,:], f8[:], f8[:], b1[:], f8, f8)")
+@kernel("void(f8[:], f8[:,:], f8[:,:], f8[:], f8[:], b1[:], f8, f8)", entry=True)
 def _open_window(
     s: Float, p: Float, r: Float, travel: Float, spacing: Float, keep: Bool, tol2: float, tol2_r: float
 ) -> None:

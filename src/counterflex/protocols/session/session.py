@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,9 +46,21 @@ _TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
 _RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
 
 
+_ROOMS: Final = (
+    "core",
+    "robot.elasticity.kernels.batch",
+    "signals",
+    "sensing",
+    "runtime",
+    "protocols",
+    "integrations",
+)
+"""Where kernels stand that a session may call."""
+
+
 def compile_kernels() -> None:
     """Compile every kernel that a session may call, or read it from the cache: no cycle waits for a compilation."""
-    compile_stated(*(f"counterflex.{room}" for room in ("core", "robot", "signals", "sensing", "runtime", "protocols")))
+    compile_stated(*(f"counterflex.{room}" for room in _ROOMS))
 
 
 class OnlineSession:

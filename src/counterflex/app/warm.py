@@ -1,0 +1,118 @@
+"""Compile the kernels before they are needed, in as many processes as there are cores; say which are there."""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import re
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import counterflex
+from counterflex.core import shipped
+from counterflex.core.jit import COMPILES, Kernel, entries
+from counterflex.core.progress import Progress, silent
+
+_ENTRY: Final = re.compile(r"^@kernel\(.*?^def ", re.MULTILINE | re.DOTALL)
+_LONGEST: Final = ("runtime.cycle", "plan.posture.survey_kernel", "cutting.tridexel.column_kernels")
+"""Modules that take longest, by measurement: they begin first, so that none is left over when all others have ended."""
+
+
+@dataclass(frozen=True)
+class KernelState:
+    """One kernel that Python calls.
+
+    Attributes:
+        name: Module below the package, and function.
+        kept: "native", "shipped" or "missing" before anything was compiled.
+        seconds: Processor time that compiling it took, with all kernels that it calls and that were not there; None
+            where it was not compiled.
+    """
+
+    name: str
+    kept: str
+    seconds: float | None = None
+
+
+def modules(rooms: Sequence[str] = ()) -> list[str]:
+    """Return the modules that hold kernels which Python calls, those that take longest first.
+
+    Args:
+        rooms: Of the package, for example ``plan``; none: all.
+    """
+    root = Path(counterflex.__file__).parent
+    names = []
+    for file in sorted(root.rglob("*.py")):
+        name = ".".join(file.relative_to(root).with_suffix("").parts)
+        if (not rooms or name.split(".")[0] in rooms) and any(
+            "entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))
+        ):
+            names.append(name)
+    return sorted(names, key=lambda name: _LONGEST.index(name) if name in _LONGEST else len(_LONGEST))
+
+
+def states(rooms: Sequence[str] = ()) -> list[KernelState]:
+    """Return where the code of each kernel lies; compiles nothing."""
+    return [KernelState(_name(one), one.kept()) for name in modules(rooms) for one in _kernels(name)]
+
+
+def warm(
+    rooms: Sequence[str] = (), *, native: bool = False, jobs: int | None = None, progress: Progress = silent
+) -> list[KernelState]:
+    """Compile what is missing.
+
+    Args:
+        rooms: Of the package; none: all.
+        native: Also what the package brings for a baseline processor, for this one: some 20 % faster in batches.
+        jobs: Processes; None: as many as there are cores.
+    """
+    todo = modules(rooms)
+    done: list[KernelState] = []
+    context = multiprocessing.get_context("spawn")
+    before = os.environ.get(shipped.NATIVE_ONLY)
+    if native:
+        os.environ[shipped.NATIVE_ONLY] = "1"
+    try:
+        with ProcessPoolExecutor(min(jobs or os.cpu_count() or 1, len(todo) or 1), context) as pool:
+            waiting: set[Future[list[KernelState]]] = {pool.submit(_compile, name) for name in todo}
+            try:
+                while waiting:
+                    ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+                    for one in ended:
+                        done += one.result()
+                    progress(1.0 - len(waiting) / len(todo), "compiling kernels")
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    finally:
+        if before is None:
+            os.environ.pop(shipped.NATIVE_ONLY, None)
+        else:
+            os.environ[shipped.NATIVE_ONLY] = before
+    return sorted(done, key=lambda one: -(one.seconds or 0.0))
+
+
+def _kernels(module: str) -> Iterator[Kernel]:
+    name = f"counterflex.{module}"
+    importlib.import_module(name)
+    yield from (one for one in entries(name) if one.py_func.__module__ == name) if COMPILES else ()
+
+
+def _name(one: Kernel) -> str:
+    return f"{one.py_func.__module__.removeprefix('counterflex.')}.{one.py_func.__qualname__}"
+
+
+def _compile(module: str) -> list[KernelState]:
+    """Compile the kernels of a module that are not there."""
+    out = []
+    for one in _kernels(module):
+        kept, begin = str(one.kept()), time.process_time()
+        if kept == "missing":
+            one.compile_stated()
+        out.append(KernelState(_name(one), kept, time.process_time() - begin if kept == "missing" else None))
+    return out
