@@ -16,8 +16,9 @@ from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.network.impairment import Impairment
 from counterflex_lab.faults import SCENARIOS, disobedience, faults, lying_sensors
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import demo_cell, demo_config, force_only, reported
-from counterflex_lab.faults.network import LARGEST_STEP_M, OLDEST
+from counterflex_lab.faults.network import OLDEST
 from counterflex_lab.faults.rig import Rig
 from counterflex_lab.faults.scenario import SENSORS, Effort, Scenario
 

@@ -24,6 +24,7 @@ from counterflex.protocols.system.realtime import prepare
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex.twin.devices.netft import NetftServer
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import (
     PERIOD_S,
     demo_config,
@@ -33,7 +34,6 @@ from counterflex_lab.faults.demonstration import (
     sensor_link,
     sensor_reading,
 )
-from counterflex_lab.faults.network import LARGEST_STEP_M
 from counterflex_lab.faults.rig import PATIENT, square
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 from counterflex_lab.faults.seen import named
