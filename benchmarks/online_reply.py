@@ -38,6 +38,7 @@ from counterflex.app.doctor import feed
 from counterflex.app.environment import environment
 from counterflex.app.run import session as online_session
 from counterflex.files.cell.cell import read_cell
+from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session import session as online
@@ -51,7 +52,6 @@ from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import GATE, ReplayedCell
@@ -196,7 +196,7 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
             session = online_session.open_session(
                 online_session.RunSettings(
                     job.cell,
-                    job.rsi,
+                    ("rsi", job.rsi),
                     job.plan,
                     compensated=False,
                     port=0,

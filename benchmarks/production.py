@@ -103,8 +103,8 @@ def milled(folder: Path, name: str, worn: float) -> Path:
     file = folder / f"truth-{name}.toml"
     write_truth(file, replace(truth, cutting=replace(cutting, k_pa=_three(k_pa), edge_n_m=_three(edge_n_m))))
     plan, cell = folder / "plan", folder / "cell.toml"
-    twin = live.LiveSettings(plan / "part.ngc", cell, file, RSI, original=folder / "part.ngc", hose_share=0.0)
-    loop = online_session.RunSettings(cell, RSI, plan / "plan.parquet", compensated=True, arm=False)
+    twin = live.LiveSettings(plan / "part.ngc", cell, file, ("rsi", RSI), original=folder / "part.ngc", hose_share=0.0)
+    loop = online_session.RunSettings(cell, ("rsi", RSI), plan / "plan.parquet", compensated=True, arm=False)
     closed_loop.run(twin, folder / f"part-{name}", loop, folder / name, sensors=closed_loop.Sensors())
     return folder / name
 

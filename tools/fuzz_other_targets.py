@@ -13,14 +13,14 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, ProtocolError
 from counterflex.files.logs.tracker_log import measurements
-from counterflex.protocols.ads import telegram as ads
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.beckhoff.link import telegram as ads
+from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
 from counterflex.protocols.force.stream import SampleStream
 from counterflex.protocols.kuka_rsi.context import parse_context
 from counterflex.protocols.kuka_rsi.make.files import RsiFiles
 from counterflex.protocols.kuka_rsi.setup import OnlineLimits
-from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.wrench import telegram as wrenches
-from counterflex.twin.devices.ads import AdsServer, PlcVariable
 from fuzz_frame_targets import FRAMES
 from fuzz_target import Finding, Target
 

@@ -15,13 +15,13 @@ import numpy as np
 import counterflex
 from counterflex.core.errors import CounterflexError, ProtocolError
 from counterflex.core.records import as_words, records
+from counterflex.integrations.abb.link import telegram as egm
+from counterflex.integrations.ati.link import kernel as netft_kernel
+from counterflex.integrations.ati.link import telegram as netft
 from counterflex.protocols import decimal_kernel
-from counterflex.protocols.abb_egm import telegram as egm
 from counterflex.protocols.kuka_rsi import kernel as rsi_kernel
 from counterflex.protocols.kuka_rsi.config import RsiConfig, parse_config
 from counterflex.protocols.kuka_rsi.telegram import Reader, answer_reader, answer_writer, robot_reader, robot_writer
-from counterflex.protocols.netft import kernel as netft_kernel
-from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.tracker import kernel as tracker_pose_kernel
 from counterflex.protocols.tracker import telegram as tracker_pose
 from fuzz_coverage import instrument

@@ -111,9 +111,9 @@ def milled(folder: Path, of_cell: str, of_loop: str, plan: Path, truth: Path) ->
     there.write_text(of_cell, encoding="utf-8")
     believed.write_text(of_loop, encoding="utf-8")
     said = closed_loop.run(
-        live.LiveSettings(PROGRAM, there, truth, RSI, hose_share=0.0),
+        live.LiveSettings(PROGRAM, there, truth, ("rsi", RSI), hose_share=0.0),
         folder / "part",
-        online_session.RunSettings(believed, RSI, plan, compensated=False, arm=True),
+        online_session.RunSettings(believed, ("rsi", RSI), plan, compensated=False, arm=True),
         folder / "log",
         sensors=closed_loop.Sensors(force=True),
     )

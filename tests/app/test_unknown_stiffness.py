@@ -74,7 +74,7 @@ def test_nothing_is_planned_and_nothing_is_written(unknown: Path, tmp_path: Path
     with pytest.raises(InputError, match="no stiffness is known"):
         prove(GROOVE, unknown, tmp_path)
     with pytest.raises(InputError, match="no stiffness is known"):
-        open_session(RunSettings(cell=unknown, egm=True))
+        open_session(RunSettings(cell=unknown, robot=("egm", None)))
     with pytest.raises(InputError, match="no stiffness is known"):
         campaign.run(unknown, out, seeds=[1])
     assert not out.exists()
@@ -94,7 +94,7 @@ def test_on_the_class_a_plan_is_marked_everywhere(unknown: Path, tmp_path: Path)
     assert read_plan(out / "plan.parquet")[1][CLASS_ASSUMED]
     assert cell_of_run(unknown, read_plan(out / "plan.parquet")).class_stiffness is not None
     with pytest.raises(FileFormatError, match=r"no table \[online\]"):  # no longer refused for its stiffness
-        open_session(RunSettings(cell=unknown, egm=True, plan=out / "plan.parquet"))
+        open_session(RunSettings(cell=unknown, robot=("egm", None), plan=out / "plan.parquet"))
 
 
 def test_an_axis_that_the_file_states_keeps_what_it_states(tmp_path: Path) -> None:

@@ -293,12 +293,13 @@ def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: 
 def test_run_with_every_fault(given: Path, monkeypatch: Any, name: str) -> None:
     """By what the loop's process does before anything else."""
     monkeypatch.chdir(given)
-    sound: dict[str, Any] = {"cell": Path("cell.toml"), "rsi": Path("rsi.xml"), "plan": None}
+    sound: dict[str, Any] = {"cell": Path("cell.toml"), "robot": ("rsi", Path("rsi.xml")), "plan": None}
     for kind, content in BROKEN.items():
         file = given / f"broken{ENDINGS.get(name, ('.toml',))[0]}"
         file.write_bytes(content)
         with pytest.raises(CounterflexError) as told:
-            open_session(RunSettings(**{**sound, name: Path(file.name)}))
+            one: dict[str, Any] = {"robot": ("rsi", Path(file.name))} if name == "rsi" else {name: Path(file.name)}
+            open_session(RunSettings(**{**sound, **one}))
         file.unlink()
         assert "\n" not in str(told.value), kind
         assert file.name in str(told.value), kind

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from counterflex.cli.main import app
-from counterflex.protocols.abb_egm.calls import read_egm_calls
+from counterflex.integrations.abb.link.calls import read_egm_calls
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
@@ -124,4 +124,4 @@ def test_the_compensated_program_is_not_written_over(tmp_path: Path, cell: Path)
 
 def test_run_and_twin_need_one_protocol(tmp_path: Path, cell: Path) -> None:
     _, said = told("run", "--cell", cell, "--out", tmp_path / "log")
-    assert "--rsi FILE for a KUKA robot or --egm for an ABB one" in said
+    assert "--egm for an ABB robot or --rsi FILE for a KUKA robot" in said

@@ -13,8 +13,8 @@ import pytest
 
 from counterflex.app import examples
 from counterflex.core.errors import OutputError
+from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, read_pose
-from counterflex.twin.devices.ads import AdsServer, PlcVariable
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ import pytest
 
 import counterflex as package
 from counterflex.app.proof.truth import make_truth
-from counterflex.app.simulated_cell import rsi as simulated_rsi
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose
+from counterflex.integrations.kuka import alone as simulated_rsi
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.kuka_rsi.telegram import answer_writer, robot_reader
 from counterflex.robot.elasticity.chain import forward

@@ -20,7 +20,7 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.certificate.schema_check import require_library
 from counterflex.files.dataset import instrument_files
 from counterflex.files.scan import by_library
-from counterflex.protocols.ads import link as ads
+from counterflex.integrations.beckhoff.link import link as ads
 from counterflex.robot.model import urdf
 
 ROOT: Final = Path(counterflex.__file__).parent
@@ -36,7 +36,7 @@ PLACES: Final = {
     "pye57": "files/scan/by_library.py",
     "laspy": "files/scan/by_library.py",
     "pypcd4": "files/scan/by_library.py",
-    "pyads": "protocols/ads/link.py",
+    "pyads": "integrations/beckhoff/link/link.py",
     "yourdfpy": "robot/model/urdf.py",
 }
 """Libraries of extras, and the folder or module that imports them, by ``import`` or by name."""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.errors import CounterflexError
-from counterflex.protocols.abb_egm.calls import parse_egm_calls
+from counterflex.integrations.abb.link.calls import parse_egm_calls
 from counterflex.protocols.kuka_rsi.calls import parse_calls
 
 KRL = (

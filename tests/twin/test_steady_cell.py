@@ -146,24 +146,24 @@ class Answered(ReplayedCell):
         self.silent: set[int] = set()
         self.then: dict[int, dict[str, float]] = {}
 
-    def _await(self, own: Any, asked: float, end: float, mark: str) -> tuple[bytes | None, float]:  # type: ignore[override]
+    def _await(self, own: Any, asked: float, end: float, answers: Any) -> tuple[bytes | None, float]:  # type: ignore[override]
         if own is self._echo:
             return b"", 60e-6
-        if self.sent and self.sent[-1][1] == self.rsi.counter:  # asked again within the cycle: nothing came yet
+        if self.sent and self.sent[-1][1] == self.controller.counter:  # asked again within the cycle: nothing came yet
             self.clock.now = max(self.clock.now, end)
             return None, np.nan
         k = len(self.sent)
         self.says |= self.then.pop(k, {})
         named = dict(zip(self.reader.names, self.reader.values, strict=True))
-        self.sent.append((asked, self.rsi.counter, named["RSol.X"], float(self.rsi.enabled)))
+        self.sent.append((asked, self.controller.counter, named["RSol.X"], float(self.controller.enabled)))
         if k in self.silent:
             self.clock.now = max(self.clock.now, end)
             return None, np.nan
         for name, value in self.says.items():
             self.writer.values[self.writer.place(name)] = value
         self.clock.now = asked + 0.2e-3
-        assert mark == f"<IPOC>{self.rsi.counter}</IPOC>"
-        return self.writer.telegram(self.rsi.counter), 0.2e-3
+        assert answers(f"<IPOC>{self.controller.counter}</IPOC>".encode())
+        return self.writer.telegram(self.controller.counter), 0.2e-3
 
     def _telegram(self, row: int) -> bytes:
         data = super()._telegram(row)
@@ -283,7 +283,7 @@ def test_no_reading_comes_twice_while_the_robot_stands(clock: Clock, monkeypatch
     monkeypatch.setattr(
         replayed_cell, "_send", lambda _, data, peer: poses.append(data[24:48]) if peer == ("127.0.0.1", 7) else None
     )
-    cell = Answered(clock, program=PlayedProgram(10**6), netft=Net())
+    cell = Answered(clock, program=PlayedProgram(10**6), sensor=Net())
     played(cell, 200, tracker=("127.0.0.1", 7))
     assert len(force) == len(poses) == 200 * SAMPLES
     assert len(set(force)) == len(set(poses)) == 200 * SAMPLES

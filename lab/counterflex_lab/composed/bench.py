@@ -20,13 +20,13 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.sensing.flange_sensor import FlangeSensor
+from counterflex_lab.devices import RsiConfig, read_config
 from counterflex_lab.faults.demonstration import Q, demo_cell
 
 CELL: Final = Path("cell.toml")

@@ -10,9 +10,6 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.logs.place import trouble_message
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.protocols.netft.link import NetftLink
-from counterflex.protocols.netft.telegram import Scaling
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.protocols.tracker.link import TrackerLink
@@ -22,10 +19,10 @@ from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings, Output, TrackerMode
 from counterflex.runtime.state_slots import LoopState
-from counterflex.twin.devices.netft import COUNTS
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.story import Active, Story
 from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
+from counterflex_lab.devices import COUNTS, NetftLink, RsiLink, Scaling
 from counterflex_lab.faults.demonstration import demo_cell
 
 JOB: Final = 7

@@ -11,12 +11,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.geometry import rotation
-from counterflex.protocols.netft import telegram as netft
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, DATAGRAM, MAGIC
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.netft import COUNTS, SATURATED
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.story import Active
+from counterflex_lab.devices import COUNTS, SATURATED, netft
 
 _BRAKES_M_S2: Final = 0.5
 _RIPPLE_N: Final = 4.0

@@ -23,12 +23,10 @@ from counterflex.app.run.recorder import Recorder
 from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
-from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM, answer_writer
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.cell import JOB, KeptLog, opened
 from counterflex_lab.composed.disk import DiskLog
@@ -37,6 +35,7 @@ from counterflex_lab.composed.people import People
 from counterflex_lab.composed.robot import Robot
 from counterflex_lab.composed.story import Active, Fault, Story
 from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
+from counterflex_lab.devices import LARGEST_DATAGRAM, FakeRsi, RsiContext, answer_writer
 
 PERIOD_S: Final = 4e-3
 LOOP_ADDRESS: Final = ("192.168.0.1", 49152)

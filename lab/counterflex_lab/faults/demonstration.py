@@ -13,10 +13,6 @@ from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.kuka_rsi.config import RsiConfig, read_config
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.protocols.netft.link import NetftLink
-from counterflex.protocols.netft.telegram import Scaling
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession, SessionChecks
 from counterflex.robot.elasticity.chain import forward
@@ -28,8 +24,7 @@ from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.sensing.flange_sensor import FlangeSensor
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import FakeRsi
-from counterflex.twin.devices.netft import COUNTS
+from counterflex_lab.devices import COUNTS, FakeRsi, NetftLink, RsiConfig, RsiLink, Scaling, read_config
 
 Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 PERIOD_S: Final = 4e-3

@@ -20,7 +20,7 @@ from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.aftermath import STANDING, Aftermath, described, settled, steady, words
 from counterflex_lab.faults.demonstration import PERIOD_S, sensor_reading
 from counterflex_lab.faults.rig import PATIENT, rigged

@@ -11,14 +11,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError
 from counterflex.core.units import MM
 from counterflex.programs.compensated import job_number
-from counterflex.protocols.kuka_rsi.config import parse_config
-from counterflex.protocols.kuka_rsi.make.files import RsiFiles
-from counterflex.protocols.kuka_rsi.setup import OnlineLimits
 from counterflex.protocols.processes.control_array import Kept, Request, Tally
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.record_ring import MOST, RecordRing
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex_lab.devices import OnlineLimits, RsiContext, RsiFiles, parse_config
 from counterflex_lab.faults.aftermath import MOVING, Aftermath, described, settled, words
 from counterflex_lab.faults.demonstration import PERIOD_S
 from counterflex_lab.faults.rig import Rig, rigged

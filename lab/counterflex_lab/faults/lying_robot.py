@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.aftermath import STANDING, Aftermath, settled, steady
 from counterflex_lab.faults.rig import rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario

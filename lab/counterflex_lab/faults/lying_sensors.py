@@ -16,8 +16,7 @@ from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.settings import ForceMode, ForceOffset, Lost, OnlineSettings
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.twin.devices.netft import COUNTS
+from counterflex_lab.devices import COUNTS, RsiContext
 from counterflex_lab.faults.aftermath import STANDING, settled, steady, words
 from counterflex_lab.faults.demonstration import PERIOD_S, sensor_reading
 from counterflex_lab.faults.rig import Rig, rigged

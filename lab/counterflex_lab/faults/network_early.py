@@ -11,8 +11,8 @@ import numpy as np
 from counterflex.core.units import MS
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.network.impairment import Delivery, Impairment, Schedule
+from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.aftermath import STANDING, Aftermath, settled, steady, words
 from counterflex_lab.faults.rig import rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario

@@ -30,8 +30,7 @@ from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.runtime.record_ring import RecordRing, column
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
+from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext
 from counterflex_lab.faults.demonstration import PERIOD_S, Q, demo_config, standing
 
 _ONLINE: Final = """
@@ -167,7 +166,7 @@ class ProcessRig:
         document = self.sensor.http_address
         settings = RunSettings(
             self.cell,
-            self.rsi,
+            ("rsi", self.rsi),
             port=0,
             force=self.sensor.address,
             force_http_port=80 if document is None else document[1],

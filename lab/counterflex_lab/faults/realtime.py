@@ -16,14 +16,10 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import SimulationError
-from counterflex.protocols.kuka_rsi.kernel import OK
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.protocols.kuka_rsi.telegram import answer_reader
 from counterflex.protocols.processes.control_array import CONTROL, Request
 from counterflex.protocols.system.realtime import prepare
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
+from counterflex_lab.devices import OK, FakeRsi, NetftServer, RsiContext, RsiLink, answer_reader
 from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import (
     PERIOD_S,

@@ -19,15 +19,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.core.units import MS, NS
-from counterflex.protocols.kuka_rsi.config import RsiConfig
-from counterflex.protocols.kuka_rsi.link import RsiLink
 from counterflex.protocols.processes.control_array import CONTROL, Request
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.network.impairment import Impairment, Schedule
+from counterflex_lab.devices import FakeRsi, NetftServer, RsiConfig, RsiContext, RsiLink
 from counterflex_lab.faults.demonstration import (
     PERIOD_S,
     demo_config,

@@ -24,8 +24,7 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
 from counterflex.files.logs.repair import Repaired
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
+from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext
 from counterflex_lab.faults.demonstration import PERIOD_S, demo_config, reported
 from counterflex_lab.faults.process_rig import write_files
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.kuka_rsi import RsiContext
+from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.aftermath import MOVING, Aftermath, described, settled, words
 from counterflex_lab.faults.demonstration import PERIOD_S, demo_config
 from counterflex_lab.faults.rig import rigged

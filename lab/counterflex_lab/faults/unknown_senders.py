@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import OutputError
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.protocols.kuka_rsi.telegram import answer_writer
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.network.impairment import Impairment
+from counterflex_lab.devices import RsiLink, answer_writer
 from counterflex_lab.faults.aftermath import Aftermath, described, settled
 from counterflex_lab.faults.demonstration import PERIOD_S
 from counterflex_lab.faults.rig import rigged

@@ -81,8 +81,8 @@ def run(
     cell = replace(
         cell,
         peer=(_HOST, rsi),
-        netft_port=force,
-        netft_http_port=http,
+        force_port=force,
+        force_http_port=http,
         tracker_peer=None if tracker is None else (_HOST, tracker),
         strain_peer=None if strain is None else (_HOST, strain),
         timing=replace(cell.timing, wait_s=_COMPILES_S),

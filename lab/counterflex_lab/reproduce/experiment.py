@@ -149,10 +149,12 @@ def mill(
     before = None if touched is None else Path(touched)
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as config:
         twin = live.LiveSettings(
-            program, Path(cell), Path(truth), config,
+            program, Path(cell), Path(truth), ("rsi", config),
             original=Path(original), seed=seed, touched=before, answer=own.answer,
         )  # fmt: skip
-        loop = online_session.RunSettings(Path(cell), config, planned, compensated=way.compensated, arm=way.armed)
+        loop = online_session.RunSettings(
+            Path(cell), ("rsi", config), planned, compensated=way.compensated, arm=way.armed
+        )
         sensors = closed_loop.Sensors(way.force, way.tracker, way.holder)
         outcome = closed_loop.run(twin, folder, loop, log, sensors=sensors, cycles=own.cycles, progress=progress)
     figures = own.judge(folder, log, outcome)

@@ -33,15 +33,13 @@ from counterflex.core import atomic
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.files.summary_file import write_summary
-from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
 from counterflex.protocols.system.realtime import Prepared, prepare, prepared
-from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
+from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext, read_config
 from counterflex_lab.soak import replayed_cell as steady
 from counterflex_lab.soak.figures import figures, minute
 from counterflex_lab.soak.onlookers import Onlookers
@@ -180,7 +178,7 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         force = _message(cell_end, cell)
         run_settings = online_session.RunSettings(
             job.cell,
-            job.rsi,
+            ("rsi", job.rsi),
             job.plan,
             compensated=False,
             port=0,

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from counterflex.app.controller_import.kinds import DATA_KINDS
+from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
+from counterflex.app.run.robot_links import ROBOT_LINKS
 from counterflex.core.errors import CounterflexError
 from counterflex.core.registry import Registry
 from counterflex.cutting.force_laws import FORCE_LAWS
@@ -25,7 +27,9 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     LANGUAGES,
     MAKERS,
     DATA_KINDS,
+    ROBOT_LINKS,
     SETUPS,
+    PLCS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )
@@ -33,21 +37,13 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
 
 @dataclass(frozen=True)
 class Extension:
-    """One thing that is registered by name.
+    """One thing that is registered by name."""
 
-    Attributes:
-        group: Of its entry points, for example ``counterflex.force_laws``.
-        name: As a cell file or a command line names it.
-        package: That brings it, with version.
-        title: What it is, in one line.
-        fault: Why it cannot be used, or empty.
-    """
-
-    group: str
-    name: str
+    group: str  # Of its entry points, for example ``counterflex.force_laws``
+    name: str  # As a cell file or a command line names it
     package: str
     title: str
-    fault: str
+    fault: str  # Why it cannot be used, or empty
 
 
 def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:

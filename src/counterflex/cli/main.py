@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
+from counterflex.cli.arguments import option
 from counterflex.cli.commands import (
     ads,
     benchmark_part,
@@ -259,11 +260,7 @@ def _among(called: str) -> typer.Typer:
 
 
 def _only(words: Sequence[str]) -> typer.Typer:
-    """The commands, with the options of the one that is called only: those of all take longer to read than a stop may.
-
-    Args:
-        words: Of the command line.
-    """
+    """The commands, with the options of the one that is called only: reading all takes longer than a stop may."""
     called = next((word for word in words if not word.startswith("-")), "")
     commands = _among(called)
     small = copy.copy(commands)
@@ -307,10 +304,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _main(
     version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_version, is_eager=True, help="Print version, commit, Python and platform, and stop."
-        ),
+        bool, option("--version", "Print version, commit, Python and platform, and stop.", _version, is_eager=True)
     ] = False,
 ) -> None:
     pass

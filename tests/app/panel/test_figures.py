@@ -12,7 +12,7 @@ import pytest
 
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.panel.figures import FeedFrame, Figures, Trail, cause_words, deviations
-from counterflex.app.panel.report import report_html
+from counterflex.app.panel.page import report_html
 from counterflex.app.panel.watched_run import Seen, WatchedRun
 from counterflex.core.errors import OutputError
 from counterflex.core.records import Records

@@ -12,23 +12,24 @@ import pytest
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell.alone import running_robot
-from counterflex.app.simulated_cell.controllers import egm_controller
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.sensing import flange_sensor
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink
-from counterflex.protocols.abb_egm.path_link import EgmPathLink
+from counterflex.integrations.abb.alone import egm_controller
+from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
+from counterflex.integrations.abb.link.path_link import EgmPathLink
+from counterflex.integrations.abb.simulated import FakeEgm
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.sensing.sensor_wrench import SensorWrench
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.abb_egm import FakeEgm
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex.twin.devices.exact_robot import ExactRobot
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.robot_server import RobotServer, Timing
 
+EGM = ("egm", None)
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"
 """Feed along +x at y = 15 mm, z = 34 mm, from x = -12 to 72 mm."""
@@ -100,7 +101,7 @@ def mill(folder: Path, mode: str, *, arm: bool) -> tuple[Float, set[State], Onli
     """Path of the bent tip while it cuts, states of the loop, and the session."""
     cell_file, plan = folder / f"{mode}.toml", folder / "plan" / "plan.parquet"
     cell = read_cell(cell_file)
-    run = online_session.RunSettings(cell_file, None, plan, compensated=False, port=0, egm=True, arm=arm, lockstep=True)
+    run = online_session.RunSettings(cell_file, EGM, plan, compensated=False, port=0, arm=arm, lockstep=True)
     session = online_session.open_session(run)
     sensor = flange_sensor(cell.tables.sensor, cell.chain)
     assert sensor is not None
@@ -167,7 +168,7 @@ def test_what_egm_cannot_do_is_refused(folder: Path, tmp_path: Path) -> None:
         cell = tmp_path / "cell.toml"
         assert old in text
         cell.write_text(text.replace(old, new), encoding="utf-8")
-        settings = online_session.RunSettings(cell, None, plan, compensated=False, port=0, egm=True)
+        settings = online_session.RunSettings(cell, EGM, plan, compensated=False, port=0)
         online_session.open_session(replace(settings, **changes))  # type: ignore[arg-type]
 
     with pytest.raises(InputError, match="another cycle"):
@@ -177,4 +178,4 @@ def test_what_egm_cannot_do_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no axis corrections"):
         opened("average = 1", 'average = 1\noutput = "axes"')
     with pytest.raises(InputError, match="protocol is not clear"):
-        opened("average = 1", "average = 1", egm=False)
+        opened("average = 1", "average = 1", robot=None)

@@ -42,9 +42,9 @@ def test_fused_over_sockets_and_replayed(tmp_path: Path) -> None:
     compensate(PROGRAM, cell, tmp_path / "plan", report=False, programmed_feed=True, predict=False)
     plan = tmp_path / "plan" / "plan.parquet"
     summary = closed_loop.run(
-        live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", RSI, hose_share=0.0),
+        live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", ("rsi", RSI), hose_share=0.0),
         tmp_path / "part",
-        online_session.RunSettings(cell, RSI, plan, compensated=False, arm=True),
+        online_session.RunSettings(cell, ("rsi", RSI), plan, compensated=False, arm=True),
         tmp_path / "log",
         sensors=closed_loop.Sensors(force=True),
     )

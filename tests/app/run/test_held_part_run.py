@@ -158,10 +158,12 @@ def test_correcting_while_milling_pair(tmp_path: Path) -> None:
         cell.read_text(encoding="utf-8").replace("mass_kg = 25", f"mass_kg = {weight:.4f}"), encoding="utf-8"
     )
     compensate(PROGRAM, cell, tmp_path / "plan", report=False, programmed_feed=True)
-    twin = live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", RSI, hose_share=0.0)
+    twin = live.LiveSettings(PROGRAM, cell, tmp_path / "truth.toml", ("rsi", RSI), hose_share=0.0)
     across = {}
     for name, arm in (("watched", False), ("acted", True)):
-        loop = online_session.RunSettings(cell, RSI, tmp_path / "plan" / "plan.parquet", compensated=False, arm=arm)
+        loop = online_session.RunSettings(
+            cell, ("rsi", RSI), tmp_path / "plan" / "plan.parquet", compensated=False, arm=arm
+        )
         summary = closed_loop.run(twin, tmp_path / name, loop, tmp_path / f"{name}-log", sensors=closed_loop.Sensors())
         assert "fault" not in summary["states"]
         assert ("active" in summary["states"]) == arm

@@ -94,7 +94,7 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
     control[Request.ARM] = 1
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as rsi:
         settings = online_session.RunSettings(
-            cell, rsi, plan, compensated=False, port=0, strain_port=0, arm=True, lockstep=True
+            cell, ("rsi", rsi), plan, compensated=False, port=0, strain_port=0, arm=True, lockstep=True
         )
         session = online_session.open_session(settings, control=control)
         link, wrench = session.force, session.wrench
@@ -104,9 +104,9 @@ def test_holder_force_through_a_tool_change(tmp_path: Path) -> None:
             program,
             cell,
             truth,
-            rsi,
+            ("rsi", rsi),
             peer=session.link.address,
-            netft_port=None,
+            force_port=None,
             strain_peer=link.address,
             strain_faults=(Fault("nan", from_s=1.6, bridge=3),),
             timing=Timing(gate_s=0.8, patience_s=60.0),

@@ -107,7 +107,7 @@ def test_a_compensated_program_is_not_compensated_again(small: Path, made: Path)
 def test_a_run_is_refused_before_anything_is_opened(small: Path, made: Path, tmp_path: Path) -> None:
     cell = tmp_path / "online.toml"
     cell.write_text(small.read_text(encoding="utf-8") + '\n[online]\nforce = "fused"\n', encoding="utf-8")
-    settings = online_session.RunSettings(cell, RSI, made / "plan.parquet", port=0, program=compensated(made))
+    settings = online_session.RunSettings(cell, ("rsi", RSI), made / "plan.parquet", port=0, program=compensated(made))
     session = online_session.open_session(settings)
     session.link.close()
     with pytest.raises(InputError, match="compensated twice"):

@@ -76,12 +76,14 @@ def mill(place: Place, out: Path, *, currents: bool) -> tuple[dict[str, Any], di
             place.program,
             place.cell,
             place.truth,
-            place.rsi,
+            ("rsi", place.rsi),
             hose_share=0.0,
             force_faults=(Fault("dying", from_s=1.1),),
         ),
         out / "part",
-        online_session.RunSettings(place.cell, place.rsi, place.plan, compensated=False, arm=True, currents=currents),
+        online_session.RunSettings(
+            place.cell, ("rsi", place.rsi), place.plan, compensated=False, arm=True, currents=currents
+        ),
         out / "log",
         sensors=closed_loop.Sensors(force=True),
     )
@@ -125,7 +127,7 @@ def test_currents_that_cannot_be_used_are_refused(
     cell.write_text(place.cell.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
     settings = online_session.RunSettings(
         cell,
-        place.rsi if rsi == "sends" else RSI,
+        ("rsi", place.rsi if rsi == "sends" else RSI),
         place.plan if planned else None,
         compensated=False,
         currents=True,

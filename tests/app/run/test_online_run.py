@@ -61,8 +61,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 def mill(place: Place, name: str, *, arm: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """Run the groove with the loop watching or acting: its summary and the figures of the part."""
-    twin = live.LiveSettings(PROGRAM, place.cell, place.truth, RSI, hose_share=0.0)
-    loop = online_session.RunSettings(place.cell, RSI, place.plan, compensated=False, arm=arm)
+    twin = live.LiveSettings(PROGRAM, place.cell, place.truth, ("rsi", RSI), hose_share=0.0)
+    loop = online_session.RunSettings(place.cell, ("rsi", RSI), place.plan, compensated=False, arm=arm)
     part, log = place.folder / name, place.folder / f"{name}-log"
     summary = closed_loop.run(twin, part, loop, log, sensors=closed_loop.Sensors())
     return summary, evaluate.run([part], None)["variants"]["nominal"]
@@ -100,12 +100,12 @@ def test_correcting_while_milling_pair(place: Place) -> None:
 
 
 def test_what_is_missing_is_said(place: Place, tmp_path: Path) -> None:
-    bare = online_session.RunSettings(place.folder / "bare.toml", RSI, place.plan)
+    bare = online_session.RunSettings(place.folder / "bare.toml", ("rsi", RSI), place.plan)
     with pytest.raises(FileFormatError, match=r"\[online\]"):
         online_session.open_session(bare)
-    blind = online_session.RunSettings(place.cell, RSI, place.plan)
+    blind = online_session.RunSettings(place.cell, ("rsi", RSI), place.plan)
     with pytest.raises(InputError, match="needs a force sensor"):
         online_session.open_session(blind)
-    planless = online_session.RunSettings(place.cell, RSI, None, force=("127.0.0.1", 9))
+    planless = online_session.RunSettings(place.cell, ("rsi", RSI), None, force=("127.0.0.1", 9))
     with pytest.raises(InputError, match="needs a plan"):
         online_session.open_session(planless)

@@ -69,7 +69,7 @@ def test_the_holder_falls_away_in_the_cut(tmp_path: Path) -> None:
     with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as rsi:
         settings = online_session.RunSettings(
             cell,
-            rsi,
+            ("rsi", rsi),
             tmp_path / "plan" / "plan.parquet",
             compensated=False,
             port=0,
@@ -86,9 +86,9 @@ def test_the_holder_falls_away_in_the_cut(tmp_path: Path) -> None:
             program,
             cell,
             tmp_path / "truth.toml",
-            rsi,
+            ("rsi", rsi),
             peer=session.link.address,
-            netft_port=force,
+            force_port=force,
             force_host="127.0.0.1",
             hose_share=0.0,
             strain_peer=source.second_source.address,  # type: ignore[attr-defined]

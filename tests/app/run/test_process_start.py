@@ -124,7 +124,7 @@ def test_a_further_signal_while_it_clears_up_leaves_nothing_behind(
     before = signal.signal(number, interrupt)
     try:
         monkeypatch.setattr(online, "Supervised", lambda *_: supervised)
-        monkeypatch.setattr(online, "one_protocol", lambda _: None)
+        monkeypatch.setattr(online, "one_protocol", lambda given: given)
         played(supervised.loop).during_join = number
         words, ring = supervised._words.path, supervised._ring.name
         assert words.exists()

@@ -28,6 +28,8 @@ def test_a_plan_at_lowered_feeds_is_refused_for_the_original_program(
     longer = plans["lowered"][0].path.time_s[-1] - plans["kept"][0].path.time_s[-1]
     assert plans["lowered"][1]["feed_lowered_s"] == pytest.approx(longer, abs=1e-3)
     np.testing.assert_array_equal(plans["lowered"][0].path.p_part_tcp, plans["kept"][0].path.p_part_tcp)
-    settings = session.RunSettings(small, RSI, tmp_path / "lowered" / "plan.parquet", compensated=False, port=0)
+    settings = session.RunSettings(
+        small, ("rsi", RSI), tmp_path / "lowered" / "plan.parquet", compensated=False, port=0
+    )
     with pytest.raises(InputError, match=r"lower feed than the original program runs.*--programmed-feed"):
         session.open_session(settings)

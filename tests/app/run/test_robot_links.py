@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import counterflex
-from counterflex.app.run.robot_links import egm_link, rsi_link
+from counterflex.app.run.robot_links import ROBOT_LINKS, LinkOrder, chosen, values_of
 from counterflex.app.run.session import RunSettings, one_protocol
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.monitor import OverrideTable
 from counterflex.files.cell.online import OnlineTable
+from counterflex.protocols.robot.link import RobotLink
 from counterflex.runtime.settings import ForceMode, OnlineSettings, Output
 
 DEMO = Path(counterflex.__file__).parent / "app" / "demo"
-HERE = "127.0.0.1"
+
+
+def rsi_link(file: Path, online: OnlineSettings, **changes: Any) -> RobotLink:
+    """The link of a configuration in the demonstration's cell."""
+    order = LinkOrder(cell=read_cell(DEMO / "cell.toml"), file=file, online=online, port=0, **changes)
+    return ROBOT_LINKS["rsi"].open(order)
 
 
 def without(tmp_path: Path, word: str) -> Path:
@@ -39,18 +46,18 @@ def test_a_correction_that_would_go_nowhere_is_refused(tmp_path: Path, word: str
     file = without(tmp_path, word)
     online = OnlineSettings(force=ForceMode.MEASURED, output=output)
     with pytest.raises(InputError, match=said):
-        rsi_link(file, online, HERE, 0)
+        rsi_link(file, online)
     other = Output.AXES if output == Output.CARTESIAN else Output.CARTESIAN
-    rsi_link(file, replace(online, output=other), HERE, 0).close()
+    rsi_link(file, replace(online, output=other)).close()
 
 
 def test_a_speed_that_nobody_changes_is_not_reckoned_with(tmp_path: Path) -> None:
     file = without(tmp_path, '"Override"')
     online = OnlineSettings(force=ForceMode.MEASURED)
     with pytest.raises(InputError, match="no speed of the program"):
-        rsi_link(file, online, HERE, 0, overriding=True)
-    rsi_link(file, online, HERE, 0).close()
-    rsi_link(DEMO / "rsi.xml", online, HERE, 0, overriding=True).close()
+        rsi_link(file, online, overriding=True)
+    rsi_link(file, online).close()
+    rsi_link(DEMO / "rsi.xml", online, overriding=True).close()
 
 
 def test_path_correction_over_egm_changes_no_speed() -> None:
@@ -58,15 +65,8 @@ def test_path_correction_over_egm_changes_no_speed() -> None:
     table = OnlineTable(force="measured", period_ms=24)
     tables = cell.tables.model_copy(update={"egm": EgmTable(mode="path"), "online": table, "override": OverrideTable()})
     with pytest.raises(InputError, match="cannot change the speed"):
-        egm_link(
-            replace(cell, tables=tables),
-            table.settings(cell.tables.timing, compensated=False),
-            None,
-            compensated=False,
-            watch_only=True,
-            host=HERE,
-            port=0,
-        )
+        online = table.settings(cell.tables.timing, compensated=False)
+        ROBOT_LINKS["egm"].open(LinkOrder(cell=replace(cell, tables=tables), online=online, port=0))
 
 
 def test_another_file_given_as_the_rsi_configuration_is_refused_before_anything_else(tmp_path: Path) -> None:
@@ -74,4 +74,27 @@ def test_another_file_given_as_the_rsi_configuration_is_refused_before_anything_
     file = tmp_path / "cell.toml"
     file.write_text('format = "counterflex-cell"\n')
     with pytest.raises(FileFormatError, match="not an XML file"):
-        one_protocol(RunSettings(tmp_path / "missing.toml", rsi=file))
+        one_protocol(RunSettings(tmp_path / "missing.toml", ("rsi", file)))
+
+
+def test_the_cell_file_names_the_link_and_nothing_else_may_be_given(tmp_path: Path) -> None:
+    text = (DEMO / "cell.toml").read_text(encoding="utf-8") + '\n[online]\nforce = "pilot"\n'
+    file = tmp_path / "cell.toml"
+
+    def named(line: str) -> Cell:
+        file.write_text(text + line, encoding="utf-8")
+        return read_cell(file)
+
+    assert chosen(None, named('protocol = "egm"\n')) == ("egm", None)
+    assert chosen(("rsi", file), named("")) == ("rsi", file)
+    for line, given, said in (
+        ("", None, "protocol is not clear"),
+        ('protocol = "egm"\n', ("rsi", file), "protocol is not clear"),
+        ('protocol = "rsi"\n', None, "the link rsi needs a file"),
+        ("", ("egm", file), "the link egm has no file"),
+        ('protocol = "egn"\n', None, "Did you mean 'egm'"),
+    ):
+        with pytest.raises(InputError, match=said):
+            chosen(given, named(line))
+    with pytest.raises(FileFormatError, match="no key port"):
+        values_of("egm", named("[online.link]\nport = 1\n"))

@@ -109,7 +109,7 @@ def test_a_second_interrupt_leaves_a_summary(tmp_path: Path, monkeypatch: pytest
             pass
 
     monkeypatch.setattr(online, "Supervised", Played)
-    monkeypatch.setattr(online, "one_protocol", lambda _: None)
+    monkeypatch.setattr(online, "one_protocol", lambda given: given)
     settings = SimpleNamespace(arm=True, cell=tmp_path / "cell.toml")
     with pytest.raises(KeyboardInterrupt):
         online.run(cast(Any, settings), tmp_path)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.netft.link import NetftLink
-from counterflex.twin.devices.netft import COUNTS
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link.link import NetftLink
+from counterflex.integrations.ati.simulated import COUNTS
 from counterflex_lab.faults.rig import Rig
 
 BEYOND_N = 9000.0

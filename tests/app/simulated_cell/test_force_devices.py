@@ -11,8 +11,8 @@ from counterflex.app.run.session import RunSettings, _opening
 from counterflex.app.simulated_cell.cell import LiveSettings, _device
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.protocols.force.sensors import opened
-from counterflex.twin.devices.netft import NetftServer
 from counterflex.twin.network.faults import Fault
 
 TEXT = (Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d16_small.toml").read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def cell_of(folder: Path, sensor: str) -> Cell:
 
 def settings(port: int | None, *faults: Fault) -> LiveSettings:
     none = Path("none")
-    return LiveSettings(none, none, none, netft_port=port, force_faults=faults)
+    return LiveSettings(none, none, none, force_port=port, force_faults=faults)
 
 
 @pytest.mark.parametrize("sensor", [WRENCH, FRAME])

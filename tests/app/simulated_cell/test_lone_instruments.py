@@ -15,9 +15,9 @@ import pytest
 from counterflex.app.run.tracker_replay import run_log_as_tracker
 from counterflex.app.simulated_cell.instruments import (
     Clock,
-    LoneNetft,
+    LoneForce,
     LoneTracker,
-    run_netft,
+    run_force,
     run_tracker,
 )
 from counterflex.core.arrays import Float
@@ -25,13 +25,14 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLog
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.netft import telegram as netft
-from counterflex.protocols.netft.link import NetftLink, fetch_scaling
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link.link import NetftLink, fetch_scaling
+from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.protocols.session.senses import tracker_frames
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
@@ -82,13 +83,15 @@ def records(faults: tuple[Fault, ...] = (), count: int = 100, seed: int = 1) -> 
 def test_a_sensor_alone_is_read_by_the_link_as_a_real_one() -> None:
     read: dict[str, Any] = {}
 
-    def started(udp: tuple[str, int], http: tuple[str, int]) -> None:
-        read["link"] = NetftLink(udp, fetch_scaling("127.0.0.1", http[1]))
+    def started(device: ForceDevice) -> None:
+        assert device.address is not None
+        assert device.http_address is not None
+        read["link"] = NetftLink(device.address, fetch_scaling("127.0.0.1", device.http_address[1]))
         read["link"].start()
 
     clock = VirtualClock(lambda _: None)
     source = NoisyWrench(STEADY, 0.5, 0.05, seed=3)
-    found = run_netft(LoneNetft(source, rate_hz=7000, seconds=0.02), started=started, clock=clock.clock())
+    found = run_force(LoneForce("netft", source, ForceStart(rate_hz=7000), 0.02), started=started, clock=clock.clock())
     link = read["link"]
     assert link.drain() == found["records"] == found["samples"] == 140
     assert found["ended"] == "finished"
@@ -100,10 +103,10 @@ def test_a_sensor_alone_is_read_by_the_link_as_a_real_one() -> None:
 
 def test_a_rate_out_of_range_and_a_taken_port_are_refused() -> None:
     with pytest.raises(InputError, match="rate of an instrument"):
-        run_netft(LoneNetft(STEADY, rate_hz=8000))
+        run_force(LoneForce("netft", STEADY, ForceStart(rate_hz=8000)))
     server = NetftServer(http_port=None)
     with pytest.raises(OutputError, match="port cannot be opened"):
-        run_netft(LoneNetft(STEADY, port=server.address[1]))
+        run_force(LoneForce("netft", STEADY, ForceStart(port=server.address[1])))
     server.close()
 
 

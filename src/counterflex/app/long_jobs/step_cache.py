@@ -40,10 +40,6 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
 
     Args:
         files: Read whole; a file's folder does not matter.
-        facts: Numbers, texts, lists and tables of these.
-
-    Raises:
-        FileFormatError: A file cannot be read.
     """
     parts: list[tuple[str, str]] = [("version", __version__)]
     for file in map(Path, files):
@@ -87,11 +83,7 @@ def program_files(package: str = "") -> Mark:
 def toml_parts(file: Path) -> dict[str, str]:
     """SHA-256, 16 hexadecimal digits, of the meaning of every table of a TOML file; keys outside tables under ``""``.
 
-    Args:
-        file: Of valid TOML.
-
     Raises:
-        OSError: It cannot be read.
         ValueError: It is not TOML.
     """
     data = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -106,12 +98,7 @@ def _hashed(value: object) -> str:
 
 
 def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
-    """What a step wrote when it ended, or None where it did not end, or was made from something else.
-
-    Args:
-        folder: Of the step.
-        mark: Its fingerprint now.
-    """
+    """What a step wrote when it ended, or None where it did not end, or was made from something else."""
     data = _read(folder / DONE)
     result = data.get("found")
     return result if _mark_of(data) == mark and isinstance(result, dict) else None
@@ -119,10 +106,6 @@ def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
 
 def why_again(folder: Path, mark: Mark) -> str:
     """Why a step has to be made again, in words.
-
-    Args:
-        folder: Of the step.
-        mark: Its fingerprint now.
 
     Returns:
         One line; empty where it is kept, was never made, or was interrupted.
@@ -150,7 +133,6 @@ def begin(folder: Path, mark: Mark | None = None) -> None:
     """Make a step's folder and take away the mark of an earlier, different one.
 
     Args:
-        folder: Of the step.
         mark: Its fingerprint now; with it the reason why it is made again is noted.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -164,8 +146,6 @@ def finish(folder: Path, mark: Mark, result: Mapping[str, Any]) -> None:
     """Mark a step as finished.
 
     Args:
-        folder: Of the step.
-        mark: Its fingerprint.
         result: Plain values for those who come after it.
     """
     again = _read(folder / DONE).get("again")
@@ -182,7 +162,6 @@ def made_again(folder: Path, before: Mapping[Path, tuple[int, int]]) -> dict[str
     """Why steps below a folder were made again lately, and how many for each reason.
 
     Args:
-        folder: Of the job.
         before: :func:`marks_below` when the job began; clocks are not asked, a file may be stamped in the future.
 
     Returns:

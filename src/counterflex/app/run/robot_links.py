@@ -1,160 +1,164 @@
-"""The link to the robot that a run was told of: RSI by its configuration, EGM by the cell file."""
+"""Links to robots by name: what the loop runs on, and the simulated controller that answers it.
+
+``[online] protocol`` of the cell file names one; another package adds one with an entry point of the group
+``counterflex.robot_links`` (docs/extend.md).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-import numpy as np
-
-from counterflex.app.robot_axes import axes_in
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.registry import Registry
 from counterflex.files.cell.cell import Cell
-from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.online import OnlineTable
-from counterflex.geometry import pose
-from counterflex.path.stream import PoseStream
-from counterflex.path.toolpath import tool_orientation
+from counterflex.files.scenario_file import Scenario
 from counterflex.plan.plan import Plan
-from counterflex.protocols.abb_egm.guidance_link import EgmGuidanceLink, commanded_poses
-from counterflex.protocols.abb_egm.path_link import EgmPathLink
-from counterflex.protocols.kuka_rsi.config import read_config
-from counterflex.protocols.kuka_rsi.link import RsiLink
-from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
-from counterflex.runtime.settings import OnlineSettings, Output
+from counterflex.protocols.force.sensors import Value, checked_values
+from counterflex.protocols.force.source import ForceSource
+from counterflex.protocols.robot.link import RobotLink
+from counterflex.runtime.settings import OnlineSettings
+from counterflex.twin.devices.robot_controller import RobotController
 
-_RSI_MS = (4, 12)
+Address = tuple[str, int]
+Chosen = tuple[str, Path | None]
+"""Name of a link, and the file that it is set up by, or None."""
 
 
-def rsi_link(
-    config: Path,
-    online: OnlineSettings,
-    host: str,
-    port: int | None,
-    peer: tuple[str, int] | None = None,
-    *,
-    overriding: bool = False,
-    currents: bool = False,
-    axes: ControllerAxes = AS_MODEL,
-) -> RsiLink:
-    """Open the link of an ETHERNET configuration file.
+@dataclass(frozen=True, kw_only=True)
+class LinkOrder:
+    """What a link is opened with.
 
-    Args:
-        config: The file.
+    Attributes:
+        cell: See there.
+        file: That it is set up by, or None.
         online: Settings of the loop.
         host: Address to listen on.
-        port: None takes the one of the configuration.
-        peer: The controller, or None.
+        port: None takes the one of the file or of the cell.
+        peer: The controller, port 0 for any; None takes the first that sends a good telegram.
+        plan: Of the program, or None.
+        compensated: The robot runs the compensated program.
+        watch_only: The loop will not be armed.
         overriding: The loop changes the speed of the program, and uses the changed one.
         currents: The loop reads motor currents.
-        axes: How the controller counts the axes.
+        values: Of ``[online.link]``, every key that the link has, with its default where the file has none.
+    """
+
+    cell: Cell
+    file: Path | None = None
+    online: OnlineSettings
+    host: str = "127.0.0.1"
+    port: int | None = None
+    peer: Address | None = None
+    plan: Plan | None = None
+    compensated: bool = True
+    watch_only: bool = True
+    overriding: bool = False
+    currents: bool = False
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerOrder:
+    """What a simulated controller is made with.
+
+    Attributes:
+        cell: What it has been told.
+        file: As in :class:`LinkOrder`.
+        scenario: Its table for this controller, if it has one.
+        seed: Of chance.
+        job: Number that its program says; 0: none.
+        values: As in :class:`LinkOrder`.
+    """
+
+    cell: Cell
+    file: Path | None = None
+    scenario: Scenario = field(default_factory=Scenario)
+    seed: int = 0
+    job: int = 0
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedController:
+    """A controller of the simulated cell.
+
+    Attributes:
+        controller: Its side of the protocol.
+        peer: Where its telegrams go unless the scenario says otherwise.
+        take_force: Told (6,) N, N m that the robot measures itself, or None where it cannot.
+    """
+
+    controller: RobotController
+    peer: Address
+    take_force: Callable[[Float], None] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotLinkKind:
+    """A protocol between robot and loop.
+
+    Attributes:
+        title: One line for help.
+        how: How it is chosen, for messages: ``--rsi FILE for a KUKA robot``; empty: by the cell file only.
+        open: Opens the link. Raises InputError where it cannot do what the loop wants.
+        read: Reads the file that it is set up by, or raises FileFormatError; None: it has no file.
+        own_force: ``(link, range_n, range_nm)``: the force that the robot itself measures; None: it sends none.
+        values: Keys of ``[online.link]`` with their defaults; a value must be of the type of its default.
+        simulated: ``module:object`` of what makes a :class:`SimulatedController` of a :class:`ControllerOrder`.
+        alone: ``module:object`` of ``(watched, **settings) -> dict``, the simulated controller by itself, or empty.
+    """
+
+    title: str
+    how: str = ""
+    open: Callable[[LinkOrder], RobotLink]
+    read: Callable[[Path], Any] | None = None
+    own_force: Callable[[Any, float | None, float | None], ForceSource] | None = None
+    values: Mapping[str, Value] = field(default_factory=dict)
+    simulated: str = ""
+    alone: str = ""
+
+
+ROBOT_LINKS: Final[Registry[RobotLinkKind]] = Registry(
+    "counterflex.robot_links", "link to a robot", "counterflex.app.run.robot_links:RobotLinkKind"
+)
+
+
+def chosen(given: Chosen | None, cell: Cell) -> Chosen:
+    """The link of a run: the one that is given, else the one that the cell file names.
 
     Raises:
-        FileFormatError: The file cannot be used.
-        InputError: RSI has no such cycle, or the configuration does not take in what the loop sends.
-        OutputError: The port cannot be bound.
+        InputError: There is none, or they are two; or it needs a file, or has none.
     """
-    if round(online.period_s * 1e3) not in _RSI_MS:
-        raise InputError("cycle of RSI", value=f"{online.period_s * 1e3:g} ms", limit="4 or 12 ms: [online] period_ms")
-    link = RsiLink(read_config(config), host=host, port=port, peer=peer, period_s=online.period_s, axes=axes)
-    by_axes = online.output == Output.AXES
-    missing, hint = "", ""
-    if by_axes and not link.axis_specific:
-        missing, hint = "no axis corrections", 'Add AKorr.A1 to AKorr.A6 (AXISCORR), or set output = "cartesian"'
-    elif not by_axes and not link.cartesian:
-        missing, hint = "no Cartesian correction", 'Add RKorr.X to RKorr.C (POSCORR), or set output = "axes"'
-    elif overriding and not link.overriding:
-        missing, hint = "no speed of the program", "Add the tag Override, or leave the table [override] out"
-    if missing:
-        link.close()
-        raise InputError(f"the RSI configuration takes in {missing}", where=str(config), hint=hint)
-    if currents and not link.has_currents:
-        link.close()
+    named = (cell.tables.online or OnlineTable()).protocol
+    name, file = given if given is not None else (named, None)
+    if name is None or named not in (None, name):
         raise InputError(
-            "the RSI configuration sends no motor currents",
-            where=str(config),
-            hint="Add DEF_MACur to SEND, or leave out run.currents",
+            "the robot's protocol is not clear",
+            where=str(cell.path),
+            value="none" if name is None else f'{name}, and [online] protocol = "{named}"',
+            limit=" or ".join(kind.how for _, kind in ROBOT_LINKS.items() if kind.how),
+            hint=f"Give one of them, or name it in [online] protocol: {', '.join(ROBOT_LINKS)}",
         )
-    return link
+    if (ROBOT_LINKS[name].read is None) != (file is None):
+        raise InputError(
+            f"the link {name} {'needs a' if file is None else 'has no'} file", where=str(cell.path), value=file,
+            hint=ROBOT_LINKS[name].how or None,
+        )  # fmt: skip
+    return name, file
 
 
-def egm_link(
-    cell: Cell,
-    online: OnlineSettings,
-    plan: Plan | None,
-    *,
-    compensated: bool,
-    watch_only: bool,
-    host: str,
-    port: int | None,
-    peer: tuple[str, int] | None = None,
-) -> EgmPathLink | EgmGuidanceLink:
-    """Open the link of the table ``[egm]`` of a cell.
-
-    Args:
-        cell: See there.
-        online: Settings of the loop.
-        plan: Of the program; guidance streams its path.
-        compensated: The path that is streamed contains the plan's correction.
-        watch_only: The loop will not be armed.
-        host: Address to listen on.
-        port: None takes the one of the table.
-        peer: The controller, or None.
+def values_of(name: str, cell: Cell) -> dict[str, Value]:
+    """Values of ``[online.link]`` with defaults.
 
     Raises:
-        InputError: EGM cannot do what the loop wants, or there is no plan to stream.
-        OutputError: The port cannot be bound.
+        FileFormatError: A key that the link does not have, or a value of another type than its default.
     """
-    table = cell.tables.egm or EgmTable()
-    table.require(cell.tables.online or OnlineTable(), str(cell.path))
-    if cell.tables.override is not None and table.mode == "path":
-        raise InputError(
-            "path correction cannot change the speed of the program",
-            where=str(cell.path),
-            value="[override]",
-            hint='Leave the table [override] out, or set [egm] mode = "pose"',
-        )
-    T_part_frame = None if table.frame == "part" else pose.inverse(cell.T_base_part)
-    where: dict[str, Any] = {
-        "host": host,
-        "port": table.port if port is None else port,
-        "peer": peer,
-        "T_part_frame": T_part_frame,
-        "axes": axes_in(cell, "rapid")[0],
-    }
-    if table.mode == "path":
-        return EgmPathLink(watch_only=watch_only, period_s=online.period_s, **where)
-    if plan is None:
-        raise InputError(
-            "position guidance streams the planned path, but no plan is given",
-            where=str(cell.path),
-            hint='Give --plan FILE, or set [egm] mode = "path"',
-        )
-    stream = planned_stream(cell, plan, online.period_s, compensated=compensated)
-    return EgmGuidanceLink(stream, table.guidance(online.delays.correction_s, watch_only=watch_only), **where)
-
-
-def planned_stream(cell: Cell, plan: Plan, period_s: float, *, compensated: bool) -> PoseStream:
-    """The path of a plan as it is streamed to the robot.
-
-    Args:
-        cell: Cell; its tables ``[egm]`` and ``[controller]`` say how corners are run.
-        plan: Of the program.
-        period_s: Cycle.
-        compensated: With the plan's correction.
-    """
-    table = cell.tables.egm or EgmTable()
-    contained: Float = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
-    if not compensated:
-        contained = np.zeros_like(contained)
-    Rs_part_tcp = tool_orientation(plan.path.axis_part, cell.tables.posture.rotations_rad(plan.path.p_part_tcp))
-    return PoseStream(
-        commanded_poses(Rs_part_tcp, plan.path.p_part_tcp, contained),
-        plan.path,
-        period_s=period_s,
-        acceleration_m_s2=table.acceleration_mm_s2 * MM,
-        blending_m=table.blending_mm * MM,
-        rapid_m_s=cell.tables.controller.rapid_m_s,
-    )
+    try:
+        return checked_values(name, ROBOT_LINKS[name].values, (cell.tables.online or OnlineTable()).link)
+    except ValueError as fault:
+        raise FileFormatError(str(fault), where=f"{cell.path}: online.link") from fault

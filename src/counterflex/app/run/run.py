@@ -22,7 +22,7 @@ from counterflex.app.run.end import AS_REQUESTED, ended_how
 from counterflex.app.run.process import END_S, loop_process
 from counterflex.app.run.process_start import first_word, signals_wait
 from counterflex.app.run.recorder import SUMMARY, NoLog, Recorder, recorder_process
-from counterflex.app.run.session import RunSettings, one_protocol
+from counterflex.app.run.session import RunSettings, one_protocol, robot_files
 from counterflex.app.run.status import Status, StatusReader
 from counterflex.core import file_content
 from counterflex.core.arrays import Int
@@ -81,7 +81,7 @@ def run(
         CounterflexError: As :func:`open_session`, and when the log cannot be begun.
         KeyboardInterrupt: The second one; after the first the correction is ramped out and the summary returned.
     """
-    one_protocol(settings)
+    settings = one_protocol(settings)
     supervised: Supervised | None = None
     try:
         with signals_wait():
@@ -379,7 +379,7 @@ class Supervised:
 
 
 def _about(settings: RunSettings, loop_sha256: str) -> dict[str, Any]:
-    files = {"cell": settings.cell, "rsi": settings.rsi, "plan": settings.plan, "program": settings.program}
+    files = {"cell": settings.cell, **robot_files(settings), "plan": settings.plan, "program": settings.program}
     hashes = {
         name: hashlib.sha256(file_content.content(p)).hexdigest()
         for name, p in files.items()

@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from counterflex.app.compliance_window import require_plausible
-from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.holder import open_holder
 from counterflex.app.run.job_check import cell_of_run, check_job, job_of
 from counterflex.app.run.loop import load_behind, loop_plan, online_loop, tcp_target
 from counterflex.app.run.pair import open_pair
-from counterflex.app.run.robot_links import egm_link, rsi_link
+from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, LinkOrder, RobotLinkKind, chosen, values_of
 from counterflex.app.run.tools import tools_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
-from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE, read_plan
 from counterflex.plan.plan import Plan
-from counterflex.protocols.abb_egm.force import EgmForce
-from counterflex.protocols.abb_egm.link import EgmLink
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
-from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.senses import ProcessWrench, Sensing, tracker_frames
 from counterflex.protocols.session.session import OnlineSession, SessionChecks, compile_kernels
@@ -55,14 +51,13 @@ class RunSettings:
 
     Attributes:
         cell: Cell file with an ``[online]`` table.
-        rsi: ETHERNET configuration file of a KUKA controller, or None.
+        robot: Name of the link to the robot and the file that it is set up by, or None: the one that the cell names.
         plan: Plan file, or None.
         program: What the robot runs, or None; it must be of the same job as the plan.
         compensated: The robot runs the compensated program.
         host: Address to listen on.
-        port: Of the robot; None takes the configuration's, or that of the table ``[egm]``.
-        egm: The robot is an ABB one, as the table ``[egm]`` says.
-        force: Host and UDP port of the force sensor, or None; with EGM the robot's own force is then taken.
+        port: Of the robot; None takes the one of the file or of the cell.
+        force: Host and UDP port of the force sensor, or None; the robot's own force is then taken, if it sends one.
         force_http_port: Of its scaling document.
         currents: The motor currents that the robot sends are used by the estimator.
         strain_port: Port for strain datagrams of the instrumented holder, or None.
@@ -75,12 +70,11 @@ class RunSettings:
     """
 
     cell: Path
-    rsi: Path | None = None
+    robot: Chosen | None = None
     plan: Path | None = None
     compensated: bool = True
     host: str = "127.0.0.1"
     port: int | None = None
-    egm: bool = False
     force: tuple[str, int] | None = None
     force_http_port: int = 80
     currents: bool = False
@@ -94,22 +88,28 @@ class RunSettings:
     program: Path | None = None
 
 
-def one_protocol(settings: RunSettings) -> None:
-    """Check that the robot's protocol is chosen and its configuration can be read, before anything is compiled.
+def one_protocol(settings: RunSettings) -> RunSettings:
+    """Return the settings with the robot's link, its file read once before anything is compiled.
 
     Raises:
-        InputError: None or both are.
-        FileFormatError: The configuration is not that of RSI.
+        InputError: It is not clear.
+        FileFormatError: The file is not one of this link.
     """
-    if (settings.rsi is None) == (not settings.egm):
-        raise InputError(
-            "the robot's protocol is not clear",
-            value="both" if settings.egm else "none",
-            limit="one of RSI and EGM",
-            hint="Give --rsi FILE for a KUKA robot, --egm for an ABB one",
-        )
-    if settings.rsi is not None:
-        read_config(settings.rsi)
+    name, file = chosen(None, read_cell(settings.cell)) if settings.robot is None else settings.robot
+    read = ROBOT_LINKS[name].read
+    if read is not None and file is not None:
+        read(file)
+    return replace(settings, robot=(name, file))
+
+
+def _kind(settings: RunSettings) -> RobotLinkKind:
+    return ROBOT_LINKS[(settings.robot or ("",))[0]]
+
+
+def robot_files(settings: RunSettings) -> dict[str, Path]:
+    """The file that the robot's link is set up by, by the name of the link; empty where it has none."""
+    name, file = settings.robot or ("", None)
+    return {} if file is None else {name: file}
 
 
 def _require_upright(about: Mapping[str, Any], plan: Path | None) -> None:
@@ -138,7 +138,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     require_plausible(cell)
     if read is not None:
         _require_upright(read[1], settings.plan)
-    one_protocol(settings)
+    settings = one_protocol(replace(settings, robot=chosen(settings.robot, cell)))
     if settings.program is not None:
         check_job(settings.program, read, compensated=settings.compensated)
     if read is not None and not settings.compensated:
@@ -163,7 +163,7 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
             hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
         )
     motors = _motors(settings, cell, table, plan is not None)
-    unreached = measured_at is None and (held or table.force_from == "both" or not settings.egm)
+    unreached = measured_at is None and (held or table.force_from == "both" or _kind(settings).own_force is None)
     if table.force != "none" and (unreached or sensor is None) and not (fused and measured_at is None):
         source = f', force_from = "{table.force_from}"' if table.force_from != "sensor" else ""
         raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=sensor is None)
@@ -180,7 +180,6 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
         )
     compile_kernels()  # before a port is open: what arrives meanwhile would be old
     link = _link(settings, cell, loop, planned)
-    _require_reported(settings, loop, link)
     checks = SessionChecks(
         hold_without_log=table.without_log == "hold",
         hold_without_panel=table.without_panel == "hold",
@@ -225,9 +224,9 @@ def _require_reported(settings: RunSettings, loop: Loop, link: RobotLink) -> Non
     if loop.settings.axis_pid is not None and link.measured_is == ABSENT:
         link.close()
         raise InputError(
-            "a PID per axis needs the measured pose, and the configuration sends none",
-            where=str(settings.rsi or settings.cell),
-            hint="Add DEF_RIst to SEND, or leave out the table [online.axis_pid]",
+            "a PID per axis needs the measured pose, and the controller sends none",
+            where=str(settings.cell),
+            hint="Leave out the table [online.axis_pid]",
         )
 
 
@@ -303,9 +302,9 @@ def _open_force(
             strains = settings.host, settings.strain_port
             return open_pair(cell, table, plan, (force, wrench), strains, checks.force_n, checks.moment_nm)
         return force, wrench, None
-    if isinstance(link, EgmLink) and table.force != "none":
-        own = EgmForce(link, range_n=measured.range_n, range_nm=measured.range_nm)
-        return own, SensorWrench(cell.chain, sensor, cell.T_base_part), None
+    own = _kind(settings).own_force
+    if own is not None and table.force != "none":
+        return own(link, measured.range_n, measured.range_nm), SensorWrench(cell.chain, sensor, cell.T_base_part), None
     return None, None, None
 
 
@@ -345,34 +344,25 @@ def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: b
 
 
 def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> RobotLink:
-    if settings.rsi is not None:
-        return rsi_link(
-            settings.rsi,
-            loop.settings,
-            settings.host,
-            settings.port,
-            settings.peer,
+    name, file = settings.robot or ("", None)
+    link = ROBOT_LINKS[name].open(
+        LinkOrder(
+            cell=cell,
+            file=file,
+            online=loop.settings,
+            host=settings.host,
+            port=settings.port,
+            peer=settings.peer,
+            plan=plan,
+            compensated=settings.compensated,
+            watch_only=not settings.arm,
             overriding=loop.monitor.overriding,
             currents=settings.currents,
-            axes=axes_in(cell, "krl")[0],
+            values=values_of(name, cell),
         )
-    if settings.currents:
-        raise InputError(
-            "EGM sends no motor currents",
-            where=str(settings.cell),
-            value="run.currents",
-            hint="Leave out run.currents",
-        )
-    return egm_link(
-        cell,
-        loop.settings,
-        plan,
-        compensated=settings.compensated,
-        watch_only=not settings.arm,
-        host=settings.host,
-        port=settings.port,
-        peer=settings.peer,
     )
+    _require_reported(settings, loop, link)
+    return link
 
 
 def _opening(settings: RunSettings, address: tuple[str, int], table: SensorTable) -> Opening:

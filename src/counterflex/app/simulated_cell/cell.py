@@ -1,10 +1,10 @@
-"""The simulated cell on real sockets, started by itself: controller with RSI, force sensor, tracker."""
+"""The simulated cell on real sockets, started by itself: controller, force sensor, tracker."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,27 +12,32 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading, read_job
+from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
-from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.job_check import program_job
-from counterflex.app.simulated_cell.ads import terminals
-from counterflex.app.simulated_cell.controllers import egm_controller, rsi_controller, which
+from counterflex.app.run.robot_links import (
+    ROBOT_LINKS,
+    Chosen,
+    ControllerOrder,
+    SimulatedController,
+    chosen,
+    values_of,
+)
+from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core import atomic
-from counterflex.core.arrays import Float, as_positive
+from counterflex.core.arrays import as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.registry import imported
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.sensing import strain_holder
+from counterflex.files.cell.sensing import PROTOCOL, strain_holder
 from counterflex.files.run_file import write_run
+from counterflex.files.scenario_file import Scenario
 from counterflex.files.summary_file import write_folder_summary
-from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
-from counterflex.twin.devices.kuka_rsi import RsiContext
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.devices.strain import StrainSender
-from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.live.cell_server import CellServer, Instruments
 from counterflex.twin.live.live_cell import LiveCell
@@ -52,15 +57,14 @@ class LiveSettings:
         program: G-code that its robot runs.
         cell: Cell file: what its controller believes.
         truth: Truth file: how it really is.
-        rsi: ETHERNET configuration of a KUKA controller; telegrams go to its IP_NUMBER and PORT. None: an ABB one.
+        robot: Name of the link to its controller and the file that it is set up by, or None: as the cell file says.
         original: The uncompensated program, to judge a compensated one; None is the program itself.
         reading: How the programs are read.
-        peer: Where telegrams go instead, or None.
-        egm: Where the messages of an ABB controller go, set as the cell file says; None: a KUKA one.
-        own_force: The ABB controller sends the force sensor's readings itself.
-        netft_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
+        peer: Where telegrams go, or None: where the controller's files say.
+        own_force: The controller sends the force sensor's readings itself.
+        force_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
             sends by itself (``protocol = "wrench"``): the port that it sends to.
-        netft_http_port: Of its scaling document.
+        force_http_port: Of its scaling document.
         force_host: Where a sensor that sends by itself sends to.
         tracker_peer: Where tracker datagrams go, or None.
         tracker_hz: Poses in a second; few are photogrammetry.
@@ -68,14 +72,14 @@ class LiveSettings:
         force_faults: Of the force sensor and its records.
         seed: Of the instruments.
         timing: How the controller keeps time.
-        context: Settings of RSI on the controller.
+        scenario: With the table of the controller, if there is one.
         answer: How the controller answers corrections.
         own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
             past it.
         hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
         strain_peer: Where strain datagrams of the instrumented holder go, or None.
-        strain_ads: Address and port of a simulated TwinCAT that shows the same strains by the symbols of ``[ads]``, or
-            None.
+        strain_plc: Kind and address of a simulated PLC that shows the same strains by the symbols of its table in the
+            cell file, or None.
         strain_hz: Readings in a second; the integration step of the cell divides the time between them.
         strain_warm_k: How much the holder warms up.
         strain_faults: Of the amplifiers and their datagrams.
@@ -86,14 +90,13 @@ class LiveSettings:
     program: Path
     cell: Path
     truth: Path
-    rsi: Path | None = None
+    robot: Chosen | None = None
     original: Path | None = None
     reading: Reading = AS_IT_IS
     peer: tuple[str, int] | None = None
-    egm: tuple[str, int] | None = None
     own_force: bool = False
-    netft_port: int | None = 0
-    netft_http_port: int = 0
+    force_port: int | None = 0
+    force_http_port: int = 0
     force_host: str = "127.0.0.1"
     tracker_peer: tuple[str, int] | None = None
     tracker_hz: float = 1000.0
@@ -101,12 +104,12 @@ class LiveSettings:
     force_faults: tuple[Fault, ...] = ()
     seed: int = 0
     timing: Timing = field(default_factory=lambda: Timing(gate_s=0.8))
-    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+    scenario: Scenario = field(default_factory=Scenario)
     answer: PathAnswer = field(default_factory=PathAnswer)
     own_backlash: float = 0.0
     hose_share: float = 1.0
     strain_peer: tuple[str, int] | None = None
-    strain_ads: tuple[str, int] | None = None
+    strain_plc: tuple[str, tuple[str, int]] | None = None
     strain_hz: int = 1000
     strain_warm_k: float = WARM_K
     strain_faults: tuple[Fault, ...] = ()
@@ -117,8 +120,8 @@ class LiveSettings:
 class Addresses:
     """Where a started cell can be reached: UDP and HTTP address of its force sensor, or None."""
 
-    netft: tuple[str, int] | None
-    netft_http: tuple[str, int] | None
+    force: tuple[str, int] | None
+    force_http: tuple[str, int] | None
 
 
 def run(
@@ -150,7 +153,8 @@ def run(
     reference = settings.original if settings.original is not None else settings.program
     if settings.original is not None:
         read_job(reference, cell, reading=settings.reading)
-    robot_controller, peer, own_force = _controller(settings, cell)
+    made = _controller(settings, cell)
+    robot_controller = made.controller
     live = LiveCell(
         job.machined,
         truth=truth,
@@ -186,21 +190,21 @@ def run(
         strain_steps=steps,
     )
     plc = None
-    if settings.strain_ads is not None and amplifiers is not None:
-        plc = terminals(cell, amplifiers, settings.strain_ads)
+    if settings.strain_plc is not None and amplifiers is not None:
+        kind, where = settings.strain_plc
+        plc = imported(PLCS[kind].terminals)(cell, amplifiers, where)
     server = CellServer(
         live,
         robot_controller,
-        peer,
+        settings.peer or made.peer,
         instruments,
-        own_force,
+        made.take_force if settings.own_force else None,
         timing=settings.timing,
     )
     begin = time.perf_counter()
     try:
         with atomic.atomic_folder(out) as staging:
-            netft = device if isinstance(device, NetftServer) else None
-            started(Addresses(netft.address if netft else None, netft.http_address if netft else None))
+            started(Addresses(device.address if device else None, device.http_address if device else None))
             server.meet()
             why = server.run(progress=progress)
             record = live.record()
@@ -229,39 +233,21 @@ def run(
     return summary
 
 
-def _device(settings: LiveSettings, cell: Cell) -> NetftServer | WrenchSender | None:
-    """What sends the readings of the force sensor: by the protocol that the cell file names, else a Net F/T."""
-    if settings.netft_port is None:
+def _device(settings: LiveSettings, cell: Cell) -> ForceDevice | None:
+    """What sends the readings of the force sensor, by the protocol that the cell file names."""
+    if settings.force_port is None:
         return None
-    faults = FaultSchedule(settings.force_faults, settings.seed)
     table = cell.tables.sensor
-    if table is None or table.protocol not in ("wrench", "frame"):
-        return NetftServer(port=settings.netft_port, http_port=settings.netft_http_port, faults=faults)
-    if settings.netft_port == 0:
-        raise InputError(
-            "where the force sensor sends to is not said",
-            where=str(settings.cell),
-            value=f'protocol = "{table.protocol}"',
-            hint="Give force_sensor.address (--scenario), the same as for counterflex run",
-        )
-    peer = settings.force_host, settings.netft_port
-    if table.frame is None:
-        return WrenchSender(peer, faults, source=max(0, int(table.link.get("source", -1))))
-    own = table.frame.source()
-    if own.transport != "udp" or own.start or own.request:
-        raise InputError(
-            "the simulated cell sends frames by itself over UDP only",
-            where=str(settings.cell),
-            value="[sensor.frame] with " + ("tcp" if own.transport == "tcp" else "start or request"),
-        )
-    frame = own.frame
-
-    def write(one: Wrench) -> bytes:
-        bits = frame.saturated_bits if one.status & SATURATED else 0
-        bits |= frame.invalid_bits if one.status & INVALID else 0
-        return frame.write(np.array(one.w_sensor), one.sequence, bits)
-
-    return WrenchSender(peer, faults, write=write)
+    start = ForceStart(
+        host=settings.force_host,
+        port=settings.force_port,
+        http_port=settings.force_http_port,
+        faults=FaultSchedule(settings.force_faults, settings.seed),
+        values={} if table is None else table.link,
+        frame=None if table is None or table.frame is None else table.frame.source(),
+        where=str(settings.cell),
+    )
+    return force_device(PROTOCOL if table is None else table.protocol, start)
 
 
 def strains(
@@ -272,7 +258,7 @@ def strains(
     Raises:
         InputError: The cell has no holder, or no integration steps fit between readings of this rate.
     """
-    if settings.strain_peer is None and settings.strain_ads is None:
+    if settings.strain_peer is None and settings.strain_plc is None:
         return None, None, 1
     holder = strain_holder(cell.tables.holder)
     if holder is None or not holder.segment:
@@ -295,23 +281,19 @@ def strains(
     return stream, StrainSender(settings.strain_peer, len(places), faults), steps
 
 
-def _controller(
-    settings: LiveSettings, cell: Cell
-) -> tuple[RobotController, tuple[str, int], Callable[[Float], None] | None]:
-    """Controller, where its telegrams go, and who takes the force that it measures itself."""
-    which(settings.rsi, settings.egm)
-    if settings.rsi is not None:
-        rsi, where = rsi_controller(
-            settings.rsi,
-            replace(settings.context, axes=axes_in(cell, "krl")[0]),
+def _controller(settings: LiveSettings, cell: Cell) -> SimulatedController:
+    name, file = chosen(settings.robot, cell)
+    place = ROBOT_LINKS[name].simulated
+    if not place:
+        raise InputError("this link has no simulated controller", where=str(settings.cell), value=name)
+    made: SimulatedController = imported(place)(
+        ControllerOrder(
+            cell=cell,
+            file=file,
+            scenario=settings.scenario,
             seed=settings.seed,
             job=program_job(settings.program),
+            values=values_of(name, cell),
         )
-        return rsi, settings.peer if settings.peer is not None else where, None
-    egm = egm_controller(cell)
-
-    def own_force(w_sensor: Float) -> None:
-        egm.force = w_sensor
-
-    peer = settings.egm if settings.egm is not None else ("127.0.0.1", 6510)
-    return egm, settings.peer or peer, own_force if settings.own_force else None
+    )
+    return made

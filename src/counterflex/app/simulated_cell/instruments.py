@@ -12,13 +12,13 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
+from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, NS
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.force_device import ForceDevice, ForceStart
 from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import PoseSource, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
-from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.devices.wrench_source import WrenchSource
 from counterflex.twin.network.faults import FaultSchedule
 
@@ -41,138 +41,64 @@ class Clock:
 
 
 @dataclass(frozen=True, eq=False)
-class LoneNetft:
+class LoneForce:
     """A force sensor alone.
 
     Attributes:
+        protocol: Its name, as in a cell file.
         source: What it shows.
-        rate_hz: Samples per second.
+        start: Where it is, its rate and its faults.
         seconds: How long, or None for ever.
-        host: Address to bind.
-        port: UDP port; 0 takes a free one.
-        http_port: Of the scaling document; 0 takes a free one.
-        status: Status word of every record.
-        faults: Scripted.
     """
 
+    protocol: str
     source: WrenchSource
-    rate_hz: int = 1000
+    start: ForceStart
     seconds: float | None = None
-    host: str = "127.0.0.1"
-    port: int = 0
-    http_port: int = 0
-    status: int = 0
-    faults: FaultSchedule = field(default_factory=FaultSchedule)
 
 
-def run_netft(
-    settings: LoneNetft,
-    *,
-    started: Callable[[tuple[str, int], tuple[str, int]], None] = lambda *_: None,
-    clock: Clock | None = None,
+def run_force(
+    settings: LoneForce, *, started: Callable[[ForceDevice], None] = lambda _: None, clock: Clock | None = None
 ) -> dict[str, Any]:
     """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
 
     Args:
-        settings: See :class:`LoneNetft`.
-        started: Told its UDP and HTTP addresses.
+        settings: See :class:`LoneForce`.
+        started: Told the sensor.
         clock: Or None for the computer's.
 
     Returns:
-        Summary: samples taken, records that left, samples given up because the computer was too slow.
+        Summary: samples, what left it, samples given up because the computer was too slow.
 
     Raises:
         InputError: The rate is out of range.
         OutputError: A port is taken.
     """
-    _check_rate(settings.rate_hz)
+    rate_hz = settings.start.rate_hz
+    _check_rate(rate_hz)
     clock = clock if clock is not None else Clock()
-    server = NetftServer(settings.host, settings.port, settings.http_port, settings.rate_hz, settings.faults)
-    server.status = settings.status
+    device = force_device(settings.protocol, settings.start)
     taken = 0
-    ended, skipped = "stopped", 0
-    try:
-        if server.http_address is not None:
-            started(server.address, server.http_address)
-
-        def tick(_: int, time_s: float) -> bool:
-            nonlocal taken
-            server.poll()
-            server.send(settings.source(time_s), time_s)
-            taken += 1
-            return not server.dead
-
-        with contextlib.suppress(KeyboardInterrupt):
-            skipped = keep_pace(_times(settings.rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
-            ended = "died" if server.dead else "finished"
-    finally:
-        server.close()
-    return {
-        "job": "twin netft",
-        "ended": ended,
-        "samples": taken,
-        "records": server.records,
-        "given_up": skipped,
-        "counterflex": __version__,
-    }
-
-
-@dataclass(frozen=True, eq=False)
-class LoneWrench:
-    """A force sensor alone that sends wrench datagrams.
-
-    Attributes:
-        peer: Where its datagrams go.
-        source: What it shows.
-        rate_hz: Samples per second.
-        seconds: How long, or None for ever.
-        source_id: Of the datagrams.
-        status: Status bits of every datagram.
-        faults: Scripted.
-    """
-
-    peer: tuple[str, int]
-    source: WrenchSource
-    rate_hz: int = 1000
-    seconds: float | None = None
-    source_id: int = 0
-    status: int = 0
-    faults: FaultSchedule = field(default_factory=FaultSchedule)
-
-
-def run_wrench(settings: LoneWrench, *, clock: Clock | None = None) -> dict[str, Any]:
-    """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
-
-    Args:
-        settings: See :class:`LoneWrench`.
-        clock: Or None for the computer's.
-
-    Returns:
-        Summary: samples sent, samples given up because the computer was too slow.
-
-    Raises:
-        InputError: The rate is out of range.
-    """
-    _check_rate(settings.rate_hz)
-    clock = clock if clock is not None else Clock()
-    sender = WrenchSender(settings.peer, settings.faults, source=settings.source_id)
-    sender.status = settings.status
     ended, skipped = "stopped", 0
 
     def tick(_: int, time_s: float) -> bool:
-        sender.send(settings.source(time_s), time_s)
-        return not sender.dead
+        nonlocal taken
+        device.poll()
+        device.send(settings.source(time_s), time_s)
+        taken += 1
+        return not device.dead
 
     try:
+        started(device)
         with contextlib.suppress(KeyboardInterrupt):
-            skipped = keep_pace(_times(settings.rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
-            ended = "died" if sender.dead else "finished"
+            skipped = keep_pace(_times(rate_hz, settings.seconds), tick, now=clock.now, wait=clock.wait)
+            ended = "died" if device.dead else "finished"
     finally:
-        sender.close()
+        device.close()
     return {
-        "job": "twin wrench",
+        "job": f"twin {settings.protocol}",
         "ended": ended,
-        "samples": sender.sent,
+        **device.counts(taken),
         "given_up": skipped,
         "counterflex": __version__,
     }

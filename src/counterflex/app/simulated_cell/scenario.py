@@ -13,13 +13,11 @@ from counterflex.files.fault_file import short_fault
 from counterflex.files.scenario_file import (
     ControllerTable,
     NetworkTable,
-    RsiTable,
     Scenario,
     TargetTable,
     TrackerTable,
 )
 from counterflex.geometry import pose
-from counterflex.twin.devices.kuka_rsi import RsiContext
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.pose_source import CircleTarget, PoseSource, SquareTarget, StandingTarget
 from counterflex.twin.devices.robot_server import Timing
@@ -54,22 +52,6 @@ def timing(table: ControllerTable, gate_s: float) -> Timing:
         wait_s=table.wait_s,
         gate_s=gate_s if table.gate_s is None else table.gate_s,
         answer_s=None if table.answer_ms is None else table.answer_ms * MS,
-    )
-
-
-def rsi_context(table: RsiTable) -> RsiContext:
-    """RSI on a KUKA controller."""
-    return RsiContext(
-        mode=table.mode,
-        cycle_s=table.cycle_ms * MS,
-        timeout=table.timeout,
-        precision=table.precision,
-        clamp_m=table.clamp_mm * MM,
-        clamp_rad=table.clamp_deg * DEG,
-        monitor_m=table.monitor_mm * MM,
-        monitor_rad=table.monitor_deg * DEG,
-        axis_clamp_rad=table.axis_clamp_deg * DEG,
-        empty_first=table.empty_first,
     )
 
 

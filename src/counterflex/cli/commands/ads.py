@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import MOST_RECORDS, address
+from counterflex.cli.arguments import MOST_RECORDS, address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import print_json, print_table
@@ -31,16 +31,16 @@ def _group() -> None:
 
 def list_(
     cell: CellFile,
-    containing: Annotated[str, typer.Option("--containing", help="Only names with this text in them.")] = "",
+    containing: Annotated[str, option("--containing", "Only names with this text in them.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """List the variables of the TwinCAT: what the table [ads] of the cell file can name.
 
     Example: `counterflex ads list --cell cell.toml --containing strain`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    symbols = job.list_symbols(cell, containing)
+    symbols = PLCS["ads"].symbols(cell, containing)
     if as_json:
         print_json([{"name": one.name, "type": one.kind, "comment": one.comment} for one in symbols])
         return
@@ -53,9 +53,9 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
 
     Example: `counterflex ads read --cell cell.toml`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    readings = job.read(cell)
+    readings = PLCS["ads"].read(cell)
     if as_json:
         print_json(readings)
         return
@@ -69,8 +69,8 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
 
 
 def write(
-    name: Annotated[str, typer.Argument(help="A parameter of the table [ads].", metavar="NAME")],
-    value: Annotated[float, typer.Argument(help="In the unit of the table.", metavar="VALUE")],
+    name: Annotated[str, argument("A parameter of the table [ads].", metavar="NAME")],
+    value: Annotated[float, argument("In the unit of the table.", metavar="VALUE")],
     cell: CellFile,
     as_json: AsJson = False,
 ) -> None:
@@ -78,9 +78,9 @@ def write(
 
     Example: `counterflex ads write filter_hz 8 --cell cell.toml`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    result = job.write(cell, name, value)
+    result = PLCS["ads"].write(cell, name, value)
     if as_json:
         print_json(result)
         return
@@ -90,19 +90,14 @@ def write(
 def forward(
     to: Annotated[
         str,
-        typer.Argument(
-            help="Where datagrams go: the loop's tracker.address or strain.address.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        argument("Where datagrams go: the loop's tracker.address or strain.address.", arguments.host_port, "HOST:PORT"),
     ],
     cell: CellFile,
     readings: Annotated[
-        int | None,
-        typer.Option("--readings", help="Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS),
+        int | None, option("--readings", "Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS)
     ] = None,
     strain: Annotated[
-        bool, typer.Option("--strain", help="Forward the strain terminals of the holder, to strain.address.")
+        bool, option("--strain", "Forward the strain terminals of the holder, to strain.address.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -110,9 +105,9 @@ def forward(
 
     Example: `counterflex ads forward 127.0.0.1:5002 --cell cell.toml --strain`
     """
-    from counterflex.app import ads as job
+    from counterflex.app.plc import PLCS
 
-    result = job.forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
+    result = PLCS["ads"].forward(cell, address(to, "HOST:PORT"), readings=readings, strain=strain)
     if as_json:
         print_json(result)
         return

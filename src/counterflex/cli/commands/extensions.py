@@ -8,6 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
+from counterflex.cli.arguments import option
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.registry import Registry
 
@@ -20,7 +21,7 @@ def register(app: typer.Typer) -> None:
     app.command()(extensions)
 
 
-def extensions(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
+def extensions(as_json: Annotated[bool, option("--json", "Print JSON.")] = False) -> None:
     """List recipes, force laws, force sensors, languages, robots, materials, commands that packages add, and our own.
 
     Each is loaded to see whether it works. Ends with status 1 when one does not. docs/extend.md says how to add one.

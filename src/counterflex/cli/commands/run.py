@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments, interrupt
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.commands.simulated.options import require_not_abandoned
@@ -17,13 +17,7 @@ from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 Rsi = Annotated[
-    Path | None,
-    typer.Option(
-        "--rsi",
-        help="KUKA: ETHERNET configuration file of the RSI context (.xml).",
-        metavar="FILE",
-        callback=arguments.file,
-    ),
+    Path | None, option("--rsi", "KUKA: ETHERNET configuration file of the RSI context (.xml).", arguments.file, "FILE")
 ]
 
 
@@ -37,18 +31,17 @@ def register_twin(twin: typer.Typer) -> None:
     twin.command("cell")(cell)
 
 
-def one_protocol(rsi: Path | None, egm: object) -> None:
-    """Refuse neither or both of the robot's protocols.
-
-    Raises:
-        InputError: They are.
-    """
-    if (rsi is None) == (egm is None):
+def one_link(rsi: Path | None, egm: object) -> tuple[str, Path | None] | None:
+    """The link that is given and its file; None where the cell file is to name it. Raises InputError: two are given."""
+    if rsi is not None and egm is not None:
         raise InputError(
             "the robot's protocol is not clear",
-            value="neither" if rsi is None else "both",
-            limit="--rsi FILE for a KUKA robot or --egm for an ABB one",
+            value="both",
+            limit="--rsi FILE for a KUKA robot or --egm for an ABB robot",
         )
+    if rsi is None:
+        return None if egm is None else ("egm", None)
+    return "rsi", rsi
 
 
 def run(
@@ -56,24 +49,22 @@ def run(
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
-        int | None,
-        typer.Option("--egm", help="ABB: UDP port for EGM, set up by [egm].", min=0, max=65535, metavar="PORT"),
+        int | None, option("--egm", "ABB: UDP port for EGM, set up by [egm].", metavar="PORT", min=0, max=65535)
     ] = None,
     plan: Annotated[
-        Path | None,
-        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=arguments.file),
+        Path | None, option("--plan", "Plan file of the program (.parquet).", arguments.file, "PLAN")
     ] = None,
     original: Annotated[
-        bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
+        bool, option("--original", "The robot runs the original program, not the compensated one.")
     ] = False,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm when all checks have passed. Without it the loop only monitors.")
+        bool, option("--arm", "Arm when all checks have passed. Without it the loop only monitors.")
     ] = False,
     trust_machine: Annotated[
-        bool, typer.Option("--trust-machine", help="Arm although counterflex doctor has not passed this computer.")
+        bool, option("--trust-machine", "Arm although counterflex doctor has not passed this computer.")
     ] = False,
     scenario: Layers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Correct the robot during milling from force, plan and tracker, and log every cycle.
 
@@ -95,7 +86,7 @@ def run(
     trial = read_scenario(scenario or (), ("run", "force_sensor", "strain", "tracker"))
     sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
     keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
-    one_protocol(rsi, egm)
+    robot = one_link(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
     from counterflex.cli.commands.operate.status_line import Preparing, StatusLines
@@ -107,13 +98,12 @@ def run(
         require_fit()
     settings = RunSettings(
         cell=cell,
-        rsi=rsi,
+        robot=robot,
         plan=plan,
         program=program,
         compensated=not original,
         host=trial.run.listen,
         port=egm,
-        egm=egm is not None,
         force=host_port(sensor.address),
         force_http_port=80 if sensor.http_port is None else sensor.http_port,
         currents=trial.run.currents,
@@ -183,28 +173,16 @@ def _show(summary: dict[str, Any], out: Path) -> None:
 def cell(
     program: Program,
     cell: CellFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
-    ],
+    truth: Annotated[Path, option("--truth", "Truth file (.toml).", arguments.file, "TRUTH")],
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
         str | None,
-        typer.Option(
-            "--egm",
-            help="ABB: where EGM messages go; set up by [egm] of the cell.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        option("--egm", "ABB: where EGM messages go; set up by [egm] of the cell.", arguments.host_port, "HOST:PORT"),
     ] = None,
     original: Annotated[
         Path | None,
-        typer.Option(
-            "--original",
-            help="The uncompensated program, reference of a compensated one.",
-            metavar="PROGRAM",
-            callback=arguments.file,
-        ),
+        option("--original", "The uncompensated program, reference of a compensated one.", arguments.file, "PROGRAM"),
     ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
@@ -224,7 +202,7 @@ def cell(
 
     trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "strain", "tracker"))
     keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
-    one_protocol(rsi, egm)
+    robot = one_link(rsi, egm)
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job
     from counterflex.app.simulated_cell import scenario as shown
@@ -236,33 +214,32 @@ def cell(
         program=program,
         cell=cell,
         truth=truth,
-        rsi=rsi,
+        robot=robot,
         original=original,
         reading=Reading(parameters=parameters, complete=not without_end),
-        peer=host_port(trial.controller.peer),
-        egm=None if egm is None else address(egm, "--egm"),
+        peer=host_port(trial.controller.peer) or (None if egm is None else address(egm, "--egm")),
         own_force=own_force,
-        netft_port=None if own_force or ((strained or terminals) and not force_port) else force_port,
-        netft_http_port=sensor.http_port or 0,
+        force_port=None if own_force or ((strained or terminals) and not force_port) else force_port,
+        force_http_port=sensor.http_port or 0,
         force_host=force_host,
         tracker_peer=host_port(trial.tracker.address),
         tracker_hz=trial.tracker.rate_hz,
         tracker_faults=shown.late(trial.tracker),
         strain_peer=strained,
-        strain_ads=terminals,
+        strain_plc=None if terminals is None else ("ads", terminals),
         strain_hz=trial.strain.rate_hz,
         strain_warm_k=trial.strain.warm_k,
         strain_faults=shown.schedule(trial).faults if strained or terminals else (),
         seed=trial.seed,
         timing=shown.timing(trial.controller, gate_s=0.8),
-        context=shown.rsi_context(trial.rsi),
+        scenario=trial,
         answer=shown.path_answer(trial.controller),
     )
 
     def started(where: job.Addresses) -> None:
-        if where.netft and where.netft_http and not (force_port and sensor.http_port):  # else the caller knows it
+        if where.force and where.force_http and not (force_port and sensor.http_port):  # else the caller knows it
             typer.echo(
-                f"force sensor at {where.netft[0]}:{where.netft[1]}, scaling at port {where.netft_http[1]}", err=True
+                f"force sensor at {where.force[0]}:{where.force[1]}, scaling at port {where.force_http[1]}", err=True
             )
 
     with progress_bar(f"milling {program.name}") as progress:

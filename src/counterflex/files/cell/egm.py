@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from counterflex.core.errors import InputError
-from counterflex.core.units import DEG, MM
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.schema import Table
-from counterflex.runtime.state.supervisor import State
-
-if TYPE_CHECKING:
-    from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Level = Annotated[float, Field(ge=0.0, le=1e6)]
@@ -49,30 +44,8 @@ class EgmTable(Table):
         """Name of the External Motion Interface Data: ``pathCorr`` or ``default`` where none is given."""
         return self.configuration or ("pathCorr" if self.mode == "path" else "default")
 
-    def guidance(self, lag_s: float, *, watch_only: bool) -> GuidanceSettings:
-        """How the path is streamed.
-
-        Args:
-            lag_s: How late the robot is where it was sent.
-            watch_only: The path begins without the loop being armed.
-        """
-        from counterflex.protocols.abb_egm.guidance_link import GuidanceSettings
-
-        return GuidanceSettings(
-            lag_s=lag_s,
-            start=State.IDLE if watch_only else State.ARMED,
-            tolerance_m=self.start_tolerance_mm * MM,
-            tolerance_rad=self.start_tolerance_deg * DEG,
-            follow_m=self.follow_mm * MM,
-            speed_reference=self.speed_reference,
-        )
-
     def require(self, online: OnlineTable, where: str) -> None:
-        """Check that EGM can do what the table ``[online]`` wants.
-
-        Raises:
-            InputError: It cannot.
-        """
+        """Check that EGM can do what the table ``[online]`` wants. Raises InputError: it cannot."""
 
         def refuse(what: str, value: object, limit: object, hint: str) -> None:
             raise InputError(what, where=where, value=value, limit=limit, hint=hint)

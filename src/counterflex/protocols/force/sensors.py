@@ -56,11 +56,14 @@ class ForceSensorKind:
             :class:`~counterflex.protocols.force.source.ForceSource`). Raises OutputError where the sensor does
             not answer within ``wait_s``.
         values: Keys of ``[sensor.link]`` with their defaults; a value must be of the type of its default.
+        device: ``module:object`` of the sensor's side on the simulated cell, which makes a
+            :class:`~counterflex.twin.devices.force_device.ForceDevice` of a ``ForceStart``; empty: it has none.
     """
 
     title: str
     open: Callable[[Opening], Any]
     values: Mapping[str, Value] = field(default_factory=dict)
+    device: str = ""
 
 
 def link_values(name: str, values: Mapping[str, Value]) -> dict[str, Value]:
@@ -69,14 +72,18 @@ def link_values(name: str, values: Mapping[str, Value]) -> dict[str, Value]:
     Raises:
         ValueError: A key that the protocol does not have, or a value of another type than its default.
     """
-    kind = FORCE_SENSORS[name]
+    return checked_values(name, FORCE_SENSORS[name].values, values)
+
+
+def checked_values(name: str, defaults: Mapping[str, Value], values: Mapping[str, Value]) -> dict[str, Value]:
+    """Values of a protocol with defaults. Raises as :func:`link_values`."""
     for key, value in values.items():
-        if key not in kind.values:
-            raise ValueError(f"the {name} protocol has no key {key}; it has {', '.join(kind.values) or 'none'}")
-        expected = type(kind.values[key])
+        if key not in defaults:
+            raise ValueError(f"the {name} protocol has no key {key}; it has {', '.join(defaults) or 'none'}")
+        expected = type(defaults[key])
         if type(value) is not expected and not (expected is float and type(value) is int):
             raise ValueError(f"{key} of the {name} protocol is a {type(value).__name__}, expected {expected.__name__}")
-    return {**kind.values, **values}
+    return {**defaults, **values}
 
 
 def opened(name: str, opening: Opening) -> ForceSource:
@@ -113,7 +120,6 @@ FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
     "counterflex.protocols.force.sensors:ForceSensorKind",
     {
         "frame": "counterflex.protocols.frame.sensor:FRAME",
-        "netft": "counterflex.protocols.netft.sensor:NETFT",
         "wrench": "counterflex.protocols.wrench.sensor:WRENCH",
     },
 )

@@ -22,4 +22,8 @@ def _open(opening: Opening) -> FrameLink:
     )
 
 
-FRAME: Final = ForceSensorKind("frames of a fixed length over UDP or TCP, described in the cell file", _open)
+FRAME: Final = ForceSensorKind(
+    "frames of a fixed length over UDP or TCP, described in the cell file",
+    _open,
+    device="counterflex.app.simulated_cell.force_devices:frame_sender",
+)

@@ -20,5 +20,8 @@ def _open(opening: Opening) -> WrenchLink:
 
 
 WRENCH: Final = ForceSensorKind(
-    "generic wrench datagram: UDP, any sensor behind a bridge", _open, {"sender": "", "source": -1}
+    "generic wrench datagram: UDP, any sensor behind a bridge",
+    _open,
+    {"sender": "", "source": -1},
+    "counterflex.app.simulated_cell.force_devices:wrench_sender",
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -247,6 +247,10 @@ class FakeRsi:
         self.override = min(1.0, max(0.0, number(self._override_place, 100.0) / 100.0))
         if number(self._stop_place) > 0.5:
             self.stopped = "Stop"
+
+    def again(self, ahead_ms: int) -> FakeRsi:
+        """Another session of the same program, its counter so far ahead of this one's."""
+        return FakeRsi(self.config, replace(self.context, first_counter=self.counter + ahead_ms), self.frees)
 
     def guided_pose(self) -> Float | None:
         """None: RSI corrects a program."""

@@ -58,3 +58,13 @@ class RobotController(Protocol):
 
     def guided_pose(self) -> Float | None:
         """(4, 4) where the tool is to be in the part frame, in place of a program; None with a program."""
+
+
+class PlayedController(RobotController, Protocol):
+    """One that can be played for hours: it hears what the loop says of itself, and begins anew when it was stopped."""
+
+    reported_state: int
+    """What the sensor program says it is doing; negative where it does not."""
+
+    def again(self, ahead_ms: int) -> PlayedController:
+        """Another session of the same program, its counter so far ahead of this one's."""

@@ -47,6 +47,7 @@ class WrenchSender:
         rate_hz: float = 1000.0,
     ) -> None:
         self.peer, self.status = peer, 0
+        self.address = self.http_address = None
         self._faults = faults if faults is not None else FaultSchedule()
         self._faults.require(FAULTS, "a sender of wrench datagrams")
         self._line = FaultyLine(self._faults)
@@ -57,6 +58,10 @@ class WrenchSender:
         self._index = -1
         self.sent = 0
         self.dead = False
+
+    def counts(self, _: int, /) -> dict[str, int]:
+        """Samples that left."""
+        return {"samples": self.sent}
 
     def poll(self) -> None:
         """Nothing is asked of it: it sends by itself."""

@@ -11,12 +11,11 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.force_device import ForceDevice
 from counterflex.twin.devices.robot_controller import RobotController
 from counterflex.twin.devices.robot_server import RobotServer
 from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.devices.tracker import TrackerSender
-from counterflex.twin.devices.wrench import WrenchSender
 from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell
 from counterflex.twin.network.faults import FaultSchedule
@@ -46,7 +45,7 @@ class Instruments:
 
     laboratory: Laboratory
     force_sensor: ForceSensor | None = None
-    device: NetftServer | WrenchSender | None = None
+    device: ForceDevice | None = None
     tracker_peer: tuple[str, int] | None = None
     beam_broken: bool = False
     temperature_c: float = 20.0

@@ -1,8 +1,7 @@
 """The simulated cell run one controller cycle at a time, so that something outside can correct it while it mills.
 
 What a robot controller would report and what instruments would show is read off after every cycle; corrections enter
-before the next. Nothing here knows a protocol: :mod:`counterflex.twin.devices.kuka_rsi` and its neighbours put it on
-sockets.
+before the next. Nothing here knows a protocol: makers' simulated controllers put it on sockets.
 """
 
 from __future__ import annotations

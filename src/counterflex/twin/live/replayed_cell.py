@@ -14,7 +14,6 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -22,10 +21,10 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
 from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
-from counterflex.twin.devices.kuka_rsi import FakeRsi
-from counterflex.twin.devices.netft import NetftServer
+from counterflex.twin.devices.force_device import ForceDevice
 from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 from counterflex.twin.devices.played_program import Phase, PlayedProgram
+from counterflex.twin.devices.robot_controller import PlayedController
 from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
 from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
@@ -49,8 +48,8 @@ class ReplayedCell:
 
     Args:
         played: What is played.
-        rsi: The controller's side of RSI, 4 ms.
-        netft: Where force readings go, or None.
+        controller: Its side of the protocol, 4 ms.
+        sensor: Sends the force readings, or None.
         answer: How the controller answers a correction.
         program: The robot program.
     """
@@ -58,14 +57,14 @@ class ReplayedCell:
     def __init__(
         self,
         played: RecordedPass,
-        rsi: FakeRsi,
-        netft: NetftServer | None = None,
+        controller: PlayedController,
+        sensor: ForceDevice | None = None,
         answer: PathAnswer | None = None,
         program: PlayedProgram | None = None,
     ) -> None:
-        self.played, self.rsi, self.netft = played, rsi, netft
+        self.played, self.controller, self.sensor = played, controller, sensor
         self.program = program if program is not None else PlayedProgram(GATE)
-        self._answer = AnswerState(answer if answer is not None else PathAnswer(), rsi.context.cycle_s)
+        self._answer = AnswerState(answer if answer is not None else PathAnswer(), controller.cycle_s)
         self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3)]
         self._robot, self._echo, self._tracker = self._sockets
         for one in (self._robot, self._echo):
@@ -101,7 +100,7 @@ class ReplayedCell:
             block: Cycles that are told together.
             on_block: Told every block, the last one shorter.
         """
-        period = self.rsi.context.cycle_s
+        period = self.controller.cycle_s
         times = Times(block)
         begin = due = max(self._due, time.perf_counter())
         for k in range(cycles):
@@ -115,8 +114,8 @@ class ReplayedCell:
                 due += missed * period
                 row, telegram = self._prepared(running=running)
                 _until(due)
-            if self.netft is not None and k % 250 == 0:
-                self.netft.poll()
+            if self.sensor is not None and k % 250 == 0:
+                self.sensor.poll()
             self._instruments(row, 0, tracker)
             data: bytes | None = None
             reply_s = echo_s = np.nan
@@ -124,11 +123,11 @@ class ReplayedCell:
             sent = time.perf_counter()
             if running:
                 _send(self._robot, telegram, peer)
-            mark = f"<IPOC>{self.rsi.counter}</IPOC>"
+            answers = self.controller.answers
             for tick in range(SAMPLES):
                 end = due + (tick + 1) * MS
                 if data is None and running:
-                    data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, mark)
+                    data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, answers)
                 if tick == SAMPLES - 1:
                     break
                 woken_s = max(woken_s, _until(end))
@@ -136,7 +135,7 @@ class ReplayedCell:
                 if echo is not None and running and tick + 1 == _ECHO_AT:
                     sent_echo = time.perf_counter()
                     _send(self._echo, telegram, echo)
-                    _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, mark)
+                    _, echo_s = self._await(self._echo, sent_echo, end + 0.9 * MS, answers)
             if running:
                 times.add(reply_s, echo_s, late_s, woken_s, self._take(data))
                 why = self._go_on(answered=data is not None)
@@ -156,30 +155,28 @@ class ReplayedCell:
     @property
     def refused(self) -> int:
         """Answers that the controller did not take, since the start, over all sessions."""
-        return self._refused + self.rsi.late
+        return self._refused + self.controller.late
 
     def _take(self, data: bytes | None) -> int:
         """Let the controller have an answer; what the sensor program said in it."""
-        self.rsi.answer(data)
+        self.controller.answer(data)
         self._take_in()
-        return NOT_REPORTED if self.rsi.refused else self.rsi.reported_state
+        return NOT_REPORTED if self.controller.refused else self.controller.reported_state
 
     def _take_in(self) -> None:
         """What the controller makes of its correction within a cycle."""
-        in_force = self._answer(self.rsi.pose_correction())
+        in_force = self._answer(self.controller.pose_correction())
         self._moved = self.played.R_tracker_part @ in_force[:3]
         self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))
 
     def _go_on(self, *, answered: bool) -> str:
-        rsi = self.rsi
-        return self.program.cycle(rsi.reported_state, answered=answered, feed_hold=rsi.feed_hold, stopped=rsi.stopped)
+        one = self.controller
+        return self.program.cycle(one.reported_state, answered=answered, feed_hold=one.feed_hold, stopped=one.stopped)
 
     def _another_session(self) -> None:
         """The program was ended: no correction is in effect any more."""
-        rsi = self.rsi
-        self._refused += rsi.late
-        context = replace(rsi.context, first_counter=rsi.counter + _SESSION_MS)
-        self.rsi = FakeRsi(rsi.config, context, rsi.frees)
+        self._refused += self.controller.late
+        self.controller = self.controller.again(_SESSION_MS)
         self._answer.reset()
         self._moved = np.zeros(3)
 
@@ -188,10 +185,10 @@ class ReplayedCell:
 
         The first of these telegrams has been made already, and the next one counts on by itself.
         """
-        self._time_s += cycles * self.rsi.context.cycle_s
+        self._time_s += cycles * self.controller.cycle_s
         if running:
-            self.rsi.counter += round((cycles - 1) * self.rsi.context.cycle_s / MS)
-            self.rsi.late += cycles
+            self.controller.counter += round((cycles - 1) * self.controller.cycle_s / MS)
+            self.controller.late += cycles
             for _ in range(cycles):  # what was corrected last is held meanwhile, and goes on being answered
                 self._take_in()
             self.program.go_on(cycles)
@@ -199,7 +196,7 @@ class ReplayedCell:
     def _prepared(self, *, running: bool) -> tuple[int, bytes]:
         """Row of the pass, and the telegram of it."""
         row = self.played.there_and_back(self.program.place)
-        self.rsi.enabled = self.program.enabled
+        self.controller.enabled = self.program.enabled
         return row, self._telegram(row) if running else b""
 
     def _telegram(self, row: int) -> bytes:
@@ -215,13 +212,13 @@ class ReplayedCell:
             cutting_program=True,
             finished=False,
         )
-        return self.rsi.telegram(report)
+        return self.controller.telegram(report)
 
     def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None) -> None:
         """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again."""
         k = self._readings = (self._readings + 1) % _SCATTERED
-        if self.netft is not None:
-            self.netft.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
+        if self.sensor is not None:
+            self.sensor.send(self.played.w_sensor[row, tick] + self._w_scatter[k])
         if tracker is not None:
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
             p = (self.played.p_tracker_target[row, tick] + self._moved + self._p_scatter[k]) / MM
@@ -230,9 +227,10 @@ class ReplayedCell:
             _send(self._tracker, DATAGRAM.pack(MAGIC, self._sequence, now, 0, 0, *p, *quat, 0.015), tracker)
 
     @staticmethod
-    def _await(own: socket.socket, sent: float, end: float, mark: str) -> tuple[bytes | None, float]:
-        """Wait for the datagram that holds a mark: it and its age, or None and not-a-number."""
-        pattern = mark.encode("ascii")
+    def _await(
+        own: socket.socket, sent: float, end: float, answers: Callable[[bytes], bool]
+    ) -> tuple[bytes | None, float]:
+        """Wait for the datagram that answers: it and its age, or None and not-a-number."""
         while (remaining := end - time.perf_counter()) > 0.0:
             if not select.select([own], [], [], remaining)[0]:
                 break
@@ -241,7 +239,7 @@ class ReplayedCell:
             except (BlockingIOError, ConnectionError):
                 continue
             now = time.perf_counter()
-            if pattern in data:
+            if answers(data):
                 return data, now - sent
         return None, np.nan
 
@@ -249,8 +247,8 @@ class ReplayedCell:
         """Free the sockets."""
         for one in self._sockets:
             one.close()
-        if self.netft is not None:
-            self.netft.close()
+        if self.sensor is not None:
+            self.sensor.close()
 
 
 def _until(due: float) -> float:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.program import CellFile, Program
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
@@ -31,15 +31,9 @@ def egm(
     program: Program,
     cell: CellFile,
     peer: Annotated[
-        str,
-        typer.Option(
-            "--egm",
-            help="Where messages go: address and port of the run.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        str, option("--egm", "Where messages go: address and port of the run.", arguments.host_port, "HOST:PORT")
     ] = "127.0.0.1:6510",
-    seconds: Annotated[float | None, typer.Option("--seconds", help="At most so long.", min=0.01)] = None,
+    seconds: Annotated[float | None, option("--seconds", "At most so long.", min=0.01)] = None,
     scenario: Layers = None,
     fault: Fault = None,
     record: RecordFile = None,
@@ -61,27 +55,28 @@ def egm(
     trial = read_scenario(scenario or (), ("controller", "egm"))
     import numpy as np
 
-    from counterflex.app.simulated_cell import egm as job
+    from counterflex.app.run.robot_links import ROBOT_LINKS
     from counterflex.app.simulated_cell import scenario as shown
     from counterflex.app.simulated_cell.alone import Watched
+    from counterflex.core.registry import imported
     from counterflex.core.units import MS
 
     force, timeout_ms = trial.egm.wrench_n_nm, trial.egm.timeout_ms
-    settings = job.LoneEgm(
-        program=program,
-        cell=cell,
-        peer=address(peer, "--egm"),
-        robotware=trial.egm.robotware,
-        force=None if force is None else np.array(force),
-        timeout_s=None if timeout_ms is None else timeout_ms * MS,
-        dead_s=trial.controller.dead_ms * MS,
-        answer=shown.path_answer(trial.controller),
-        seconds=seconds,
-        timing=shown.timing(trial.controller, gate_s=3.0),
-        faults=shown.schedule(trial, fault),
-    )
+    settings: dict[str, Any] = {
+        "program": program,
+        "cell": cell,
+        "peer": address(peer, "--egm"),
+        "robotware": trial.egm.robotware,
+        "force": None if force is None else np.array(force),
+        "timeout_s": None if timeout_ms is None else timeout_ms * MS,
+        "dead_s": trial.controller.dead_ms * MS,
+        "answer": shown.path_answer(trial.controller),
+        "seconds": seconds,
+        "timing": shown.timing(trial.controller, gate_s=3.0),
+        "faults": shown.schedule(trial, fault),
+    }
     with progress_bar(f"EGM {program.name}") as progress:
-        summary = job.run(settings, Watched(record, print_start, progress))
+        summary = imported(ROBOT_LINKS["egm"].alone)(Watched(record, print_start, progress), **settings)
     if as_json:
         print_json(summary)
         require_not_abandoned(summary["ended"])

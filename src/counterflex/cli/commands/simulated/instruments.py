@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds
@@ -28,12 +28,7 @@ def register(twin: typer.Typer) -> None:
 def netft(
     file: Annotated[
         Path | None,
-        typer.Option(
-            "--file",
-            help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
-            metavar="CSV",
-            callback=arguments.file,
-        ),
+        option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
     ] = None,
     seconds: Seconds = None,
     scenario: Layers = None,
@@ -57,6 +52,7 @@ def netft(
     from counterflex.app.simulated_cell import instruments as job
     from counterflex.app.simulated_cell.scenario import schedule
     from counterflex.files.logs.wrench_log import read_wrench_log
+    from counterflex.twin.devices.force_device import ForceDevice, ForceStart
     from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 
     table, faults = trial.force_sensor, schedule(trial, fault)
@@ -64,21 +60,22 @@ def netft(
     if file is not None:
         source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
     host, port = host_port(table.address) or ("127.0.0.1", 49152)
-    settings = job.LoneNetft(
-        source=NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed),
-        rate_hz=table.rate_hz,
-        seconds=seconds,
+    start = ForceStart(
         host=host,
         port=port,
         http_port=49380 if table.http_port is None else table.http_port,
+        rate_hz=table.rate_hz,
         status=table.status,
         faults=faults,
     )
+    shown = NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed)
 
-    def started(udp: tuple[str, int], http: tuple[str, int]) -> None:
-        typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
+    def started(device: ForceDevice) -> None:
+        udp, http = device.address, device.http_address
+        if udp is not None and http is not None:
+            typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
 
-    summary = job.run_netft(settings, started=started)
+    summary = job.run_force(job.LoneForce("netft", shown, start, seconds), started=started)
     if as_json:
         print_json(summary)
         return
@@ -87,18 +84,13 @@ def netft(
 
 
 def wrench(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
+    to: Annotated[str, argument("Where datagrams go.", arguments.host_port, "HOST:PORT")],
     file: Annotated[
         Path | None,
-        typer.Option(
-            "--file",
-            help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
-            metavar="CSV",
-            callback=arguments.file,
-        ),
+        option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
     ] = None,
     source_id: Annotated[
-        int, typer.Option("--source", help="Source id of the datagrams.", min=0, max=2**31 - 1, metavar="ID")
+        int, option("--source", "Source id of the datagrams.", metavar="ID", min=0, max=2**31 - 1)
     ] = 0,
     seconds: Seconds = None,
     scenario: Layers = None,
@@ -122,22 +114,18 @@ def wrench(
     from counterflex.app.simulated_cell import instruments as job
     from counterflex.app.simulated_cell.scenario import schedule
     from counterflex.files.logs.wrench_log import read_wrench_log
+    from counterflex.twin.devices.force_device import ForceStart
     from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 
     table, faults = trial.force_sensor, schedule(trial, fault)
     source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
     if file is not None:
         source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
-    settings = job.LoneWrench(
-        peer=address(to, "HOST:PORT"),
-        source=NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed),
-        rate_hz=table.rate_hz,
-        seconds=seconds,
-        source_id=source_id,
-        status=table.status,
-        faults=faults,
-    )
-    summary = job.run_wrench(settings)
+    host, port = address(to, "HOST:PORT")
+    values = {"source": source_id}
+    start = ForceStart(host=host, port=port, rate_hz=table.rate_hz, status=table.status, faults=faults, values=values)
+    shown = NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed)
+    summary = job.run_force(job.LoneForce("wrench", shown, start, seconds))
     if as_json:
         print_json(summary)
         return
@@ -146,22 +134,14 @@ def wrench(
 
 
 def tracker(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
+    to: Annotated[str, argument("Where datagrams go.", arguments.host_port, "HOST:PORT")],
     log: Annotated[
-        Path | None,
-        typer.Option(
-            "--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV", callback=arguments.file
-        ),
+        Path | None, option("--log", "Replay a tracker log instead, with its own clock.", arguments.file, "CSV")
     ] = None,
     run_log: Annotated[
-        Path | None,
-        typer.Option(
-            "--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR", callback=arguments.folder
-        ),
+        Path | None, option("--run-log", "Replay what a run has logged, with --cell.", arguments.folder, "DIR")
     ] = None,
-    cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=arguments.file)
-    ] = None,
+    cell: Annotated[Path | None, option("--cell", "Cell file of that run.", arguments.file, "CELL")] = None,
     seconds: Seconds = None,
     scenario: Layers = None,
     fault: Fault = None,
@@ -227,9 +207,9 @@ def _show_skipped(count: int) -> None:
 
 def ads(
     cell: CellFile,
-    host: Annotated[str, typer.Option("--host", help="Address to bind; by default this computer only.")] = "127.0.0.1",
+    host: Annotated[str, option("--host", "Address to bind; by default this computer only.")] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", help="TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
+        int, option("--port", "TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
     ] = 48898,
     seconds: Seconds = None,
     scenario: Layers = None,
@@ -250,11 +230,12 @@ def ads(
     trial = read_scenario(scenario or (), ("strain", "target"))
     import numpy as np
 
-    from counterflex.app.simulated_cell import ads as job
+    from counterflex.app.plc import PLCS
     from counterflex.app.simulated_cell.scenario import schedule, target
+    from counterflex.core.registry import imported
     from counterflex.core.units import MICRO
 
-    settings = job.LoneAds(
+    summary = imported(PLCS["ads"].alone)(
         cell=cell,
         force_n=np.array(trial.strain.force_n),
         source=target(trial.target),
@@ -263,9 +244,7 @@ def ads(
         port=port,
         seconds=seconds,
         faults=schedule(trial, fault),
-    )
-    summary = job.run(
-        settings, started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True)
+        started=lambda server: typer.echo(f"TwinCAT at {server.address[0]}:{server.address[1]}", err=True),
     )
     if as_json:
         print_json(summary)

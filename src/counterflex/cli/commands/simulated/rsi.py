@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
@@ -28,27 +29,14 @@ def register(twin: typer.Typer) -> None:
 
 
 def rsi(
-    rsi: Annotated[
-        Path,
-        typer.Argument(
-            help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI", callback=arguments.file
-        ),
-    ],
+    rsi: Annotated[Path, argument("ETHERNET configuration file of the RSI context (.xml).", arguments.file, "RSI")],
     program: Annotated[
-        Path | None,
-        typer.Option(
-            "--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM", callback=arguments.file
-        ),
+        Path | None, option("--program", "G-code that the robot runs, with --cell.", arguments.file, "PROGRAM")
     ] = None,
     cell: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell", help="Cell file: robot, tool and part as the controller has them.", callback=arguments.file
-        ),
+        Path | None, option("--cell", "Cell file: robot, tool and part as the controller has them.", arguments.file)
     ] = None,
-    seconds: Annotated[
-        float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
-    ] = None,
+    seconds: Annotated[float | None, option("--seconds", "How long; 10 s without a program.", min=0.01)] = None,
     scenario: Layers = None,
     fault: Fault = None,
     record: RecordFile = None,
@@ -83,26 +71,27 @@ def rsi(
         )
     import numpy as np
 
-    from counterflex.app.simulated_cell import rsi as job
+    from counterflex.app.run.robot_links import ROBOT_LINKS
     from counterflex.app.simulated_cell import scenario as shown
     from counterflex.app.simulated_cell.alone import Watched
+    from counterflex.core.registry import imported
     from counterflex.core.units import DEG
 
-    settings = job.LoneRsi(
-        rsi=rsi,
-        program=program,
-        cell=cell,
-        T_part_tcp=shown.matrix((0.0,) * 6 if place is None else place),
-        q=np.array(trial.standstill.joints_deg) * DEG,
-        seconds=10.0 if seconds is None and program is None else seconds,
-        peer=host_port(trial.controller.peer),
-        timing=shown.timing(trial.controller, gate_s=0.8),
-        answer=shown.path_answer(trial.controller),
-        context=shown.rsi_context(trial.rsi),
-        faults=shown.schedule(trial, fault),
-    )
+    settings: dict[str, Any] = {
+        "rsi": rsi,
+        "program": program,
+        "cell": cell,
+        "T_part_tcp": shown.matrix((0.0,) * 6 if place is None else place),
+        "q": np.array(trial.standstill.joints_deg) * DEG,
+        "seconds": 10.0 if seconds is None and program is None else seconds,
+        "peer": host_port(trial.controller.peer),
+        "timing": shown.timing(trial.controller, gate_s=0.8),
+        "answer": shown.path_answer(trial.controller),
+        "table": trial.rsi,
+        "faults": shown.schedule(trial, fault),
+    }
     with progress_bar(f"RSI {rsi.name}") as progress:
-        summary = job.run(settings, Watched(record, print_start, progress))
+        summary = imported(ROBOT_LINKS["rsi"].alone)(Watched(record, print_start, progress), **settings)
     if as_json:
         print_json(summary)
     else:

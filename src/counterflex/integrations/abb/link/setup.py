@@ -30,9 +30,9 @@ from counterflex.integrations.abb.language.egm import (
     with_egm,
 )
 from counterflex.integrations.abb.language.egm_switching import EgmSwitching
+from counterflex.integrations.abb.link.calls import EgmCalls, parse_egm_calls, read_egm_calls
+from counterflex.integrations.abb.link.check import ExpectedEgm, check_egm
 from counterflex.integrations.abb.link.readme import readme
-from counterflex.protocols.abb_egm.calls import EgmCalls, parse_egm_calls, read_egm_calls
-from counterflex.protocols.abb_egm.check import ExpectedEgm, check_egm
 from counterflex.protocols.finding import Finding
 
 _ZERO_S: Final = 1.0

@@ -1,0 +1,26 @@
+"""Controller and force sensor that faults are injected into: KUKA RSI and ATI Net F/T.
+
+The laboratory takes them apart on both sides of the wire. It is the only place outside the makers' folders that names
+their parts, and this module the only one of it.
+"""
+
+from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link.link import NetftLink as NetftLink
+from counterflex.integrations.ati.link.telegram import Scaling as Scaling
+from counterflex.integrations.ati.simulated import COUNTS as COUNTS
+from counterflex.integrations.ati.simulated import SATURATED as SATURATED
+from counterflex.integrations.ati.simulated import NetftServer as NetftServer
+from counterflex.protocols.kuka_rsi.config import RsiConfig as RsiConfig
+from counterflex.protocols.kuka_rsi.config import parse_config as parse_config
+from counterflex.protocols.kuka_rsi.config import read_config as read_config
+from counterflex.protocols.kuka_rsi.kernel import OK as OK
+from counterflex.protocols.kuka_rsi.link import RsiLink as RsiLink
+from counterflex.protocols.kuka_rsi.make.files import RsiFiles as RsiFiles
+from counterflex.protocols.kuka_rsi.setup import OnlineLimits as OnlineLimits
+from counterflex.protocols.kuka_rsi.telegram import LARGEST_DATAGRAM as LARGEST_DATAGRAM
+from counterflex.protocols.kuka_rsi.telegram import answer_reader as answer_reader
+from counterflex.protocols.kuka_rsi.telegram import answer_writer as answer_writer
+from counterflex.twin.devices.kuka_rsi import FakeRsi as FakeRsi
+from counterflex.twin.devices.kuka_rsi import RsiContext as RsiContext
+
+__all__ = ["netft"]

@@ -1,0 +1,348 @@
+"""ABB Externally Guided Motion: what the robot sends, position guidance and path correction (protobuf over UDP).
+
+Path correction moves a running RAPID path sideways (y and z of the path frame: x = tangent, y = tangent cross tool z,
+z = x cross y) every 24 ms or a multiple, without orientation. Position guidance replaces the path: every 4 ms the whole
+pose is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from google.protobuf.message import DecodeError
+
+from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import ProtocolError
+from counterflex.core.units import DEG, MM, MS
+from counterflex.geometry import pose, rotation
+from counterflex.integrations.abb.link.messages import MESSAGES
+
+UNDEFINED: Final = 0
+DATA: Final = 2
+CORRECTION: Final = 3
+PATH_CORRECTION: Final = 4
+MOTORS_ON: Final = 1
+MCI_RUNNING: Final = 3
+RAPID_RUNNING: Final = 2
+PATH_PERIOD_S: Final = 24.0 * MS
+GUIDANCE_PERIOD_S: Final = 4.0 * MS
+_UNIT: Final = 1e-3
+"""How far a quaternion may be from unit length."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """What the robot reports.
+
+    Attributes:
+        sequence: Of the message.
+        time_ms: Clock of the controller.
+        q: (6,) rad measured angles, or None.
+        T_frame_tcp: (4, 4) measured pose in the frame that the RAPID program chose, or None.
+        T_frame_tcp_planned: (4, 4) planned pose, or None.
+        motors_on: Motor state.
+        guided: The motion interface runs.
+        rapid_running: The program runs.
+        utilization: Share of what the motion interface can do, 1 = 100 %; above, the motion is limited.
+        force: (6,) N, N m that the robot itself measures, or None.
+        converged: The robot is where the sensor wants it, within the program's window.
+        move: Number of the movement instruction that is run, or None.
+        q_planned: (6,) rad planned angles, or None.
+        missing: Fields without which nothing can be corrected and that the message leaves out, or that hold something
+            else (another number of axes, a quaternion not of unit length), by their names.
+    """
+
+    sequence: int
+    time_ms: int
+    q: Float | None
+    T_frame_tcp: Float | None
+    T_frame_tcp_planned: Float | None
+    motors_on: bool
+    guided: bool
+    rapid_running: bool
+    utilization: float | None
+    force: Float | None
+    converged: bool = False
+    move: int | None = None
+    q_planned: Float | None = None
+    missing: tuple[str, ...] = ()
+
+
+def read_robot(data: bytes) -> RobotState:
+    """Read an ``EgmRobot`` message.
+
+    Every field of it is optional in the protocol. Where ``motorState`` or ``rapidExecState`` is left out, a running
+    motion interface says as much: it does not run without motors and program. What else is needed and not there is
+    named in :attr:`RobotState.missing`.
+
+    Raises:
+        ProtocolError: Not such a message, a required field left out, a number that is not finite, a plan with another
+            number of joints or a quaternion far from unit length.
+    """
+    message = _parse("EgmRobot", data)
+    if not message.HasField("header"):
+        raise ProtocolError("an EGM message has no header", value=f"{len(data)} bytes")
+    if message.header.mtype not in (UNDEFINED, DATA):
+        raise ProtocolError(
+            "an EGM message does not come from a robot", value=f"type {message.header.mtype}", limit=DATA
+        )
+    back, planned = message.feedBack, message.planned
+    guided = message.mciState.state == MCI_RUNNING
+    missing = [
+        name
+        for name, there in (
+            ("header.seqno", message.header.HasField("seqno")),
+            (_six_joints(back), not _six_joints(back)),
+            (_whole_pose(back), not _whole_pose(back)),
+            ("mciState", message.HasField("mciState")),
+        )
+        if not there
+    ]
+    return RobotState(
+        sequence=message.header.seqno,
+        time_ms=message.header.tm,
+        q=None if _six_joints(back) else _joints(back),
+        T_frame_tcp=None if _whole_pose(back) else _pose(back.cartesian),
+        T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
+        motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
+        guided=guided,
+        rapid_running=message.rapidExecState.state == RAPID_RUNNING if message.HasField("rapidExecState") else guided,
+        utilization=_finite(message.utilizationRate) / 100.0 if message.HasField("utilizationRate") else None,
+        force=measured_force(message.measuredForce) if message.HasField("measuredForce") else None,
+        converged=message.mciConvergenceMet,
+        move=message.moveIndex if message.HasField("moveIndex") else None,
+        q_planned=_joints(planned) if planned.HasField("joints") else None,
+        missing=tuple(missing),
+    )
+
+
+def _placed(part: Any) -> bool:
+    """Whether feedback or plan holds a whole pose."""
+    cartesian = part.cartesian
+    turned = cartesian.HasField("orient") or cartesian.HasField("euler")
+    return bool(part.HasField("cartesian") and cartesian.HasField("pos") and turned)
+
+
+def _six_joints(back: Any) -> str:
+    """What is wrong with the number of angles of the feedback; empty: nothing."""
+    if not back.HasField("joints"):
+        return "feedBack.joints"
+    count = len(back.joints.joints)
+    return "" if count == 6 else f"feedBack.joints of 6 axes (they are {count})"
+
+
+def _whole_pose(back: Any) -> str:
+    """What is wrong with the pose of the feedback; empty: nothing."""
+    if not _placed(back):
+        return "feedBack.cartesian"
+    if back.cartesian.HasField("euler"):
+        return ""
+    u = back.cartesian.orient
+    size = math.hypot(u.u0, u.u1, u.u2, u.u3)
+    if not math.isfinite(size) or abs(size - 1.0) <= _UNIT:
+        return ""
+    return f"feedBack.cartesian.orient of length 1 (it is {size:.3g})"
+
+
+def measured_force(data: bytes) -> Float | None:
+    """Six numbers of the field ``measuredForce``, RobotWare 6 or 7; None where force control is not active.
+
+    RobotWare 6 holds repeated doubles in field 1, RobotWare 7 a flag in field 1 and the doubles in field 2; the wire
+    type of field 1 tells them apart.
+
+    Raises:
+        ProtocolError: Neither form, or not six finite numbers.
+    """
+    if not data:
+        return None
+    field, wire_type = data[0] >> 3, data[0] & 7
+    if (field, wire_type) in ((1, 1), (1, 2)):
+        values = list(_parse("EgmForceSix", data).force)
+    else:
+        seven = _parse("EgmForceSeven", data)
+        if seven.HasField("fcActive") and not seven.fcActive:
+            return None
+        values = list(seven.force)
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise ProtocolError("the robot's own force is not six numbers", value=values)
+    return np.array(values)
+
+
+def write_robot(
+    state: RobotState,
+    *,
+    robotware: int = 7,
+) -> bytes:
+    """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
+
+    ABB's client library drops a message without number, clock or type in its header, without joints, pose or time in
+    feedback and plan, or without one of the four states (its ``parse`` functions).
+
+    Args:
+        state: What to report.
+        robotware: 6 or 7; how the force is written.
+    """
+    message = MESSAGES["EgmRobot"]()
+    _head(message.header, state.sequence, state.time_ms, DATA)
+    message.header.tm = state.time_ms
+    for part, q, T in (
+        (message.feedBack, state.q, state.T_frame_tcp),
+        (message.planned, state.q_planned, state.T_frame_tcp_planned),
+    ):
+        if q is not None:
+            part.joints.joints.extend((q / DEG).tolist())
+        if T is not None:
+            _fill(part.cartesian, T)
+        part.time.sec, part.time.usec = divmod(state.time_ms * 1000, 1_000_000)
+    message.motorState.state = 1 if state.motors_on else 2
+    message.mciState.state = 3 if state.guided else 2
+    message.rapidExecState.state = 2 if state.rapid_running else 1
+    if state.utilization is not None:
+        message.utilizationRate = 100.0 * state.utilization
+    message.mciConvergenceMet = state.converged
+    if state.move is not None:
+        message.moveIndex = state.move
+    if state.force is not None:
+        inside = MESSAGES["EgmForceSix" if robotware < 7 else "EgmForceSeven"]()
+        if robotware >= 7:
+            inside.fcActive = True
+        inside.force.extend(state.force.tolist())
+        message.measuredForce = inside.SerializeToString()
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def write_path_correction(sequence: int, y_m: float, z_m: float, age_s: float, time_ms: int = 0) -> bytes:
+    """An ``EgmSensorPathCorr``: correction in the path frame, along it always zero.
+
+    Args:
+        sequence: Of our messages.
+        y_m: m, along tangent cross tool z.
+        z_m: m.
+        age_s: How old the measurement behind it is.
+        time_ms: Our clock.
+
+    Raises:
+        ProtocolError: A number is not finite.
+    """
+    message = MESSAGES["EgmSensorPathCorr"]()
+    _head(message.header, sequence, time_ms, PATH_CORRECTION)
+    position = message.pathCorr.pos
+    position.x, position.y, position.z = 0.0, _finite(y_m) / MM, _finite(z_m) / MM
+    message.pathCorr.age = max(0, round(_finite(age_s) / MS))
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def read_path_correction(data: bytes) -> tuple[int, Float, float]:
+    """Sequence, correction (3,) m in the path frame and its age in s: the robot's side.
+
+    Raises:
+        ProtocolError: Not such a message, or a number that is not finite.
+    """
+    message = _parse("EgmSensorPathCorr", data)
+    _kind(message.header, PATH_CORRECTION)
+    p = message.pathCorr.pos
+    correction = np.array([_finite(p.x), _finite(p.y), _finite(p.z)]) * MM
+    return message.header.seqno, correction, message.pathCorr.age * MS
+
+
+def write_guidance(sequence: int, T_frame_tcp: Float, time_ms: int = 0, twist: Float | None = None) -> bytes:
+    """An ``EgmSensor`` that guides the tool to a pose.
+
+    The controller's law is ``speed = k (pose - where it is) + speed reference``.
+
+    Args:
+        sequence: Of our messages.
+        T_frame_tcp: (4, 4) m, in the frame that the RAPID program chose.
+        time_ms: Our clock.
+        twist: (6,) m/s and rad/s, speed reference in the same frame; None sends none: the law is then the first term.
+
+    Raises:
+        InputError: The pose is not (4, 4), the twist not (6,), or a number is not finite.
+    """
+    message = MESSAGES["EgmSensor"]()
+    _head(message.header, sequence, time_ms, CORRECTION)
+    _fill(message.planned.cartesian, as_float("T_frame_tcp", T_frame_tcp, (4, 4)))
+    if twist is not None:
+        speed = as_float("twist", twist, (6,))
+        message.speedRef.cartesians.value.extend([*(speed[:3] / MM).tolist(), *(speed[3:] / DEG).tolist()])
+    out: bytes = message.SerializeToString()
+    return out
+
+
+def read_guidance(data: bytes) -> tuple[int, Float, Float]:
+    """Sequence, pose (4, 4) and speed reference (6,) m/s and rad/s (zero where none is given): the robot's side.
+
+    Raises:
+        ProtocolError: Not such a message, no pose, or a number that is not finite.
+    """
+    message = _parse("EgmSensor", data)
+    _kind(message.header, CORRECTION)
+    if not message.planned.HasField("cartesian"):
+        raise ProtocolError("a guidance message has no pose", value=f"{len(data)} bytes")
+    twist = np.zeros(6)
+    values = message.speedRef.cartesians.value
+    if values:
+        if len(values) != 6:
+            raise ProtocolError("a speed reference is not six numbers", value=len(values))
+        twist = np.array([_finite(v) for v in values]) * ([MM] * 3 + [DEG] * 3)
+    return message.header.seqno, _pose(message.planned.cartesian), twist
+
+
+def _parse(name: str, data: bytes) -> Any:
+    message = MESSAGES[name]()
+    try:
+        message.ParseFromString(data)
+    except (DecodeError, ValueError, RecursionError) as fault:
+        raise ProtocolError(f"not an {name} message: {fault}", value=f"{len(data)} bytes") from fault
+    if not message.IsInitialized():
+        lacking = ", ".join(message.FindInitializationErrors())
+        raise ProtocolError(f"an {name} message leaves out required fields: {lacking}", value=f"{len(data)} bytes")
+    return message
+
+
+def _head(header: Any, sequence: int, time_ms: int, kind: int) -> None:
+    header.seqno, header.mtype = sequence, kind
+    if time_ms:
+        header.tm = time_ms
+
+
+def _kind(header: Any, expected: int) -> None:
+    if header.mtype != expected:
+        raise ProtocolError("an EGM message is of another type", value=header.mtype, limit=expected)
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ProtocolError("a number of an EGM message is not finite", value=value)
+    return value
+
+
+def _joints(back: Any) -> Float:
+    values = [_finite(v) for v in back.joints.joints]
+    if len(values) != 6:
+        raise ProtocolError("an EGM message has another number of joints", value=len(values), limit=6)
+    return np.array(values) * DEG
+
+
+def _pose(cartesian: Any) -> Float:
+    p = np.array([_finite(v) for v in (cartesian.pos.x, cartesian.pos.y, cartesian.pos.z)]) * MM
+    if cartesian.HasField("euler"):
+        angles = [_finite(v) * DEG for v in (cartesian.euler.z, cartesian.euler.y, cartesian.euler.x)]
+        return pose.make(rotation.from_zyx(np.array(angles)), p)
+    u = cartesian.orient
+    quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
+    size = math.hypot(*quat.tolist())
+    if abs(size - 1.0) > _UNIT:
+        raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
+    return pose.make(rotation.from_quat_wxyz(quat / size), p)
+
+
+def _fill(cartesian: Any, T: Float) -> None:
+    cartesian.pos.x, cartesian.pos.y, cartesian.pos.z = (T[:3, 3] / MM).tolist()
+    u = cartesian.orient
+    u.u0, u.u1, u.u2, u.u3 = rotation.quat_wxyz(T[:3, :3]).tolist()

@@ -1,0 +1,129 @@
+"""A simulated KUKA controller, in the simulated cell or alone on a real socket: a program's path or a standstill."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.robot_axes import axes_in
+from counterflex.app.run.robot_links import ControllerOrder, SimulatedController
+from counterflex.app.simulated_cell.alone import LoneController, Watched, running_robot, serve
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
+from counterflex.core.units import DEG, MM, MS
+from counterflex.files.cell.cell import read_cell
+from counterflex.files.scenario_file import RsiTable
+from counterflex.geometry import pose
+from counterflex.protocols.kuka_rsi.config import read_config
+from counterflex.robot.elasticity.chain import forward
+from counterflex.twin.devices.exact_robot import ControlledRobot, StandingRobot, Standstill
+from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
+from counterflex.twin.plant.motor_currents import MotorCurrents
+
+
+def rsi_context(table: RsiTable) -> RsiContext:
+    """RSI on a KUKA controller."""
+    return RsiContext(
+        mode=table.mode,
+        cycle_s=table.cycle_ms * MS,
+        timeout=table.timeout,
+        precision=table.precision,
+        clamp_m=table.clamp_mm * MM,
+        clamp_rad=table.clamp_deg * DEG,
+        monitor_m=table.monitor_mm * MM,
+        monitor_rad=table.monitor_deg * DEG,
+        axis_clamp_rad=table.axis_clamp_deg * DEG,
+        empty_first=table.empty_first,
+    )
+
+
+def controller(order: ControllerOrder) -> SimulatedController:
+    """Controller of the simulated cell: its telegrams go where its configuration says."""
+    assert order.file is not None
+    config = read_config(order.file)
+    context = replace(rsi_context(order.scenario.rsi), axes=axes_in(order.cell, "krl")[0])
+    rsi = FakeRsi(config, context, currents=MotorCurrents(order.seed), job=order.job)
+    return SimulatedController(rsi, (config.host, config.port))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoneRsi(LoneController):
+    """A KUKA controller alone; without a program it stands still, without a cell any pose goes with any angles.
+
+    Attributes:
+        rsi: ETHERNET configuration; telegrams go to its IP_NUMBER and PORT where ``peer`` is None.
+        T_part_tcp: (4, 4) where it stands still; with a cell the angles say where.
+        q: (6,) rad, angles there.
+        context: Settings of RSI on the controller.
+    """
+
+    rsi: Path
+    T_part_tcp: Float = field(default_factory=lambda: np.eye(4))
+    q: Float = field(default_factory=lambda: np.zeros(6))
+    seconds: float | None = 10.0
+    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+
+
+def run(settings: LoneRsi, watched: Watched) -> dict[str, Any]:
+    """Run the controller until its program has ended or it has stopped.
+
+    Args:
+        settings: See :class:`LoneRsi`.
+        watched: See there.
+
+    Returns:
+        Summary: cycles, why it ended, late and refused answers, largest correction and step, ages, reply times.
+
+    Raises:
+        InputError: The settings contradict each other.
+        FileFormatError: A file cannot be used.
+        OutputError: No sensor program answers, or the record cannot be written.
+    """
+    config = read_config(settings.rsi)
+    rsi = FakeRsi(config, settings.context)
+    most = None
+    if settings.program is not None and settings.seconds is not None:
+        most = max(1, round(settings.seconds / settings.context.cycle_s))
+    peer = settings.peer if settings.peer is not None else (config.host, config.port)
+    server, figures = serve(settings, robot_of(settings), rsi, peer, watched, most_cycles=most)
+    return {
+        "job": "twin rsi",
+        "ended": server.stop_reason,
+        "cycles": server.cycles,
+        "late_answers": rsi.late,
+        "stalls": server.stalls,
+        **figures,
+        "seed": settings.faults.seed,
+        "counterflex": __version__,
+    }
+
+
+def robot_of(settings: LoneRsi) -> ControlledRobot:
+    """The robot of the settings: it runs their program, or stands still.
+
+    Raises:
+        InputError: The settings contradict each other.
+    """
+    period_s = settings.context.cycle_s
+    if settings.program is not None and settings.cell is None:
+        raise InputError("a program needs the cell it runs in", value=settings.program.name, hint="Give --cell")
+    if settings.program is None or settings.cell is None:
+        if settings.seconds is None:
+            raise InputError("the duration of the standstill is missing", hint="Give --seconds")
+        T_part_tcp = settings.T_part_tcp
+        if settings.cell is not None:  # pose and angles of the same telegram belong together
+            standing = read_cell(settings.cell)
+            T_part_tcp = pose.inverse(standing.T_base_part) @ forward(standing.controller_chain, settings.q)
+        place = Standstill(T_part_tcp, settings.q, settings.seconds)
+        return StandingRobot(place, period_s, settings.answer)
+    cell = read_cell(settings.cell)
+    return running_robot(cell, settings.program, period_s, settings.answer)
+
+
+def alone(watched: Watched, *, table: RsiTable, **settings: Any) -> dict[str, Any]:
+    """As :func:`run`, with the table of the scenario and the settings by name."""
+    return run(LoneRsi(context=rsi_context(table), **settings), watched)

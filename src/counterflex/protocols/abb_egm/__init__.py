@@ -1,1 +1,0 @@
-"""ABB Externally Guided Motion: messages, check of a program, and the links of both modes."""

@@ -1,0 +1,66 @@
+"""What the simulated cell needs of a simulated force sensor, whatever it speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from counterflex.core.arrays import Float
+from counterflex.twin.network.faults import FaultSchedule
+
+Address = tuple[str, int]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ForceStart:
+    """What a simulated force sensor is started with.
+
+    Attributes:
+        host: Address that it binds; of a sensor that sends by itself, where it sends to.
+        port: UDP port; 0 takes a free one, and says of a sensor that sends by itself that nobody has named one.
+        http_port: Of a document that it serves; 0 takes a free one.
+        rate_hz: Samples in a second.
+        status: Of every sample.
+        faults: Scripted, by the time of the samples and their number.
+        values: Of ``[sensor.link]`` in the cell file.
+        frame: Of ``[sensor.frame]``, see :class:`counterflex.protocols.force.sensors.Opening`.
+        where: Cell file, for messages.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    http_port: int = 0
+    rate_hz: int = 1000
+    status: int = 0
+    faults: FaultSchedule = field(default_factory=FaultSchedule)
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
+    frame: object = None
+    where: str = ""
+
+
+class ForceDevice(Protocol):
+    """A force sensor on a socket."""
+
+    dead: bool
+    """It never sends again."""
+
+    @property
+    def address(self) -> Address | None:
+        """Where it is asked; None: it sends by itself."""
+
+    @property
+    def http_address(self) -> Address | None:
+        """Where a document about it is."""
+
+    def poll(self) -> None:
+        """Take what was asked of it."""
+
+    def send(self, w_sensor: Float, time_s: float | None = None) -> None:
+        """Send a sample (6,) N, N m; without a time it counts samples."""
+
+    def counts(self, taken: int, /) -> dict[str, int]:
+        """What left it, by name, after so many samples."""
+
+    def close(self) -> None:
+        """Free the sockets."""
