@@ -84,11 +84,11 @@ def test_the_library_of_an_extra_is_imported_where_the_extra_lies() -> None:
     assert used == set(PLACES)
 
 
-def test_without_any_extra_all_but_two_servers_can_be_imported() -> None:
+def test_without_any_extra_all_but_the_two_servers_can_be_imported() -> None:
     """In a process in which no library of an extra can be imported."""
     script = WITHOUT.format(names=list(PLACES))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    servers = ("opcua.bounded", "opcua.server", "panel.login_page", "panel.page", "panel.server")
+    servers = ("opcua.bounded", "opcua.server", "panel.page", "panel.server")
     assert set(ended.stdout.split()) == {f"counterflex.app.{name}" for name in servers}
 
 

@@ -168,7 +168,7 @@ def plan_task(name: str, folder: Path, program: Path, cell: Path, **options: boo
     return Task(name, name, _planned, arguments, weight=2.0)
 
 
-def _planned(folder: str, program: str, cell: str, options: Mapping[str, bool]) -> dict[str, Any]:
+def _planned(folder: str, program: str, cell: str, options: Mapping[str, Any]) -> dict[str, Any]:
     compensate.run(program, cell, folder, report=False, **options)
     return {}
 

@@ -27,7 +27,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.twin.truth.family import WIDE
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import CuttingTruth, Truth
-from counterflex_lab.reproduce import haehn, haehn_case, haehn_report, holder, mandiola, mandiola_case
+from counterflex_lab.reproduce import haehn, haehn_case, haehn_report, holder, holder_case, mandiola, mandiola_case
 
 REPORTING: Final = 1001
 """First truth seed that nothing is tuned on."""
@@ -67,7 +67,7 @@ def holder_loop(folder: Path, options: Options, progress: Progress) -> dict[str,
         plateau = [
             item["variants"][way]["plateau"]["p997_mm"]
             for item in summary["seeds"]
-            if holder.WAYS[way].acted(item["variants"][way]) and "plateau" in item["variants"][way]
+            if holder_case.WAYS[way].acted(item["variants"][way]) and "plateau" in item["variants"][way]
         ]
         if plateau:
             row["median_plateau_mm"] = float(np.median(plateau))
