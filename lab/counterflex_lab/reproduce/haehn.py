@@ -40,7 +40,7 @@ class Groove(Experiment):
         """Every edge on every truth, at the feed of the paper, which the original program runs as well."""
         out = []
         for seed, edge in self._places():
-            place, planned = self.folder / f"seed-{seed}" / edge, f"{seed}: {edge}: plan"
+            place, planned = self.folder / f"seed-{seed}" / edge, f"{seed}: plan of {edge}"
             haehn_case.write_cells(tomllib.loads(self.cell(seed).read_text(encoding="utf-8")), place, edge)
             program, plan = place / haehn_case.PROGRAM, place / PLANNED
             out.append(plan_task(planned, plan, program, place / haehn_case.OFFLINE, programmed_feed=True))
