@@ -5,6 +5,7 @@ their parts, and this module the only one of it.
 """
 
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink as EgmGuidanceLink
+from counterflex.integrations.abb.link.guidance_link import GuidanceSettings as GuidanceSettings
 from counterflex.integrations.abb.link.guidance_link import Phase as Phase
 from counterflex.integrations.abb.link.link import LARGEST_DATAGRAM as LARGEST_MESSAGE
 from counterflex.integrations.abb.link.messages import MESSAGES as MESSAGES

@@ -12,7 +12,6 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
-from counterflex.files.cell.egm import EgmTable
 from counterflex.geometry import pose
 from counterflex.path.stream import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
@@ -32,6 +31,7 @@ from counterflex_lab.devices import (
     EgmPathLink,
     FakeEgm,
     FakeRsi,
+    GuidanceSettings,
     Phase,
     RsiContext,
     RsiLink,
@@ -279,7 +279,7 @@ class EgmController:
         """As in :class:`Controller`."""
         where: dict[str, Any] = {"host": wire.address[0], "port": wire.address[1], "wire": wire, "clock_ns": clock_ns}
         if self._guides:
-            guidance = EgmTable(mode="pose").guidance(GUIDED.correction_s, watch_only=False)
+            guidance = GuidanceSettings(lag_s=GUIDED.correction_s)
             self._link = EgmGuidanceLink(copy.copy(stream(self._period_s)), guidance, **where)
             return self._link
         return EgmPathLink(watch_only=False, period_s=self._period_s, **where)
