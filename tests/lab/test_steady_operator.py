@@ -280,7 +280,7 @@ def test_progress_is_what_the_cell_has_played_not_the_time_that_passed(monkeypat
 def test_hours_of_simulated_time_that_are_interrupted_are_written(tmp_path: Path) -> None:
     """No row was written, and the summary said that a rule was broken."""
 
-    def progress(fraction: float, _: str = "") -> None:
+    def progress(fraction: float, what: str = "") -> None:
         if fraction > 0.4:
             raise Interrupted("as Ctrl-C")
 
