@@ -206,6 +206,7 @@ def cell(
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job
     from counterflex.app.simulated_cell import scenario as shown
+    from counterflex.twin.devices.force_device import ForceDevice
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
     force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)
@@ -236,11 +237,10 @@ def cell(
         answer=shown.path_answer(trial.controller),
     )
 
-    def started(where: job.Addresses) -> None:
-        if where.force and where.force_http and not (force_port and sensor.http_port):  # else the caller knows it
-            typer.echo(
-                f"force sensor at {where.force[0]}:{where.force[1]}, scaling at port {where.force_http[1]}", err=True
-            )
+    def started(device: ForceDevice | None) -> None:
+        udp, http = (None, None) if device is None else (device.address, device.http_address)
+        if udp and http and not (force_port and sensor.http_port):  # else the caller knows it
+            typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
 
     with progress_bar(f"milling {program.name}") as progress:
         summary = job.run(settings, out, started=started, progress=progress)
