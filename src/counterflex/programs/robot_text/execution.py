@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.geometry.circle import angle_to, circle
-from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
+from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.robot_text.process_words import ProcessWord
 
 _LARGEST_RADIUS_M = 100.0
@@ -55,6 +57,28 @@ class Execution:
         """Return file and line of each motion by axes that is none of the path, see :class:`RobotProgram`."""
         blocks = [self._blocks[index] for index in self.by_axes if index < len(self._blocks)]
         return tuple(dict.fromkeys(block.where(name) for block in blocks if block.motion_count == 0))
+
+    def fields(self, name: str, text: str) -> dict[str, Any]:
+        """Return what every language says of a :class:`~counterflex.programs.robot_text.program.RobotProgram` alike.
+
+        Args:
+            name: Of the main file.
+            text: Of it.
+        """
+        rotations = np.array(self.rotations).reshape(-1, 3, 3)
+        leans = tilted(rotations)
+        lines = split_lines(text)
+        return {
+            "name": name,
+            "lines": (*lines, "") if text.endswith(("\n", "\r")) else lines,
+            "newline": line_end(text),
+            "blocks": tuple(self.blocks(TOOL_VECTOR if leans else 0)),
+            "motions": tuple(with_axes(self.motions, rotations) if leans else self.motions),
+            "Rs_part_tcp": rotations,
+            "acting": tuple(sorted(set(self.acting))),
+            "left_out": self.left_out(name),
+            "axes_deg": self.axes_deg,
+        }
 
     # ---- motions ---------------------------------------------------------------------------------------------
 
