@@ -18,7 +18,7 @@ from counterflex.geometry import pose
 from counterflex.protocols.kuka_rsi.config import read_config
 from counterflex.twin.devices.abb_egm import EgmContext, FakeEgm
 from counterflex.twin.devices.kuka_rsi import FakeRsi, RsiContext
-from counterflex.twin.plant.motor_currents import MotorCurrents
+from counterflex.twin.plant.drives import MotorCurrents
 
 Address = tuple[str, int]
 

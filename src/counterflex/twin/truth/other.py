@@ -78,7 +78,7 @@ class ControllerKind:
 class BristleFriction:
     """Link-side friction of an axis with stiction, load and temperature, in place of its slip elements.
 
-    The law and its sources: :mod:`counterflex.twin.plant.bristle_friction`.
+    The law and its sources: :mod:`counterflex.twin.plant.friction`.
 
     Attributes:
         axis: 0..5.
