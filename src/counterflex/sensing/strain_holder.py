@@ -308,7 +308,7 @@ def regressed_matrix(
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What the bridges see of a force.
+    """Sight of the bridges on a force.
 
     Attributes:
         sigma_n: (3,) N standard deviation of each component of the estimated force for one sample.
@@ -324,7 +324,7 @@ class Sight:
 
 
 def sight(K: Float, noise_covariance: Float) -> Sight:
-    """Which force directions bridges see, and how well.
+    """Force directions that bridges see, and how well.
 
     Args:
         K: (n, 3) 1/N strain per force.

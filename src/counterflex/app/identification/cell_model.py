@@ -87,7 +87,7 @@ _ELSEWHERE: Final = frozenset(
 
 
 def model_of(cell: Cell) -> CellModel:
-    """What recipes get to know of a cell."""
+    """Model of a cell for recipes."""
     tables = cell.tables.model_dump(mode="json", exclude_none=True)
     return CellModel(
         name=cell.name,

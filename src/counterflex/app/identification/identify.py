@@ -59,7 +59,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is identified, from what.
+    """Recipe, cell and data of an identification.
 
     Attributes:
         data: Datasets that parameters are fitted to.
@@ -268,7 +268,7 @@ def _few(task: Task) -> list[str]:
 
 
 def place_of(task: Task, result: Identification) -> Any:
-    """Where a row of a block of residuals stands in the files."""
+    """Place of a row of a block of residuals in the files."""
 
     def place(block: str, row: int) -> str:
         named = [d for d in task.data if d.name == block]

@@ -1,4 +1,4 @@
-"""Which poses and loads to take with measuring cubes on the structure."""
+"""Choose poses and loads for measuring cubes on the structure."""
 
 from __future__ import annotations
 

@@ -210,7 +210,7 @@ class _Weighing:
         return out
 
     def cost(self) -> float:
-        """What is to be small: log det C or trace(L C L^T)."""
+        """Criterion to be minimised: log det C or trace(L C L^T)."""
         if self.target is None:
             return float(-2.0 * np.sum(np.log(np.diag(self.root))))
         return float(np.sum(scipy.linalg.solve_triangular(self.root, self.target.T, lower=True) ** 2))

@@ -1,4 +1,4 @@
-"""How a geometric calibration is judged: separate data, folds of the postures, whole regions, whole files."""
+"""Judge a geometric calibration: by separate data, folds of the postures, whole regions, whole files."""
 
 from __future__ import annotations
 

@@ -186,7 +186,7 @@ def _option(options: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str
 
 
 def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
-    """Whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
+    """Return whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
     return options["sag"] == "auto" and sag_of(cell.nominal_chain, "auto") == "axes"
 
 

@@ -1,4 +1,4 @@
-"""What a geometric calibration adds to an arm where poses held out bear it out: turns by weight, lost motion."""
+"""Parts added to an arm where held-out poses confirm them: turns by weight, lost motion."""
 
 from __future__ import annotations
 

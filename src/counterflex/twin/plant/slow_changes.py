@@ -1,4 +1,4 @@
-"""What changes slowly in a true cell while it works: a growing spindle, a drifting arm, tools, and the pull of a hose.
+"""Slow changes of a true cell while it works: a growing spindle, a drifting arm, tools, and the pull of a hose.
 
 They are brought up to date every :data:`EVERY_S` of simulated time only.
 """
