@@ -9,22 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from counterflex.core.arrays import Float, as_float, as_positive
+from counterflex.core.arrays import Float
 
 SUPPLY_V = 5.0
 GAUGE_FACTOR = 2.0
-
-
-def bridge_voltage(strain: Float, *, gauge_factor: float = GAUGE_FACTOR, supply_v: float = SUPPLY_V) -> Float:
-    """Signal of a full bridge, without linearising.
-
-    ``strain``: (..., 4) of R1 to R4, R1 and R3 active, R2 and R4 across. Returns (...) V.
-    """
-    r = 1.0 + as_positive("gauge_factor", gauge_factor) * as_float("strain", strain)
-    out: Float = as_positive("supply_v", supply_v) * (
-        r[..., 0] / (r[..., 0] + r[..., 1]) - r[..., 3] / (r[..., 2] + r[..., 3])
-    )
-    return out
 
 
 def strain_of_voltage(
