@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import rotation
-from counterflex.sensing.bridge import strain_of_voltage
 from counterflex.sensing.strain_holder import (
     PRINTED_M,
     Gauge,
@@ -22,6 +21,7 @@ from counterflex.sensing.strain_holder import (
     printed_condition,
     regressed_matrix,
     sight,
+    strain_of_voltage,
     tool_matrix,
 )
 

@@ -23,7 +23,7 @@ from counterflex.protocols.ads.link import AdsLink, AdsReader, DeviceSymbol, Rea
 from counterflex.protocols.strain.forwarder import StrainForwarder
 from counterflex.protocols.tracker.forwarder import PoseForwarder
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
-from counterflex.sensing.bridge import strain_of_voltage
+from counterflex.sensing.strain_holder import strain_of_voltage
 
 _PATIENCE: float = 10.0
 _UNIT: float = 1e-3

@@ -137,7 +137,7 @@ def _both(first: Reading, then: Callable[[Dataset], Dataset]) -> Callable[[Datas
     return lambda d: then(first.change(d))
 
 
-def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, ...]:
+def check_axes(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, ...]:
     """Refuse a wrench whose plain weight says that its axes are others than stated.
 
     Another reading is named where it makes the residual of the plain weight :data:`RATIO` times smaller (F test), or

@@ -171,7 +171,7 @@ class Thermal:
 
 @dataclass(frozen=True)
 class HosePack:
-    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.hose`.
+    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.slow_changes`.
 
     Attributes:
         arm_body: Body that holds its far clamp; the near one is on the last body.
