@@ -38,7 +38,7 @@ from counterflex.protocols.tracker.telegram import (
     spherical_point,
     write_pose,
 )
-from counterflex.sensing.bridge import strain_of_voltage
+from counterflex.sensing.strain_holder import strain_of_voltage
 
 _PATIENCE: float = 10.0
 _UNIT: float = 1e-3
