@@ -155,7 +155,7 @@ def resumable_progress(what: str, out: Path | None, kept: str = "finished runs")
 
 
 def line_period_s() -> float:
-    """How often progress is told where there is no terminal, s; 0: never."""
+    """Return how often progress is told where there is no terminal, s; 0: never."""
     try:
         return max(0.0, float(os.environ.get("COUNTERFLEX_PROGRESS_S", "10")))
     except ValueError:

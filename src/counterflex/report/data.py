@@ -1,4 +1,4 @@
-"""What a report page is made from: typed, free of files and of page layout."""
+"""Data of a report page: typed, free of files and of page layout."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _OUTLIERS = 20
 
 @dataclass(frozen=True)
 class _Head:
-    """What the house style's frame asks for."""
+    """Head of a page in the frame of the house style."""
 
     title: str
     subtitle: str

@@ -35,7 +35,7 @@ def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
 
 
 def _share(row: Mapping[str, Any]) -> float | None:
-    """Where ours lies in the band, 0 at its lower and 1 at its upper end."""
+    """Return where ours lies in the band, 0 at its lower and 1 at its upper end."""
     least, most, ours = row["least"], row["most"], row["ours"]
     if ours is None or least is None or most is None or not most > least:
         return None

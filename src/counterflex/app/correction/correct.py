@@ -280,7 +280,7 @@ def _shown(e: Expected) -> dict[str, float]:
 
 
 def _not_seen(measured: list[Measured], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
-    """How much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
+    """Return how much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
     contact = loaded.cut.contact
     shown_rows = (
         nodes.at_rows(

@@ -1,4 +1,4 @@
-"""What a panel shows of a loop, in shop units, from its snapshots. Pure: no clock, no socket, no browser."""
+"""Figures of a loop on a panel, in shop units, from its snapshots. Pure: no clock, no socket, no browser."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Figures:
         self.frames: Float = np.zeros((0, 3, 3))
 
     def of(self, shots: Records, now_ns: int, missed: int) -> dict[str, Any]:
-        """What is to be shown.
+        """Return what is to be shown.
 
         Args:
             shots: (n >= 1,) SNAPSHOT that came since the last call, in order.

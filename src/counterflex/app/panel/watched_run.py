@@ -29,7 +29,7 @@ LOOK_S: Final = 0.5
 
 
 class Seen(Enum):
-    """What there is of a run."""
+    """Last view of a run."""
 
     WAITING = "waiting"
     """None goes on in this folder."""
@@ -180,7 +180,7 @@ class WatchedRun:
             self._actions.note(PANEL_LANE, facts)
 
     def age_s(self) -> float | None:
-        """How old what is shown is, s; None before the first snapshot."""
+        """Return how old what is shown is, s; None before the first snapshot."""
         return None if self._last_ns == 0 else (self._clock_ns() - self._last_ns) * NS
 
     def _leave(self) -> None:

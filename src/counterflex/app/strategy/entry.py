@@ -140,7 +140,7 @@ def _written(
 
 
 def _difference(surface: HeightMap, again: Job, cell: Cell) -> tuple[Float | None, str]:
-    """Where a program leaves another part than a surface, and how; None where it is the same."""
+    """Return where a program leaves another part than a surface, and how; None where it is the same."""
     path = again.path
     try:
         with faults_in(again):

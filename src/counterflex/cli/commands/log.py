@@ -115,7 +115,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
 
 
 def _show_actions(actions: list[dict[str, Any]]) -> None:
-    """What operators did, and what came of it."""
+    """Print what operators did, and what came of it."""
     if actions:
         print_table(
             "Operator",
@@ -210,7 +210,7 @@ def show_process(figures: dict[str, Any]) -> None:
 
 
 def _others(counts: dict[str, int], listed: int) -> str:
-    """What a table of the first events leaves out."""
+    """Return what a table of the first events leaves out."""
     total = sum(counts.values())
     if total <= _SHOWN:
         return ""

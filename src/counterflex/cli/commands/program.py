@@ -190,7 +190,7 @@ def compensate(
 
 
 def _show_feed(lowered: dict[str, Any]) -> None:
-    """What a lower feed brought, what it cost, and where it was not enough."""
+    """Print what a lower feed brought, what it cost, and where it was not enough."""
     if lowered["lines"]:
         print_table(
             f"Feed for tolerance, error by the {MODEL}",
@@ -214,7 +214,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
 
 
 def _show_limits(limited: dict[str, Any]) -> None:
-    """Where the feed was lowered for spindle, tool and robot, and which limit binds."""
+    """Print where the feed was lowered for spindle, tool and robot, and which limit binds."""
     if limited["lines"]:
         print_table(
             "Feed within limits",
@@ -234,7 +234,7 @@ def _show_limits(limited: dict[str, Any]) -> None:
 
 
 def _written_rows(written: dict[str, Any]) -> list[list[str]]:
-    """How much longer the program got, and how far its path is from the planned one."""
+    """Return how much longer the program got, and how far its path is from the planned one."""
     before, after, bound = written["lines_in"], written["lines_out"], written["tolerance_um"]
     error = written.get("largest_written_error_um", written.get("largest_position_error_um", 0.0))
     line = written.get("largest_position_error_line", 0)

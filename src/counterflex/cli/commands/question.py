@@ -293,7 +293,7 @@ def cell_check(
 
 
 def _show_unknowns(unknowns: dict[str, Any]) -> None:
-    """What is not known, by what it leaves, and what to measure first."""
+    """Print what is not known, by what it leaves, and what to measure first."""
     print_table(
         f"Not known, by what it leaves uncorrected {unknowns['where']}",
         ["unknown", "known from", "leaves mm", "90 % of cells, mm", "measure"],
@@ -316,7 +316,7 @@ def _show_unknowns(unknowns: dict[str, Any]) -> None:
 
 
 def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
-    """How many values the data see, and how many stayed as they were known before."""
+    """Return how many values the data see, and how many stayed as they were known before."""
     unseen = sum(value["seen"] == "prior" for value in values)
     return str(len(values) - unseen), str(unseen)
 

@@ -146,7 +146,7 @@ def run(
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:
-    """What a run was, for people."""
+    """Print what a run was, for people."""
     from counterflex.protocols.session.comparison import summary_lines
 
     print_table(

@@ -50,7 +50,7 @@ def shown(value: Mapping[str, Any] | float | None, digits: int = 1) -> str:
 
 
 def conditions(summary: Mapping[str, Any]) -> Section:
-    """How the figures were made."""
+    """Return how the figures were made."""
     rows = [
         ["files", ", ".join(summary["files"])],
         ["commanded", summary["commanded"]],

@@ -145,7 +145,7 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
 
 
 def _story(run: ShownRun) -> list[_Section]:
-    """What happened in a run, and what it was made of."""
+    """Return what happened in a run, and what it was made of."""
     out = []
     if run.incidents:
         keys = ("number", "time_s", "state", "cause")
