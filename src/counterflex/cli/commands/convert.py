@@ -14,11 +14,6 @@ from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(convert)
-
-
 def convert(
     program: Program,
     cell: CellFile,

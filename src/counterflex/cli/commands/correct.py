@@ -16,11 +16,6 @@ from counterflex.core.units import UM
 _SHOWN = 6
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(correct)
-
-
 def correct(
     program: Program,
     cell: CellFile,

@@ -29,7 +29,8 @@ def register(app: typer.Typer) -> None:
     _log.command("replay")(replay)
     _log.command("export")(log_export.export)
     _log.command("repair")(repair)
-    run_history.register(_log)
+    for command in (run_history.history, run_history.compare, run_history.page):
+        _log.command()(command)
     app.add_typer(_log, name="log")
 
 

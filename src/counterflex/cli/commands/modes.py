@@ -12,11 +12,6 @@ from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(modes)
-
-
 def modes(
     cell: Annotated[Path, argument("Cell file (.toml).", arguments.file, "CELL")],
     joints_deg: Annotated[

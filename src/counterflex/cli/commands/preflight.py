@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING, robot_dialects
 _ORDER: Final = ("fail", "warning", "ok")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(preflight)
-
-
 def preflight(
     program: Annotated[Path, argument("Program file.", arguments.file, "PROGRAM")],
     cell: CellFile,

@@ -21,11 +21,6 @@ _WEAR_WORDS = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(production)
-
-
 def production(
     runs: Annotated[list[Path], argument("Folders of run logs, as run writes them.", arguments.folder, "RUN...")],
     cell: CellFile,

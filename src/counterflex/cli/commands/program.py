@@ -55,12 +55,6 @@ WithoutEnd = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(path)
-    app.command()(compensate)
-
-
 def path(
     program: Program,
     csv: Annotated[

@@ -44,17 +44,6 @@ Workers = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(demo)
-    app.command()(truth)
-    app.command()(simulate)
-    app.command()(evaluate)
-    app.command()(mesh)
-    app.command()(report)
-    app.command()(prove)
-
-
 def truth(
     cell: Annotated[Path, argument("The cell file.", arguments.file, "CELL")],
     out: Annotated[Path, option("--out", "Truth file to write.", arguments.output_file, "FILE")],

@@ -21,11 +21,6 @@ Rsi = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(run)
-
-
 def register_twin(twin: typer.Typer) -> None:
     """Add the commands of the simulated cell."""
     twin.command("cell")(cell)

@@ -13,11 +13,6 @@ from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(thermal)
-
-
 def thermal(
     touches: Annotated[
         Path,

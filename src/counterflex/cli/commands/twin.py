@@ -10,12 +10,12 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, argument, option
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.commands.proxy import register as register_proxy
+from counterflex.cli.commands.proxy import proxy
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.run import register_twin
-from counterflex.cli.commands.simulated.egm import register as register_egm
+from counterflex.cli.commands.simulated.egm import egm
 from counterflex.cli.commands.simulated.instruments import register as register_fakes
-from counterflex.cli.commands.simulated.rsi import register as register_rsi
+from counterflex.cli.commands.simulated.rsi import rsi
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
@@ -29,10 +29,10 @@ def register(app: typer.Typer) -> None:
     _twin.command("track")(track)
     _twin.command("scenarios")(scenarios)
     register_twin(_twin)
-    register_rsi(_twin)
+    _twin.command()(rsi)
     register_fakes(_twin)
-    register_egm(_twin)
-    register_proxy(_twin)
+    _twin.command()(egm)
+    _twin.command()(proxy)
     _twin.callback()(_group)
     app.add_typer(_twin, name="twin")
 

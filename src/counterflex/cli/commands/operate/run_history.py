@@ -37,13 +37,6 @@ _COLUMNS: Final = {
 }
 
 
-def register(log: typer.Typer) -> None:
-    """Add these commands to those on a run log."""
-    log.command("history")(history)
-    log.command("compare")(compare)
-    log.command("page")(page)
-
-
 def history(
     folder: Annotated[Path, argument("Searched with all folders below it.", arguments.folder, "DIR")],
     out: Annotated[Path | None, option("--out", "Folder of the page.", arguments.output_folder, "DIR")] = None,

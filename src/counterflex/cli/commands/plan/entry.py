@@ -15,11 +15,6 @@ from counterflex.core.units import DEG, MM
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(entry)
-
-
 def entry(
     program: Program,
     cell: CellFile,

@@ -14,11 +14,6 @@ from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_N
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(placement)
-
-
 def placement(
     program: Program,
     cell: CellFile,

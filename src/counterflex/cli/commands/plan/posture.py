@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING
 _SURFACES: Final = ("both", "wall", "floor")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(posture)
-
-
 def posture(
     program: Program,
     cell: CellFile,

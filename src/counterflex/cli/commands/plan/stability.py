@@ -14,11 +14,6 @@ from counterflex.cli.output import keep_inputs, line_of, print_json, print_table
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(stability)
-
-
 def stability(
     program: Annotated[Path, argument("G-code file.", arguments.file, "PROGRAM")],
     cell: CellFile,

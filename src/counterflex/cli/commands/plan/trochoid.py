@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING
 _SIDES = ("up", "down")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(trochoid)
-
-
 def trochoid(
     program: Program,
     cell: CellFile,

@@ -14,11 +14,6 @@ from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command("map")(working_space)
-
-
 def working_space(
     program: Program,
     cell: CellFile,

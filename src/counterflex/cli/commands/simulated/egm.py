@@ -22,11 +22,6 @@ from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.scenario import Layers
 
 
-def register(twin: typer.Typer) -> None:
-    """Add this command."""
-    twin.command("egm")(egm)
-
-
 def egm(
     program: Program,
     cell: CellFile,

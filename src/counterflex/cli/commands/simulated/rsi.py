@@ -23,11 +23,6 @@ from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 
-def register(twin: typer.Typer) -> None:
-    """Add this command."""
-    twin.command("rsi")(rsi)
-
-
 def rsi(
     rsi: Annotated[Path, argument("ETHERNET configuration file of the RSI context (.xml).", arguments.file, "RSI")],
     program: Annotated[

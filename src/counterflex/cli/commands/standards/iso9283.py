@@ -15,11 +15,6 @@ from counterflex.cli.commands.standards.options import Average, Files, Format, F
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(iso9283)
-
-
 def iso9283(
     files: Files,
     poses: Annotated[
