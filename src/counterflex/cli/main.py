@@ -175,12 +175,10 @@ def _name(info: Any) -> str:
 
 @cache
 def _room(name: str) -> typer.Typer:
-    """The command or group of a name, its module loaded; once, for a group would be filled again."""
+    """The command or the group of a name, the only one of these: its module is loaded."""
     module, room = _MODULES.get(name, name.replace("-", "_")), typer.Typer()
-    loaded = importlib.import_module(f"counterflex.cli.commands.{module}")
-    if hasattr(loaded, "register"):
-        loaded.register(room)
-    elif isinstance(command := getattr(loaded, name.replace("-", "_")), typer.Typer):
+    command = getattr(importlib.import_module(f"counterflex.cli.commands.{module}"), name.replace("-", "_"))
+    if isinstance(command, typer.Typer):
         room.add_typer(command, name=name)
     else:
         room.command(name)(command)

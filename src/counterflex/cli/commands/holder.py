@@ -15,18 +15,7 @@ from counterflex.core.errors import InputError
 
 _SETTLED: Final = 5.0
 """Change of a strain from half as many bricks above which more are advised, %."""
-_holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _holder.command("design")(design)
-    _holder.callback()(_group)
-    app.add_typer(_holder, name="holder")
-
-
-def _group() -> None:
-    """Design a spindle holder that senses the cutting force by strain."""
+holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
 
 
 def design(
@@ -156,3 +145,6 @@ def _show(summary: dict[str, Any]) -> None:
             f"spindle {angle}: {spindle['force_n']:g} N radial bend the arm by a median of {row['median_um']} um "
             f"({row['least_um']} to {row['most_um']}, {row['reached']} places)"
         )
+
+
+holder.command("design")(design)

@@ -13,17 +13,9 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
-_rsi = typer.Typer(
+rsi = typer.Typer(
     no_args_is_help=True, help="KUKA RSI set-ups: check one, generate one for a cell, tune axis corrections."
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _rsi.command("check")(check)
-    _rsi.command("make")(make)
-    _rsi.command("tune")(tune)
-    app.add_typer(_rsi, name="rsi")
 
 
 def check(
@@ -140,3 +132,8 @@ def tune(
             typer.echo(f"axis {row['axis']}: {row['refused']}")
     if apply is not None:
         typer.echo(f"wrote {apply}")
+
+
+rsi.command("check")(check)
+rsi.command("make")(make)
+rsi.command("tune")(tune)

@@ -20,25 +20,7 @@ from counterflex.cli.output import keep_inputs, print_json, print_table, progres
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
-_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _twin.command("measure")(measure)
-    _twin.command("track")(track)
-    _twin.command("scenarios")(scenarios)
-    register_twin(_twin)
-    _twin.command()(rsi)
-    register_fakes(_twin)
-    _twin.command()(egm)
-    _twin.command()(proxy)
-    _twin.callback()(_group)
-    app.add_typer(_twin, name="twin")
-
-
-def _group() -> None:
-    """The simulated cell: measure on it, or run it with its protocols."""
+twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
 
 
 def measure(
@@ -118,3 +100,13 @@ def scenarios(
         print_json(titles)
         return
     print_table("Scenarios", ["name", "what it sets"], [[item, title] for item, title in titles.items()])
+
+
+twin.command("measure")(measure)
+twin.command("track")(track)
+twin.command("scenarios")(scenarios)
+register_twin(twin)
+twin.command()(rsi)
+register_fakes(twin)
+twin.command()(egm)
+twin.command()(proxy)

@@ -12,21 +12,13 @@ from counterflex.cli.commands.plan.strategy import strategy
 from counterflex.cli.commands.plan.trochoid import trochoid
 from counterflex.cli.commands.plan.working_space import working_space
 
-_plan = typer.Typer(
+plan = typer.Typer(
     no_args_is_help=True,
     help="Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves.",
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _plan.command()(placement)
-    _plan.command("map")(working_space)
-    for command in (posture, strategy, trochoid, entry, stability):
-        _plan.command()(command)
-    _plan.callback()(_group)
-    app.add_typer(_plan, name="plan")
-
-
-def _group() -> None:
-    """Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves."""
+plan.command()(placement)
+plan.command("map")(working_space)
+for command in (posture, strategy, trochoid, entry, stability):
+    plan.command()(command)

@@ -15,22 +15,9 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
 from counterflex.core.errors import CounterflexError, InputError
 
-_dcc = typer.Typer(
+dcc = typer.Typer(
     no_args_is_help=True, help="Digital calibration certificates (DCC): values into a cell file, results as a document."
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _dcc.command("show")(show)
-    _dcc.command("apply")(apply)
-    _dcc.command("write")(write)
-    _dcc.callback()(_group)
-    app.add_typer(_dcc, name="dcc")
-
-
-def _group() -> None:
-    """Digital calibration certificates (DCC): values into a cell file, results as a document."""
 
 
 def _keys(_: arguments.Param, value: Any) -> Any:
@@ -228,3 +215,8 @@ def write(
         return
     checked = "valid by the schema" if answer["checked"] else "not checked against a schema"
     say_written(out, f"wrote {out}: {answer['number']}, {answer['quantities']} quantities, {checked}")
+
+
+dcc.command("show")(show)
+dcc.command("apply")(apply)
+dcc.command("write")(write)

@@ -13,25 +13,12 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
-_iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
+iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
 
 CommandedPath = Annotated[
     Path | None,
     option("--path", "What was commanded: table (.csv: x_mm,y_mm,z_mm) or program.", arguments.file, "CSV|PROGRAM"),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _iso230.command("circularity")(circularity)
-    _iso230.command("straightness")(straightness)
-    _iso230.command("positioning")(positioning)
-    _iso230.callback()(_group)
-    app.add_typer(_iso230, name="iso230")
-
-
-def _group() -> None:
-    """Circular tests, straightness and positioning (ISO 230)."""
 
 
 def circularity(
@@ -176,3 +163,8 @@ def _show_conditions(summary: dict[str, Any], out: Path | None) -> None:
     typer.echo(f"frame: {summary['frame']}; filter: {summary['filter']}; commanded: {summary['commanded']}")
     if out is not None:
         say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
+
+
+iso230.command("circularity")(circularity)
+iso230.command("straightness")(straightness)
+iso230.command("positioning")(positioning)
