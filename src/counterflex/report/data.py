@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,6 +63,18 @@ class VariantData:
     deviation: PathDeviation
     surface: SurfaceDeviation | None = None  # Surface deviation, or None where no part was simulated
     force_n: Curve | None = None  # Magnitude of the process force over time, or None
+
+
+@dataclass(frozen=True)
+class Head:
+    """Head of a page, and the foot of it."""
+
+    title: str
+    subtitle: str
+    created: str = ""
+    notes: Sequence[str] = ()
+    timing: tuple[Fact, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
