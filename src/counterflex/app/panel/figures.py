@@ -227,9 +227,6 @@ class Trail:
     Args:
         spacing_m: Least distance of two places.
         most: Places that are kept; beyond it every second one goes.
-
-    Attributes:
-        generation: Raised when places were taken away, so that whoever has them draws anew.
     """
 
     def __init__(self, spacing_m: float = 0.5 * MM, most: int = 20_000) -> None:
@@ -237,7 +234,7 @@ class Trail:
         self._points: list[list[float]] = []
         self._last: Float | None = None
         self._new = True
-        self.generation = 0
+        self.generation = 0  # Raised when places were taken away, so that whoever has them draws anew
 
     def add(self, shots: Records, axes: Float, *, planned: bool) -> None:
         """Add what was cut.

@@ -45,20 +45,15 @@ class WatchedRun:
     Args:
         folder: As ``run`` is given it with ``--out``.
         clock_ns: Monotonic.
-
-    Attributes:
-        about: What the run says of itself; empty before the first.
-        figures: What was last seen, :meth:`Figures.of`; empty before the first snapshot.
-        why: Why a run that goes on cannot be watched, or empty.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.folder, self._clock_ns = folder, clock_ns
         self.seen = Seen.WAITING
-        self.about: dict[str, Any] = {}
-        self.figures: dict[str, Any] = {}
+        self.about: dict[str, Any] = {}  # What the run says of itself; empty before the first
+        self.figures: dict[str, Any] = {}  # What was last seen, :meth:`Figures.of`; empty before the first snapshot
         self.trail = Trail()
-        self.why = ""
+        self.why = ""  # Why a run that goes on cannot be watched, or empty
         self.runs = 0
         self._words: SharedWords | None = None
         self._reader: SnapshotReader | None = None
