@@ -130,11 +130,7 @@ def _by_axes(program: Program) -> list[str]:
 
 
 def _homing(program: Program) -> list[str]:
-    """Return the words that lead to places of the milling machine.
-
-    Raises:
-        ProgramError: That was the way out of the cut: the robot would stay there.
-    """
+    """Return the words that lead to places of the milling machine."""
     places: dict[str, list[str]] = {}
     for block in program.blocks:
         codes = {word.value for word in block.words if word.letter == "G"} & _HOMING

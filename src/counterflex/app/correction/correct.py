@@ -208,12 +208,7 @@ def correct(
 
 
 def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
-    """A plan on the program's own path, at the plan's feed.
-
-    Raises:
-        FileFormatError: The folder holds no plan.
-        InputError: It is a plan of another program or of another cell.
-    """
+    """A plan on the program's own path, at the plan's feed."""
     if not (folder / PLAN).is_file():
         raise FileFormatError(
             "no plan in this folder", where=str(folder), limit=f"{PLAN} of counterflex compensate or correct"

@@ -206,11 +206,7 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
 
 
 def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, Chosen]:
-    """Choose the posture of the best places along the whole path, and the best of them.
-
-    Raises:
-        ReachError: None can be run.
-    """
+    """Choose the posture of the best places along the whole path, and the best of them."""
     done: list[tuple[float, Stand, Chosen]] = []
     tried: list[Float] = []
     failed: ReachError | None = None
@@ -295,11 +291,7 @@ def run(
 def _best_mounting(
     program: str | Path, cell: Cell, mounting: Mounting, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Placed, float]:
-    """The best place of the best angle, and that angle in deg; the summary has all angles.
-
-    Raises:
-        ReachError: No angle lets the program be run.
-    """
+    """The best place of the best angle, and that angle in deg; the summary has all angles."""
     present = mounting.present_deg(cell)
     angles = list(dict.fromkeys([present, *mounting.values_deg]))
     parts = in_parts(progress, {str(angle): 1.0 for angle in angles})

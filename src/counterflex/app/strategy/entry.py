@@ -112,11 +112,7 @@ def _entries(job: Job, cell: Cell, moves: Moves) -> list[Entry]:
 def _written(
     job: Job, cell: Cell, entries: list[Entry], moves: Moves, target: Path, reading: Reading
 ) -> tuple[list[Entry], Job]:
-    """Write the program, and leave out moves until the part is the same.
-
-    Raises:
-        ProgramError: None can be written without changing the part.
-    """
+    """Write the program, and leave out moves until the part is the same."""
     surface = undisturbed(job, cell)
     for _ in range(len(entries) + 1):
         open_ones = [entry for entry in entries if not entry.refusal]
