@@ -51,7 +51,7 @@ def convert(
 
     Example: `counterflex convert part.ngc --to krl --cell cell.toml --out out`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.app import conversion as job
     from counterflex.app.inputs import Reading
 

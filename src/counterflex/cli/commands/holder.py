@@ -73,7 +73,7 @@ def design(
     """
     if mounting is not None and cell is None:
         raise InputError("--mounting needs the cell that the spindle is mounted in", hint="Give --cell CELL")
-    keep_inputs(out, holder, *([] if cell is None else [cell]))
+    keep_inputs(out, holder, cell)
     from counterflex.app import holder_design as job
     from counterflex.app.holder_in_robot import Spindle
     from counterflex.app.placement.spindle_mounting import Mounting

@@ -59,8 +59,7 @@ def modes(
 
     Example: `counterflex modes cell.toml --joints 0,-90,110,0,40,0`
     """
-    if out is not None:
-        keep_inputs(out, cell, *([] if tap_test is None else [tap_test]))
+    keep_inputs(out, cell, tap_test)
     from counterflex.app import modes as job
 
     with progress_bar(f"modes of {cell.name}") as progress:
@@ -78,8 +77,7 @@ def modes(
         print_json(summary)
         return
     _show(summary)
-    if out is not None:
-        say_written(out, f"wrote {out}: summary.json, report.html")
+    say_written(out, f"wrote {out}: summary.json, report.html")
 
 
 def _show(summary: dict[str, Any]) -> None:

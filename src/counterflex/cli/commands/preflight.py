@@ -55,8 +55,7 @@ def preflight(
 
     Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
-    if out is not None:
-        keep_inputs(out, cell, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, cell, program, parameters)
     from counterflex.app import preflight as job
     from counterflex.app.inputs import Reading
 

@@ -48,8 +48,7 @@ def production(
     Example: `counterflex production run-log --cell cell.toml --plan plan.parquet --out wear`
     """
     keep_inputs(out, cell, *plan)
-    if apply is not None:
-        keep_inputs(apply, cell, *plan, option="--apply")
+    keep_inputs(apply, cell, *plan, option="--apply")
     chosen = pairs(settings or [])
     from counterflex.app.production import production as job
 

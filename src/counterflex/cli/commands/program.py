@@ -80,8 +80,7 @@ def path(
     Example: `counterflex path part.ngc --csv path.csv`
     """
     inputs = [program, *(file for file in (cell, parameters) if file is not None)]
-    if csv is not None:
-        keep_inputs(csv, *inputs, option="--csv")
+    keep_inputs(csv, *inputs, option="--csv")
     from counterflex.app.inputs import Reading
     from counterflex.app.motion_list import listed
     from counterflex.programs.listing import listing, write_listing
@@ -145,7 +144,7 @@ def compensate(
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.files.scenario_file import read_scenario
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation

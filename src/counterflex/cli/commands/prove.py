@@ -91,7 +91,7 @@ def simulate(
 
     Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
     """
-    keep_inputs(out, *(path for path in (program, cell, truth, original, parameters) if path is not None))
+    keep_inputs(out, program, cell, truth, original, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import simulate as job
 
@@ -123,8 +123,7 @@ def evaluate(
 
     Example: `counterflex evaluate run-before run-after --out out`
     """
-    if out is not None:
-        keep_folders(out, *folders)
+    keep_folders(out, *folders)
     from counterflex.app.proof import evaluate as job
 
     with progress_bar("judging"):
@@ -216,7 +215,7 @@ def prove(
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
     numbers = arguments.seeds(seeds)
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of

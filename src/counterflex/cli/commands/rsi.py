@@ -79,7 +79,7 @@ def make(
 
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """
-    keep_inputs(out, cell, *([] if program is None else [program]))
+    keep_inputs(out, cell, program)
     from counterflex.app.robot_folder import SETUPS
 
     summary = SETUPS["rsi"].make(out, cell=cell, program=program, host=host, port=port, sentype=sentype)
@@ -111,8 +111,7 @@ def tune(
     from counterflex.files.cell.cell import read_cell
 
     read = read_cell(cell)
-    if apply is not None:
-        keep_inputs(apply, cell, option="--apply")
+    keep_inputs(apply, cell, option="--apply")
     axes = job.tune(read)
     rows = job.shown(axes)
     if apply is not None:

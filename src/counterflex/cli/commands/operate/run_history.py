@@ -60,8 +60,7 @@ def history(
         print_json(summary)
     else:
         _show(summary)
-        if out is not None:
-            say_written(out, f"wrote {out}: report.html, summary.json")
+        say_written(out, f"wrote {out}: report.html, summary.json")
     if summary["incomplete"]:
         raise typer.Exit(INCOMPLETE)
 

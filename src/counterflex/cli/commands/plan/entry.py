@@ -41,7 +41,7 @@ def entry(
 
     Example: `counterflex plan entry part.ngc --cell cell.toml --edges --out soft`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.strategy import entry as job
     from counterflex.app.strategy.entry_text import Moves

@@ -72,8 +72,7 @@ def stability(
 
     Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
-    if out is not None:
-        keep_inputs(out, cell, program, *(item for item in (parameters, response, modal) if item is not None))
+    keep_inputs(out, cell, program, parameters, response, modal)
     from counterflex.app import stability as job
     from counterflex.app.inputs import Reading
 

@@ -49,7 +49,7 @@ def working_space(
 
     Example: `counterflex plan map part.ngc --cell cell.toml --points 9 --out map`
     """
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.placement import placement_map as job
     from counterflex.app.placement.region import Wish

@@ -160,7 +160,7 @@ def apply(
 
     if (cell is None) == (dataset is None):
         raise InputError("one file takes the values", limit="--cell CELL or --dataset MANIFEST")
-    keep_inputs(out, certificate, *(one for one in (cell, dataset) if one is not None))
+    keep_inputs(out, certificate, cell, dataset)
     from counterflex.app.certificate.apply import apply_certificate
 
     answer = apply_certificate(
@@ -199,7 +199,7 @@ def write(
 
     Example: `counterflex dcc write result.json --laboratory A --person B --city Ulm --country DE --serial 7 --out a`
     """
-    keep_inputs(out, result, *([] if schema is None else [schema]))
+    keep_inputs(out, result, schema)
     if schema is not None:
         from counterflex.files.certificate.schema_check import require_library
 

@@ -45,8 +45,7 @@ def circularity(
 
     Example: `counterflex iso230 circularity ring.csv --path circle.ngc --out circle`
     """
-    if out is not None:
-        keep_inputs(out, *files, *([] if path is None else [path]))
+    keep_inputs(out, *files, path)
     from counterflex.app.robot_tests import iso230 as job
 
     with progress_bar("ISO 230-4") as progress:
@@ -94,8 +93,7 @@ def straightness(
 
     Example: `counterflex iso230 straightness log.csv --path square.ngc`
     """
-    if out is not None:
-        keep_inputs(out, *files, *([] if path is None else [path]))
+    keep_inputs(out, *files, path)
     from counterflex.app.robot_tests import iso230 as job
 
     with progress_bar("straightness") as progress:
@@ -134,8 +132,7 @@ def positioning(
 
     Example: `counterflex iso230 positioning axis.csv --out axis`
     """
-    if out is not None:
-        keep_inputs(out, file)
+    keep_inputs(out, file)
     from counterflex.app.robot_tests.positioning import judge_positioning
 
     summary = judge_positioning(file, out)
@@ -151,8 +148,7 @@ def positioning(
     )
     for line in summary["not_by_standard"]:
         typer.echo(f"not by ISO 230-2: {line}")
-    if out is not None:
-        say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
+    say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
 
 
 def _um(value: float | None) -> str:
@@ -161,8 +157,7 @@ def _um(value: float | None) -> str:
 
 def _show_conditions(summary: dict[str, Any], out: Path | None) -> None:
     typer.echo(f"frame: {summary['frame']}; filter: {summary['filter']}; commanded: {summary['commanded']}")
-    if out is not None:
-        say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
+    say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
 
 
 iso230.command("circularity")(circularity)
