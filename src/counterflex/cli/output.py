@@ -52,8 +52,8 @@ def keep_inputs(out: Path | None, *inputs: Path | None, option: str = "--out") -
     Raises:
         InputError: It would.
     """
-    for path in inputs if out is not None else ():
-        if path is None:
+    for path in inputs:
+        if out is None or path is None:
             continue
         if out.resolve() == path.resolve() or (out.is_file() and path.is_file() and out.samefile(path)):
             what = f"the output would replace {path.name}"
@@ -66,8 +66,8 @@ def keep_inputs(out: Path | None, *inputs: Path | None, option: str = "--out") -
 
 def keep_folders(out: Path | None, *folders: Path) -> None:
     """Refuse to write results into a folder that is read. Raises InputError: ``out`` is one of them."""
-    for folder in folders if out is not None else ():
-        if out.resolve() == folder.resolve():
+    for folder in folders:
+        if out is not None and out.resolve() == folder.resolve():
             raise InputError(
                 "the results would replace the summary of the run", where=f"--out {out}", hint="Choose another --out"
             )
