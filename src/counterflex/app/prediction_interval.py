@@ -1,4 +1,4 @@
-"""What the predicted path errors of a plan do not know: an interval that nine of ten such cells lie in.
+"""Interval of the predicted path errors of a plan that nine of ten such cells lie in.
 
 The error of the tool at a point is what the plan predicts there and what each unknown of the cell
 (:mod:`counterflex.app.unknowns`) leaves there, drawn from what is known of it. Beside the unknown values there are two

@@ -192,7 +192,7 @@ def _engagement(arcs: Float, cutter: Cutter) -> tuple[float, float, float, float
 
 
 def _tip(structure: Structure) -> dict[str, Any]:
-    """What is known of spindle and tool."""
+    """Return what is known of spindle and tool."""
     modes, unexplained = structure.tip_modes()
     if modes is None:
         return {"from": "none: spindle and tool are taken as rigid", "modes": []}

@@ -240,7 +240,7 @@ def _places(
 
 
 def _with_report(result: Mapping[str, Any], place: Place, k: int) -> dict[str, Any]:
-    """What a recipe brought, and where its report is, relative to the campaign's folder."""
+    """Return what a recipe brought, and where its report is, relative to the campaign's folder."""
     report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if result["accepted"] else ""
     return {**result, "report": report}
 

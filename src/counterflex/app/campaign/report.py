@@ -244,7 +244,7 @@ def headline_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 
 def refusals(summary: Mapping[str, Any]) -> list[str]:
-    """Why recipes were not taken over, a line each."""
+    """Return why recipes were not taken over, a line each."""
     lines = []
     for item in summary["campaigns"]:
         of = "" if item["seed"] is None else f"seed {item['seed']}: "

@@ -40,7 +40,7 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What runs are judged against."""
+    """Reference that runs are judged against."""
 
     job: Job
     cell: Cell  # Where it is machined

@@ -50,7 +50,7 @@ _ROBOT_FOUND: Final = 0.06
 
 @dataclass(frozen=True)
 class Operation:
-    """What is asked for; None leaves it to the program and the advisor."""
+    """Operation that is asked for; None leaves it to the program and the advisor."""
 
     tool: int | None = None
     ae_m: Range | None = None  # Range of the radial width of cut
@@ -150,7 +150,7 @@ def _steady_along(
 
 
 def doubt_of(cell: Cell, operation: Operation) -> Doubt:
-    """What is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
+    """Return what is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
     recipes = {entry.recipe for entry in cell.tables.identified}
     stiff = _ROBOT_FOUND if "stiffness" in recipes else STATED
     if "cutting" in recipes and operation.material is None:

@@ -21,11 +21,6 @@ Rsi = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(run)
-
-
 def register_twin(twin: typer.Typer) -> None:
     """Add the commands of the simulated cell."""
     twin.command("cell")(cell)
@@ -85,7 +80,7 @@ def run(
 
     trial = read_scenario(scenario or (), ("run", "force_sensor", "strain", "tracker"))
     sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
-    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
+    keep_inputs(out, cell, rsi, plan, program)
     robot = one_link(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
@@ -146,7 +141,7 @@ def run(
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:
-    """What a run was, for people."""
+    """Print what a run was, for people."""
     from counterflex.protocols.session.comparison import summary_lines
 
     print_table(
@@ -201,7 +196,7 @@ def cell(
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "strain", "tracker"))
-    keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
+    keep_inputs(out, program, cell, truth, rsi, original, parameters)
     robot = one_link(rsi, egm)
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job

@@ -40,7 +40,7 @@ Age: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
 class PairTable(Table):
-    """What the filter of two sensors is told beside their own tables."""
+    """Settings of the filter of two sensors beside their own tables."""
 
     sensor_noise_n: Force = 3.0
     sensor_zero_n: Force = 1.0
@@ -113,7 +113,7 @@ Percent = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class OnlineTable(Table):
-    """Which signals correct, through which filters, within which limits."""
+    """Signals that correct, their filters and limits."""
 
     protocol: str | None = None
     link: dict[str, bool | int | float | str] = Field(default_factory=dict)
@@ -311,7 +311,7 @@ class OnlineTable(Table):
 
 
 def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerPlant:
-    """What the tracker sees of a correction, from identified delays.
+    """Return what the tracker sees of a correction, from identified delays.
 
     Args:
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
