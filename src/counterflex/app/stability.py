@@ -25,7 +25,7 @@ from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.files.tool_tip import read_modal, read_response
-from counterflex.plan.damping import ASSUMED, Damping
+from counterflex.plan.lowest_mode import ASSUMED, Damping
 from counterflex.plan.stability.along import Margin, Structure, confirmed, margins
 from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.diagram import Diagram, diagram, needed_damping

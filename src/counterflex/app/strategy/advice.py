@@ -29,8 +29,7 @@ from counterflex.plan.inputs import Setting
 from counterflex.plan.relative_motion import hand_poses, part_carried, tool_carried
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, depth_used
-from counterflex.plan.strategy.resonance import Swing, swing_of
+from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
 from counterflex.robot.elasticity.compliance import cartesian_compliance

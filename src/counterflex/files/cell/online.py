@@ -13,8 +13,7 @@ from counterflex.files.schema import Table
 from counterflex.runtime.axis_gains import AXES, AxisGains
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import FusionTuning
-from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
-from counterflex.runtime.plausibility.limits import Plausibility
+from counterflex.runtime.plausibility.limits import AxisTolerance, Plausibility
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
@@ -271,8 +270,7 @@ class OnlineTable(Table):
         gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)
         ahead: tuple[float, ...] = (0.0,) * 8
         if self.tracker == "designed":
-            from counterflex.runtime.design.feed_forward import lag_filter
-            from counterflex.runtime.design.tracker import DesignGoals, design
+            from counterflex.runtime.design.tracker import DesignGoals, design, lag_filter
 
             ahead = tuple(float(b) for b in lag_filter(delays, period_s, mode))
             goals = DesignGoals(self.phase_margin_deg * DEG, 10.0 ** (self.gain_margin_db / 20.0))

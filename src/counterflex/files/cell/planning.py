@@ -17,9 +17,9 @@ from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
-from counterflex.plan.damping import ASSUMED_DAMPING, Damping
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
+from counterflex.plan.lowest_mode import ASSUMED_DAMPING, Damping
 from counterflex.plan.preflight.row import Bounds
 from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
