@@ -86,7 +86,7 @@ def stamped_pose(
     return pose_at(given, ring, here, (late + earlier_s) / limits.period, state, out)
 
 
-@kernel("boolean(Given, Past[::1], int64, float64, State, float64[::1])", Given=GIVEN, Past=PAST, State=STATE)
+@kernel("boolean(Given, Past[::1], int64, float64, State, float64[::1])", **LOOP_TYPES)
 def pose_at(given: Record, ring: Records, here: int, ago: float, state: Record, out: Float) -> bool:
     """Commanded pose some cycles of the controller ago; between two telegrams as if it had gone on evenly.
 
