@@ -39,8 +39,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.evaluate.summary import Variant
-from counterflex.evaluate.truth_level import TRUTH_LEVELS
+from counterflex.evaluate.summary import TRUTH_LEVELS, Variant
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
 from counterflex.plan.compensate import plan as make_plan

@@ -1,9 +1,9 @@
-"""Benchmark of the elastic step: one call and batches, against the peers that are installed, in alternating blocks.
+"""Benchmark of the elastic step against the peers that are installed, and of deflections in batches.
 
 ``python benchmarks/elastic_step.py [--quick] [--json FILE]``. The chain is the KR 300 R2500 ultra with sensor and
 holder of Haehn2020: ten stations, thirty rotational compliances. A step is: rigid and elastic pose, Cartesian
-compliance (single calls only), deflection, two Newton steps with residual. Times include the call from Python. The
-peers compute the same step: Pinocchio with springs as real joints and NumPy around it, JAX as one fused graph.
+compliance, deflection, two Newton steps with residual. Calls alternate in blocks. Times include the call from Python.
+The peers compute the same step: Pinocchio with springs as real joints and NumPy around it, JAX as one fused graph.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import argparse
 import importlib.util
 import json
 import platform
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,13 +23,14 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
-from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads, step_threads
+from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
-from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
 from counterflex.robot.model import catalog, load_cases
 from online_step import ElasticStep
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "references"))
+import elastic_equations as equations  # the specification that the tests judge by
 
 Step = Callable[[Float, Float], tuple[Float, Float]]  # q, w -> deflection, q_c
 
@@ -96,8 +98,8 @@ def pinocchio_step(chain: ElasticChain) -> Step:
     return step
 
 
-def jax_steps(chain: ElasticChain) -> tuple[Step, Step]:
-    """Full step with JAX in double precision on the CPU: one point, and a batch by vmap."""
+def jax_step(chain: ElasticChain) -> Step:
+    """Full step with JAX in double precision on the CPU."""
     import jax
     import jax.numpy as jnp
 
@@ -167,17 +169,13 @@ def jax_steps(chain: ElasticChain) -> tuple[Step, Step]:
             error = difference(R0, p0, Re, pe)
         return d, q_c, C
 
-    one, many = jax.jit(step), jax.jit(lambda q, w: jax.vmap(step)(q, w)[:2])
+    one = jax.jit(step)
 
     def single(q: Float, w: Float) -> tuple[Float, Float]:
         d, q_c, _ = one(q, w)
         return np.asarray(d), np.asarray(q_c)
 
-    def batch(q: Float, w: Float) -> tuple[Float, Float]:
-        d, q_c = many(q, w)
-        return np.asarray(d), np.asarray(q_c)
-
-    return single, batch
+    return single
 
 
 def flops(chain: ElasticChain) -> dict[str, int]:
@@ -193,12 +191,9 @@ def flops(chain: ElasticChain) -> dict[str, int]:
     difference = 27 + 6 + 20
     trig = 12 * 10
     compliance = bends * (9 + 30 + 27 + 18 + 24) + slides * 54
-    factor = 12 * 6 + 21 * 12 + 70 + 70 + 42 + 7 * 10
-    newton = 2 * 21 + 2 * 21 + 72 + 6 * 26
     return {
         "deflection": trig + rigid + elastic + difference,
         "compliance": trig + rigid + compliance,
-        "step": trig + 3 * (rigid + elastic + difference) + factor + 2 * newton,
     }
 
 
@@ -282,7 +277,6 @@ def run(quick: bool) -> dict[str, Any]:
         "empty call": lambda _q, _w: None,
         "equations in NumPy": lambda a, b: equations.step(chain, a, b, equations.DOUBLE),
     }
-    peers_batch: dict[str, tuple[int, Callable[[], Any]]] = {}
     checks: dict[str, float] = {}
 
     def check(name: str, d: Float, q_c: Float) -> None:
@@ -292,31 +286,21 @@ def run(quick: bool) -> dict[str, Any]:
     if available("pinocchio"):
         pin = pinocchio_step(chain)
         candidates["Pinocchio"] = pin
-        few = 64 if quick else 512
-        peers_batch["step, Pinocchio loop, 1 thread"] = (
-            few,
-            lambda: [pin(a, b) for a, b in zip(q[:few], w[:few], strict=True)],
-        )
         check("Pinocchio", *pin(q[0], w[0]))
     if available("jax"):
-        one, many = jax_steps(chain)
-        part = 512 if quick else 16384
+        one = jax_step(chain)
         candidates["JAX"] = one
-        peers_batch["step, JAX vmap, its own threads"] = (part, lambda: many(q[:part], w[:part]))
         check("JAX", *one(q[0], w[0]))
-        many(q[:part], w[:part])
     for call in candidates.values():
         call(q[0], w[0])
     single = single_calls(candidates, q, w, 4 if quick else 40, 200 if quick else 2000)
 
     c = chain.compact
-    out, full, status, C = np.empty((n, 6)), np.empty((n, 19)), np.empty(n, dtype=np.int64), np.empty((n, 36))
+    out, C = np.empty((n, 6)), np.empty((n, 36))
     ours: dict[str, Callable[[], Any]] = {
         "deflection, lanes": lambda: deflection_lanes(c, q, w, out),
         "deflection, scalar": lambda: deflection_threads(c, q, w, ON_RIGID, 0, out),
         "compliance, scalar": lambda: compliance_threads(c, q, C),
-        "step, lanes": lambda: step_lanes(c, q, w, full, status),
-        "step, scalar": lambda: step_threads(c, q, w, 0, full, status),
     }
     for call_batch in ours.values():
         call_batch()
@@ -328,7 +312,7 @@ def run(quick: bool) -> dict[str, Any]:
         numba.set_num_threads(threads)
         label = f"{threads} thread" + ("s" if threads > 1 else "")
         these = {f"{name}, {label}": (n, call_batch) for name, call_batch in ours.items()}
-        batch |= batches(these | (peers_batch if threads == 1 else {}), 3 if quick else 15)
+        batch |= batches(these, 3 if quick else 15)
     numba.set_num_threads(most)
 
     peak = peak_flops()
@@ -336,10 +320,9 @@ def run(quick: bool) -> dict[str, Any]:
     share = {
         name: counted[name.split(",")[0]] / (row["least"] * 1e-6) / peak
         for name, row in batch.items()
-        if name.endswith("1 thread") and "Pinocchio" not in name
+        if name.endswith("1 thread")
     }
-    peers = {name: row["median"] for name, row in batch.items() if name in peers_batch}
-    peers_single = {name: row["p50_us"] for name, row in single.items() if name in ("Pinocchio", "JAX")}
+    peers = {name: row["p50_us"] for name, row in single.items() if name in ("Pinocchio", "JAX")}
     return {
         "schema": "counterflex-benchmark-elastic-step",
         "version": 1,
@@ -354,8 +337,7 @@ def run(quick: bool) -> dict[str, Any]:
         "peak_gflops_one_core": peak / 1e9,
         "share_of_peak": share,
         "difference_to_peers_mm_mrad": checks,
-        "speedup_single_over_best_peer": ratio(peers_single, single["counterflex"]["p50_us"]),
-        "speedup_batch_over_best_peer": ratio(peers, batch["step, lanes, 1 thread"]["median"]),
+        "speedup_single_over_best_peer": ratio(peers, single["counterflex"]["p50_us"]),
     }  # fmt: skip
 
 
@@ -373,8 +355,7 @@ def show(result: dict[str, Any]) -> None:
     print(f"peak of one core {result['peak_gflops_one_core']:.1f} GFlop/s; flops per point {result['flops_per_point']}")
     if result["speedup_single_over_best_peer"] is not None:
         print(
-            f"faster than the best installed peer: single call {result['speedup_single_over_best_peer']:.1f} x, "
-            f"batch on one thread {result['speedup_batch_over_best_peer']:.1f} x; "
+            f"faster than the best installed peer: single call {result['speedup_single_over_best_peer']:.1f} x; "
             f"largest difference of results (mm, mrad) {result['difference_to_peers_mm_mrad']}"
         )
 

@@ -5,9 +5,11 @@ The arithmetic is :mod:`counterflex.robot.elasticity.kernels.step`.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.records import records
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -80,3 +82,23 @@ class ElasticStep:
         except ValueError as fault:
             raise InputError(f"the step takes six angles and six wrench components: {fault}") from fault
         return self.run()
+
+
+class Steps(NamedTuple):
+    """Results of many steps, a row each: as of :class:`ElasticStep`."""
+
+    d: Float
+    q_c: Float
+    residual: Float
+    sigma: Float
+    status: Int
+
+
+def steps(chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False) -> Steps:
+    """Step for angles (n, 6) rad and wrenches (n, 6) N, N m, one after the other."""
+    step = ElasticStep(chain, gravity=gravity)
+    rows = []
+    for angles, load in zip(q, w_tcp_base, strict=True):
+        status = step(angles, load)
+        rows.append((step.d.copy(), step.q_c.copy(), step.residual.copy(), step.sigma, status))
+    return Steps(*(np.array(column) for column in zip(*rows, strict=True)))

@@ -23,8 +23,7 @@ from counterflex.identify.holder.residuals import DRAWING_SHARE, parameters, rea
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.force_filter import kalman_observer
 from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder, regressed_matrix, tool_matrix
-from counterflex.twin.laboratory.holder_cut import cut_record
-from counterflex.twin.laboratory.holder_loads import COLUMNS, measure
+from counterflex.twin.laboratory.holder_loads import COLUMNS, cut_record, measure
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.strain_holder import (
     NOISE,

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.core import atomic
-from counterflex.evaluate.truth_level import TRUTH_LEVELS
+from counterflex.evaluate.summary import TRUTH_LEVELS
 from counterflex.files.summary_file import read_summary
 
 README = Path(__file__).resolve().parents[1] / "README.md"

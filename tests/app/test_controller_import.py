@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counterflex.app.controller_import import job
-from counterflex.app.controller_import.poses import JOINTS, POSE
+from counterflex.app.controller_import.job import JOINTS, POSE
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM

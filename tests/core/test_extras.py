@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from counterflex.protocols.ads import link as ads
 
 import counterflex
 from counterflex.app.log_export.rerun import require_rerun
@@ -21,6 +20,7 @@ from counterflex.core.errors import CounterflexError
 from counterflex.files.certificate.schema_check import require_library
 from counterflex.files.dataset import instrument_files
 from counterflex.files.scan import by_library
+from counterflex.integrations.beckhoff.link import link as ads
 from counterflex.robot.model import urdf
 
 ROOT: Final = Path(counterflex.__file__).parent
@@ -36,7 +36,7 @@ PLACES: Final = {
     "pye57": "files/scan/by_library.py",
     "laspy": "files/scan/by_library.py",
     "pypcd4": "files/scan/by_library.py",
-    "pyads": "protocols/ads/link.py",
+    "pyads": "integrations/beckhoff/link/link.py",
     "yourdfpy": "robot/model/urdf.py",
 }
 """Libraries of extras, and the folder or module that imports them, by ``import`` or by name."""
@@ -84,11 +84,11 @@ def test_the_library_of_an_extra_is_imported_where_the_extra_lies() -> None:
     assert used == set(PLACES)
 
 
-def test_without_any_extra_all_but_two_servers_can_be_imported() -> None:
+def test_without_any_extra_all_but_the_two_servers_can_be_imported() -> None:
     """In a process in which no library of an extra can be imported."""
     script = WITHOUT.format(names=list(PLACES))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    servers = ("opcua.bounded", "opcua.server", "panel.login_page", "panel.page", "panel.server")
+    servers = ("opcua.bounded", "opcua.server", "panel.page", "panel.server")
     assert set(ended.stdout.split()) == {f"counterflex.app.{name}" for name in servers}
 
 

@@ -15,7 +15,6 @@ from scipy import stats
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.contact import entry_exit
 from counterflex.evaluate.error_budget import error_budget
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import reduction, weighted_figures
@@ -23,9 +22,9 @@ from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import LatencyHistogram, percentiles
 from counterflex.evaluate.measured_values import flatness, values_row
 from counterflex.evaluate.missing_cycles import MissingFinder
+from counterflex.evaluate.path_deviation import entry_exit
 from counterflex.evaluate.process_record import ProcessRecord
-from counterflex.evaluate.run_curves import RunCurves, curves_of, deviations, figures, needed_of, sides_of
-from counterflex.evaluate.run_trend import trend
+from counterflex.evaluate.run_curves import RunCurves, curves_of, deviations, figures, needed_of, sides_of, trend
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.supervisor import Cause, State

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from counterflex.app.controller_import.poses import JOINTS, POSE, read_poses
+from counterflex.app.controller_import.job import JOINTS, POSE, read_poses
 from counterflex.core.errors import FileFormatError
 from counterflex.files.commanded_file import read_commanded
 from counterflex.files.small_table import read_rows, rows_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +17,11 @@ from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.network.impairment import Impairment
 from counterflex_lab.faults import SCENARIOS, disobedience, faults, lying_sensors
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import demo_cell, demo_config, force_only, reported
-from counterflex_lab.faults.network import LARGEST_STEP_M, OLDEST
+from counterflex_lab.faults.network import OLDEST
 from counterflex_lab.faults.rig import Rig
-from counterflex_lab.faults.scenario import SENSORS, Effort, Scenario
+from counterflex_lab.faults.scenario import SENSORS, Effort, Outcome, Scenario
 
 OPEN: tuple[str, ...] = ()
 """Nothing holds against these yet: the command says so, with exit status 1. To be taken out of here one by one."""
@@ -85,6 +87,12 @@ def test_the_job_writes_table_page_and_summary(tmp_path: Path) -> None:
     assert len(table) == 3
     assert "2 of 2 hold" in (tmp_path / "out" / faults.PAGE).read_text(encoding="utf-8")
     assert read_summary(tmp_path / "out" / faults.SUMMARY)["passed"] is True
+
+
+def test_what_numpy_compares_is_printed_as_json() -> None:
+    results = [faults.Result(SCENARIOS[0], Outcome(np.ones(2).max() <= 1.0, "went on"), 0.1)]
+    printed = json.dumps(faults.summary(results, {}, Effort()), allow_nan=False)
+    assert json.loads(printed)["passed"] is True
 
 
 def test_a_fault_that_does_not_exist_is_said() -> None:

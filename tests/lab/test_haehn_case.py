@@ -17,7 +17,8 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
 from counterflex.plan.inputs import solve_joints
 from counterflex_lab.reproduce import haehn_case
-from counterflex_lab.reproduce.haehn import PLANNED, over_seeds, run
+from counterflex_lab.reproduce.experiment import PLANNED
+from counterflex_lab.reproduce.haehn import Groove, over_seeds
 
 
 @pytest.fixture(scope="module", params=list(haehn_case.EDGES))
@@ -83,16 +84,14 @@ def _middle(folder: Path, angle: float) -> Float:
 
 def test_variants_and_their_cells(tmp_path: Path) -> None:
     haehn_case.write_cells(haehn_case.demonstration_cell(), tmp_path, "oblique")
-    for kind, item in haehn_case.KINDS.items():
-        for output in item.outputs:
-            cell = read_cell(tmp_path / haehn_case.cell_name(kind, output))
-            table = cell.tables.online
-            assert table is not None
-            assert table.output == output
-            assert table.force == item.online["force"]
-    assert set(haehn_case.names()) >= {"uncompensated", "force", "force_pilot", "hybrid", "hybrid_axes"}
-    assert haehn_case.KINDS["force_pilot_40ms"].online["lead_ms"] == 40.0
-    assert "lead_ms" not in haehn_case.KINDS["force_pilot"].online
+    for name, way in haehn_case.WAYS.items():
+        table = read_cell(tmp_path / haehn_case.cell_name(name)).tables.online
+        assert table is not None
+        assert table.output == ("axes" if name.endswith("_axes") else "cartesian")
+        assert table.force == way.online["force"]
+    assert set(haehn_case.WAYS) >= {"uncompensated", "force", "force_pilot", "hybrid", "hybrid_axes"}
+    assert haehn_case.WAYS["force_pilot_40ms"].online["lead_ms"] == 40.0
+    assert "lead_ms" not in haehn_case.WAYS["force_pilot"].online
 
 
 def test_figures_over_truths() -> None:
@@ -113,11 +112,11 @@ def test_figures_over_truths() -> None:
 
 def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="truth seeds"):
-        run(tmp_path, seeds=[])
+        Groove(tmp_path, seeds=[])
     with pytest.raises(InputError, match="truth level"):
-        run(tmp_path, level="guessed")
+        Groove(tmp_path, seeds=[1], level="guessed")
 
 
 def test_every_variant_and_the_plan_have_folders_of_their_own() -> None:
     """In one folder each would take the other's mark for that of a changed one, and all would be made again."""
-    assert len({PLANNED, *haehn_case.names()}) == 1 + len(haehn_case.names())
+    assert PLANNED not in haehn_case.WAYS

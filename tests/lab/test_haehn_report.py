@@ -17,8 +17,8 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.run_file import write_run
 from counterflex.path.run import Run
 from counterflex_lab.reproduce import haehn_case, haehn_report
-from counterflex_lab.reproduce.haehn import GOALS_MM, PAPER, over_seeds
-from counterflex_lab.reproduce.haehn import _goal as goal
+from counterflex_lab.reproduce.haehn import GOALS_MM, PAPER, goal, over_seeds
+from counterflex_lab.reproduce.way import REFUSED
 
 OFF_MM = 0.1
 
@@ -115,7 +115,7 @@ def test_the_curves_are_those_of_the_recorded_tool(job: tuple[Path, dict[str, An
 def test_what_did_not_act_is_not_drawn_and_not_counted(job: tuple[Path, dict[str, Any]]) -> None:
     folder, summary = job
     page = haehn_report.page(summary, folder)
-    assert haehn_report.REFUSED in page
+    assert REFUSED in page
     marks = drawn(page)["dots"]["data"]
     counted = {name for t in marks if t["name"] == "whole cut" for name in t["y"]}
     assert counted == {"uncompensated", "hybrid"}

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.core.errors import OutputError
+from counterflex.core.progress import silent
 from counterflex_lab.reproduce import closed_loop, mandiola, mandiola_case
 
 
@@ -25,11 +27,14 @@ def test_a_run_that_ended_early_is_an_error_and_leaves_its_log(
         log.mkdir()
         return {"cycles": int(share * expected), "causes": ["off_path"], "states": {}}
 
-    monkeypatch.setattr(mandiola, "prepare", lambda *_: None)
+    def planned(_program: str, _cell: str, out: str, **_: Any) -> None:
+        (Path(out) / "plan.parquet").touch()
+
+    monkeypatch.setattr("counterflex.app.compensation.compensate.run", planned)
     monkeypatch.setattr(mandiola, "read_plan", lambda _: (path, {}))
     monkeypatch.setattr(closed_loop, "run", run)
     with pytest.raises(OutputError, match=r"square ended early.*off_path"):
-        mandiola.one(case, "square", "published")
+        run_tasks([mandiola.plan_of(case, "square"), mandiola.task_of(case, "square", "published")], 1, silent)
     part = case.folder / "square-published"
     assert (part.with_name("square-published-log")).is_dir()
     assert not (part / "done.json").exists()

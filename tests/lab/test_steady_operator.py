@@ -223,9 +223,11 @@ class Pipe:
 
     def __init__(self, block: Block, most: int = 1000) -> None:
         self.block, self.most, self.halted, self.told = block, most, threading.Event(), 0
+        self.pressed = False
 
     def poll(self, _: float) -> bool:
-        if self.told == 2:
+        if self.told == 2 and not self.pressed:
+            self.pressed = True
             signal.raise_signal(signal.SIGINT)
         return True
 
@@ -250,7 +252,7 @@ def test_a_run_that_is_interrupted_keeps_what_it_has_measured() -> None:
     block = block_of([State.ACTIVE] * 8, [300e-6] * 8, [0.0] * 8)
     out, _ = watched(Pipe(block))
     assert out.interrupted
-    assert len(out.blocks) == 2
+    assert len(out.blocks) == 3  # what was on its way, too
     whole, _ = watched(Pipe(block, most=1))
     assert not whole.interrupted
     assert len(whole.blocks) == 1
@@ -280,7 +282,7 @@ def test_progress_is_what_the_cell_has_played_not_the_time_that_passed(monkeypat
 def test_hours_of_simulated_time_that_are_interrupted_are_written(tmp_path: Path) -> None:
     """No row was written, and the summary said that a rule was broken."""
 
-    def progress(fraction: float, _: str = "") -> None:
+    def progress(fraction: float, what: str = "") -> None:
         if fraction > 0.4:
             raise Interrupted("as Ctrl-C")
 
@@ -289,7 +291,7 @@ def test_hours_of_simulated_time_that_are_interrupted_are_written(tmp_path: Path
     assert not done.broken
     assert [row["hours"] for row in done.rows[:2]] == [round(k * 5.0 / 3600.0, 4) for k in (1, 2)]
     last = done.rows[-1]
-    assert 12.0 < 3600.0 * last["hours"] < 15.0
+    assert 2990 < last["cycles"] < 3600
     assert last["written"] == last["replayed"] > 2500
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert (summary["interrupted"], len(summary["stretches"])) == (True, len(done.rows))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import read_job
+from counterflex.app.long_jobs.task import Task
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float
@@ -26,7 +27,7 @@ from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.family import WIDE
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
-from counterflex_lab.reproduce import online, online_case, online_report
+from counterflex_lab.reproduce import experiment, online, online_case, online_report
 from counterflex_lab.reproduce.wrong_plans import DRIFT_BASE_M, LONGER_M, WRONG
 
 SEED = 3
@@ -193,15 +194,21 @@ def test_page_and_table_show_the_same_figures() -> None:
 def test_the_job_puts_every_run_into_table_summary_and_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With runs that are made up: a worn tool costs 0.2 mm, and the hybrid brings three quarters of it back."""
 
-    def milled(_: str, seed: int, row: str, way: str, *, progress: Progress) -> dict[str, Any]:
+    def milled(part: str, *given: Any, progress: Progress) -> dict[str, Any]:
         progress(1.0)
-        lost = {"plan": 0.2, "hybrid": 0.05}.get(way, 0.2) if row == "worn tool" else 0.0
+        row, way, seed = Path(part).parent.name, Path(part).name, given[-1]
+        lost = {"plan": 0.2, "hybrid": 0.05}.get(way, 0.2) if row == "worn-tool" else 0.0
         return figures(0.1 * seed + lost)
 
+    def task_of(run: experiment.Run, planned: str, function: Any) -> Task:
+        return Task(run.name, run.name, function, (str(run.part), run.way, run.seed), (planned,), tells=True)
+
     monkeypatch.setattr("counterflex.app.campaign.campaign.run", lambda *_, **__: {})
-    monkeypatch.setattr(online, "prepare", lambda *_: None)
-    monkeypatch.setattr(online, "one", milled)
-    summary = online.run(tmp_path, seeds=(1, 2), rows=("worn tool",), workers=1)
+    monkeypatch.setattr(online_case, "write_case", lambda *_: None)
+    monkeypatch.setattr(online, "plan_task", lambda name, *_: Task(name, name, dict))
+    monkeypatch.setattr(experiment.Run, "task", task_of)
+    monkeypatch.setattr(online, "mill", milled)
+    summary = online.WrongPlans(tmp_path, seeds=(1, 2), rows=("worn tool",), workers=1).run()
     assert list(summary["rows"]) == ["as planned", "worn tool"]
     assert summary["rows"]["worn tool"]["hybrid"]["restored"] == pytest.approx(0.75)
     assert summary["goals"]["hybrid_restores"] == {"limit": 0.7, "worst": pytest.approx(0.75), "met": True}
@@ -212,6 +219,6 @@ def test_the_job_puts_every_run_into_table_summary_and_page(tmp_path: Path, monk
 
 def test_refusals(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="truth seeds"):
-        online.run(tmp_path, seeds=())
+        online.WrongPlans(tmp_path, seeds=())
     with pytest.raises(InputError, match="no such row"):
-        online.run(tmp_path, rows=("rain",))
+        online.WrongPlans(tmp_path, seeds=(1,), rows=("rain",))

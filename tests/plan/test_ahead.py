@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import wrench
-from counterflex.plan.ahead import arm_share, arrival
+from counterflex.plan.play_compensation import arm_share, arrival
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.signals.ahead import Ahead
 from counterflex.signals.preview import Mode, Shaping

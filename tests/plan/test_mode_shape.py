@@ -10,8 +10,7 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.plan.elastic_motion import matrices
-from counterflex.plan.mode_shape import point_motion
-from counterflex.plan.modes import modes
+from counterflex.plan.modes import modes, point_motion
 from counterflex.robot.elasticity.chain import forward, frames
 
 CELL = Path(__file__).resolve().parents[2] / "examples" / "cells" / "kr300_d16_small.toml"

@@ -12,16 +12,15 @@ import scipy.linalg
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
-from counterflex.plan.damping import ASSUMED_DAMPING
 from counterflex.plan.elastic_motion import DENSITY_KG_M3, coordinates, matrices
-from counterflex.plan.lowest_mode import RIGID_HZ, assumed_masses, can_move, mode_of
+from counterflex.plan.lowest_mode import ASSUMED_DAMPING, RIGID_HZ, assumed_masses, can_move, mode_of
 from counterflex.plan.modes import Spread, drawn_frequencies, frequency_response, kinetic_shares, lowest_mode, modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance
-from counterflex.robot.elasticity.equations import DOUBLE, walk
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import Servo
 from counterflex.signals.preview import Mode
+from elastic_equations import DOUBLE, walk
 
 POSTURES = [np.array([0.2, -1.4, 1.9, 0.3, 0.7, -0.4]), np.array([-0.9, -0.8, 1.2, -1.1, 1.3, 0.5])]
 TAPPED = Mode(50.0, 0.05)

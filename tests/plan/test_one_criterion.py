@@ -20,8 +20,8 @@ from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import _cuts, chattering, limit_of_row
-from counterflex.plan.damping import ASSUMED, ASSUMED_DAMPING, DAMPING_INTERVAL, Damping
 from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.lowest_mode import ASSUMED, ASSUMED_DAMPING, DAMPING_INTERVAL, Damping
 from counterflex.plan.placement import chatter as placement_chatter
 from counterflex.plan.placement.chatter import Feeding, feeding
 from counterflex.plan.stability.along import Structure, margins

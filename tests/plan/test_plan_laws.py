@@ -19,8 +19,8 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan import compensate as mending
 from counterflex.plan import cut as cutting
-from counterflex.plan.ahead import arrival
 from counterflex.plan.chip_range import outside, uncertainty
+from counterflex.plan.play_compensation import arrival
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.approximation import Corners, corners_of
 from counterflex.plan.preflight.held_speed import Cause, HeldSpeed, held_speed

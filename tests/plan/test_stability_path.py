@@ -14,8 +14,8 @@ from counterflex.cutting.stability.modes import Modes, modes_along
 from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.damping import Damping
 from counterflex.plan.inputs import solve_joints
+from counterflex.plan.lowest_mode import Damping
 from counterflex.plan.stability.along import Margin, Structure, confirmed, margins
 from counterflex.plan.stability.criterion import LARGEST, robot_limit
 from counterflex.plan.stability.diagram import diagram, needed_damping

@@ -13,16 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from counterflex.core.arrays import Float, Int
+import elastic_equations as equations
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.geometry import pose, rotation
-from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic, jacobian
 from counterflex.robot.elasticity.compliance import (
     LANES_FROM,
-    Corrections,
     cartesian_compliance,
-    corrections,
     deflection,
     element_jacobians,
     element_loads,
@@ -30,10 +28,9 @@ from counterflex.robot.elasticity.compliance import (
     shares,
 )
 from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
-from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
 from counterflex.robot.elasticity.kernels.step import CLAMPED, DAMPED, DAMPING_BELOW, REFUSE_BELOW, REFUSED
 from counterflex.robot.model.description import EndEffector, Robot, Segment
-from online_step import ElasticStep
+from online_step import ElasticStep, steps
 from twists import adjoint
 
 CHAINS = ("haehn", "heavy", "crooked")
@@ -67,8 +64,10 @@ def test_sign_of_the_whole_chain() -> None:
         d = deflection(one, np.zeros(6), np.array([0.0, 100.0, 0, 0, 0, 0]), nonlinear=nonlinear)
         assert d[1] * 1e6 == pytest.approx(8.3333333, abs=1e-6)
         assert d[5] * 1e6 == pytest.approx(8.3333333, abs=1e-6)
-    fix = corrections(one, np.zeros(6), np.array([0.0, 100.0, 0, 0, 0, 0]))
-    assert fix.status == REFUSED  # six joints in one point cannot correct anything
+    step = ElasticStep(one)
+    assert (
+        step(np.zeros(6), np.array([0.0, 100.0, 0, 0, 0, 0])) == REFUSED
+    )  # six joints in one point cannot correct anything
 
 
 def test_compliance_is_symmetric_and_positive_semidefinite(chain: ElasticChain, poses: Float) -> None:
@@ -324,7 +323,7 @@ def test_agreement_with_forty_digits(chain: ElasticChain, poses: Float, wrenches
     """1e-11 mm is 1e-14 m."""
     digits = equations.Arithmetic(mpmath.mpf, mpmath.cos, mpmath.sin, mpmath.sqrt, mpmath.atan2)
     step = ElasticStep(chain)
-    regular = np.flatnonzero(corrections(chain, poses, wrenches).sigma > 0.05)[:3]
+    regular = np.flatnonzero(steps(chain, poses, wrenches).sigma > 0.05)[:3]
     with mpmath.workdps(40):
         for q, w in zip(poses[regular], wrenches[regular], strict=True):
             want = equations.step(chain, q, w, digits)
@@ -336,45 +335,31 @@ def test_agreement_with_forty_digits(chain: ElasticChain, poses: Float, wrenches
             np.testing.assert_allclose(step.C, want.C.astype(float), rtol=1e-12, atol=1e-19)
 
 
-def by_lanes(chain: ElasticChain, q: Float, w: Float) -> tuple[Float, Float, Int, int, int]:
-    """Both lane kernels, below the size at which the public functions choose them."""
-    out, full, status = np.empty((len(q), 6)), np.empty((len(q), 19)), np.empty(len(q), dtype=np.int64)
-    c = chain.compact
-    redone = deflection_lanes(c, q, w, out)
-    return out, full, status, redone, step_lanes(c, q, w, full, status)
+def by_lanes(chain: ElasticChain, q: Float, w: Float) -> tuple[Float, int]:
+    """The lane kernel, below the size at which the public function chooses it; points left to the scalar kernel."""
+    out = np.empty((len(q), 6))
+    return out, deflection_lanes(chain.compact, q, w, out)
 
 
 def test_lanes_equal_scalar_kernels(chain: ElasticChain, poses: Float, wrenches: Float) -> None:
     for n in (1, 15, 16, 17, 399):  # incomplete blocks too
         q, w = poses[:n].copy(), wrenches[:n].copy()
-        out, full, status, _, _ = by_lanes(chain, q, w)
-        fix = corrections(chain, q, w)
+        out, _ = by_lanes(chain, q, w)
         np.testing.assert_allclose(out, deflection(chain, q, w), rtol=0, atol=1e-14)
-        np.testing.assert_allclose(full[:, :6], fix.deflection, rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(status, fix.status)
-        regular = fix.sigma > 0.05
-        np.testing.assert_allclose(full[regular, 6:12], fix.q_c[regular], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(full[regular, 12:18], fix.residual[regular], rtol=0, atol=1e-12)
 
 
 def test_lanes_leave_the_irregular_to_the_scalar_kernels(haehn: ElasticChain, poses: Float) -> None:
     q, w = poses[:32].copy(), np.zeros((32, 6))
     w[5] = [0.0, 3e4, 0.0, 0.0, 0.0, 0.0]
-    q[9, 4] = 1e-5  # wrist stretched
-    out, full, status, bent, irregular = by_lanes(haehn, q, w)
+    out, bent = by_lanes(haehn, q, w)
     assert bent == 1
-    assert irregular == 2
     np.testing.assert_allclose(out[5], deflection(haehn, q[5], w[5]), rtol=0, atol=1e-15)
-    assert status[9] == REFUSED
-    np.testing.assert_array_equal(full[9, 6:12], q[9])
 
 
 def test_large_batches_take_the_lanes_and_agree(haehn: ElasticChain, poses: Float, wrenches: Float) -> None:
     times = LANES_FROM // len(poses) + 1
     q, w = np.tile(poses, (times, 1)), np.tile(wrenches, (times, 1))
     np.testing.assert_allclose(deflection(haehn, q, w)[-400:], deflection(haehn, poses, wrenches), rtol=0, atol=1e-14)
-    many, few = corrections(haehn, q, w), corrections(haehn, poses, wrenches)
-    np.testing.assert_allclose(many.deflection[:400], few.deflection, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("asked", [{"gravity": True}, {"equilibrium": True}, {"gravity": True, "equilibrium": True}])
@@ -387,26 +372,23 @@ def test_large_batches_with_gravity_or_equilibrium_equal_small_ones(
     assert len(q) > 300
     few = deflection(heavy, poses[:40], wrenches[:40], **asked)
     np.testing.assert_allclose(deflection(heavy, q, w, **asked), np.tile(few, (8, 1)), rtol=0, atol=1e-14)
-    if "gravity" in asked:
-        fix, one = corrections(heavy, q, w, gravity=True), corrections(heavy, poses[:40], wrenches[:40], gravity=True)
-        np.testing.assert_allclose(fix.deflection, np.tile(one.deflection, (8, 1)), rtol=0, atol=1e-14)
-        np.testing.assert_allclose(fix.q_c, np.tile(one.q_c, (8, 1)), rtol=0, atol=1e-14)
-        sagging = one.deflection - corrections(heavy, poses[:40], wrenches[:40]).deflection
-        assert np.abs(sagging).max() > 1e-5  # the weight is not small here
+    if asked == {"gravity": True}:
+        plain, heavier = (steps(heavy, poses[:40], wrenches[:40], gravity=weighs).d for weighs in (False, True))
+        assert np.abs(heavier - plain).max() > 1e-5  # the weight is not small here
 
 
 def test_correction_undoes_the_deflection(chain: ElasticChain, poses: Float, wrenches: Float) -> None:
     for gravity in (False, True):
-        fix: Corrections = corrections(chain, poses, wrenches, gravity=gravity)
+        fix = steps(chain, poses, wrenches, gravity=gravity)
         good = (fix.status == 0) & (fix.sigma > 0.05)
         assert np.mean(good) > 0.5
         q, w = poses[good], wrenches[good]
         after = pose.difference(forward(chain, q), forward_elastic(chain, fix.q_c[good], w, gravity=gravity))
         np.testing.assert_allclose(after, fix.residual[good], atol=1e-12)
-        before = np.linalg.norm(fix.deflection[good, :3], axis=1)
+        before = np.linalg.norm(fix.d[good, :3], axis=1)
         assert np.all(np.linalg.norm(after[:, :3], axis=1) < 0.02 * before + 1e-9)
         moved = pose.difference(forward(chain, q), forward(chain, fix.q_c[good]))[:, :3]
-        assert np.all(np.sum(moved * fix.deflection[good, :3], axis=1) < 0.0)  # correction opposes deflection
+        assert np.all(np.sum(moved * fix.d[good, :3], axis=1) < 0.0)  # correction opposes deflection
 
 
 def test_step_near_a_singularity_damps_clamps_and_refuses(haehn: ElasticChain, poses: Float) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio
 import pytest
 
+import elastic_equations as equations
 from counterflex.core.arrays import Float
 from counterflex.geometry import pose, rotation
-from counterflex.robot.elasticity import equations
 from counterflex.robot.elasticity.chain import ElasticChain, forward, forward_elastic
 from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection, element_loads
 from counterflex.robot.elasticity.gravity import counterbalance_torque, sag, weight_loads

@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.runtime.plausibility.axis_check import ABOUT, EXACT, AxisCheck
-from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
+from counterflex.runtime.plausibility.limits import AxisTolerance
 from counterflex.runtime.state.states import Cause
 
 CELL: Cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")

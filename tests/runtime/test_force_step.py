@@ -16,7 +16,7 @@ from counterflex.files.cell.online import OnlineTable
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.plausibility import kernel as pk
-from counterflex.runtime.plausibility.doubts import idle_is_wrong
+from counterflex.runtime.plausibility.kernel import idle_is_wrong
 from counterflex.runtime.plausibility.limits import Plausibility
 from counterflex.runtime.settings import ForceMode, ForceOffset
 from counterflex.runtime.state.doubts import LIMITS, MEMORY

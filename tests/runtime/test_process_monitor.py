@@ -23,7 +23,7 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.fast_force import take_samples
-from counterflex.runtime.monitoring.feed_frame import feed_frame
+from counterflex.runtime.monitoring.monitor_kernel import feed_frame
 from counterflex.runtime.monitoring.plan import bounds, lost_tooth
 from counterflex.runtime.monitoring.records import MEMORY, RESULTS, SETTINGS, WEAR
 from counterflex.runtime.monitoring.settings import MonitorSettings, Reaction, decision_interval, run_length

@@ -180,7 +180,7 @@ def test_nothing_is_looked_for_before_the_first_telegram(silent: int) -> None:
     cell = read_cell(Path(counterflex.__file__).parent / "app" / "demo" / "cell.toml")
     points = there_and_back(4) + np.array([0.0, 0.0, 0.3])
     nothing = np.zeros((len(points), 6))
-    plan = LoopPlan(points, 0.01 * np.arange(len(points)), nothing, np.zeros(len(points)), nothing)
+    plan = LoopPlan(points, np.linspace(0.0, 16.0, len(points)), nothing, np.zeros(len(points)), nothing)
     loop = Loop(cell.chain, OnlineSettings(), cell.T_base_part, plan)
     q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
     for _ in range(silent):

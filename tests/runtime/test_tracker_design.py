@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.records import records
-from counterflex.runtime.design.feed_forward import lag_filter
 from counterflex.runtime.design.tracker import (
     DesignGoals,
     TrackerGains,
     closed_loop_radius,
     design,
     grid,
+    lag_filter,
     margins,
     margins_of,
     neighbours,

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from counterflex import __version__
+from counterflex.cli.main import LAB
 from counterflex.core.build_data import commit, commit_of, sentence
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,10 +41,28 @@ def test_the_wheel_is_pure_and_holds_all_that_the_package_has(built: Path) -> No
     wanted = {name for name in wanted if "__pycache__" not in name}
     assert wanted <= names
     assert not [name for name in names if name.endswith((".so", ".pyd", ".dll")) or name.startswith("tests/")]
+    assert not [name for name in names if "_lab" in name.partition("/")[0]]
+    assert "counterflex.commands" not in entries
     assert "counterflex = counterflex.cli.start:run" in entries
     assert bill == (ROOT / "requirements" / "counterflex.cdx.json").read_bytes()
     assert "License-Expression: Apache-2.0" in metadata
     assert re.search(r"^Requires-Python: .*>=3\.11", metadata, re.MULTILINE)
+
+
+def test_the_laboratory_is_a_wheel_of_its_own_with_its_commands(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT / "lab", check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert wheel.name == f"counterflex_lab-{__version__}-py3-none-any.whl"
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        entries = archive.read(f"counterflex_lab-{__version__}.dist-info/entry_points.txt").decode()
+        metadata = archive.read(f"counterflex_lab-{__version__}.dist-info/METADATA").decode()
+    source = ROOT / "lab"
+    wanted = {str(path.relative_to(source)) for path in (source / "counterflex_lab").rglob("*") if path.is_file()}
+    assert {name for name in wanted if "__pycache__" not in name} <= names
+    assert all(f"\n{name} = counterflex_lab.commands." in entries for name in LAB)
+    assert "Requires-Dist: counterflex\n" in metadata
 
 
 def test_the_source_distribution_builds_the_same_wheel_without_git(built: Path, tmp_path: Path) -> None:

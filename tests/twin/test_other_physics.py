@@ -20,9 +20,9 @@ from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.laboratory import pulls
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.live_cell import true_answer
-from counterflex.twin.plant.bristle_friction import apply_bristles, bristle_parameters, bristle_torque
 from counterflex.twin.plant.controller import as_it_is, moving_mean
 from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex.twin.plant.friction import apply_bristles, bristle_parameters, bristle_torque
 from counterflex.twin.plant.mjcf import coordinates
 from counterflex.twin.plant.other_forces import (
     apply_couplings,

@@ -12,11 +12,11 @@ from counterflex.core.progress import silent
 from counterflex.geometry import pose, rotation
 from counterflex.twin.laboratory import holder_loads as measure_holder_loads
 from counterflex.twin.laboratory import sensor_poses as measure_sensor_poses
-from counterflex.twin.laboratory.holder_cut import SideCut, cut_record
+from counterflex.twin.laboratory.holder_loads import SideCut, cut_record
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.force_sensor import force_sensor, sensor_place
-from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.plant import Plant
+from counterflex.twin.plant.slow_changes import Hose
 from counterflex.twin.plant.strain_holder import (
     HYSTERESIS_AT,
     HYSTERESIS_SHARE,

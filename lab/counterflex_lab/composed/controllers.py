@@ -11,15 +11,13 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.units import DEG, MM, MS
-from counterflex.files.cell.egm import EgmTable
+from counterflex.core.units import MM, MS
 from counterflex.geometry import pose
 from counterflex.path.stream import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.robot.wire import Wire
 from counterflex.runtime.settings import Delays
-from counterflex.runtime.state.states import State
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.motors import Motors
@@ -281,15 +279,7 @@ class EgmController:
         """As in :class:`Controller`."""
         where: dict[str, Any] = {"host": wire.address[0], "port": wire.address[1], "wire": wire, "clock_ns": clock_ns}
         if self._guides:
-            table = EgmTable(mode="pose")
-            guidance = GuidanceSettings(
-                lag_s=GUIDED.correction_s,
-                start=State.ARMED,
-                tolerance_m=table.start_tolerance_mm * MM,
-                tolerance_rad=table.start_tolerance_deg * DEG,
-                follow_m=table.follow_mm * MM,
-                speed_reference=table.speed_reference,
-            )
+            guidance = GuidanceSettings(lag_s=GUIDED.correction_s)
             self._link = EgmGuidanceLink(copy.copy(stream(self._period_s)), guidance, **where)
             return self._link
         return EgmPathLink(watch_only=False, period_s=self._period_s, **where)

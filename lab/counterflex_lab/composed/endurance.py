@@ -107,7 +107,7 @@ class _Table:
 
     def _tell(self, world: World) -> None:
         try:
-            self._progress(min(1.0, world.now_s / self._length_s), f"{world.now_s / 3600.0:.2f} h")
+            self._progress(min(1.0, world.now_s / self._length_s), f"{world.now_s / 3600.0:.3g} h")
         except (KeyboardInterrupt, Interrupted):
             self.interrupted = True
 

@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.robot.elasticity.chain import jacobian
 from counterflex.robot.elasticity.play import axis_torque
 from counterflex.runtime.sensing.motor_torque import MotorTorque
-from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A, MotorCurrents
+from counterflex.twin.plant.drives import DATA_SHEET_NM_A, MotorCurrents
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.story import Active
 from counterflex_lab.faults.demonstration import demo_cell

@@ -8,7 +8,8 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -20,14 +21,12 @@ from counterflex.runtime.settings import ForceMode, OnlineSettings
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex_lab.devices import RsiContext
-from counterflex_lab.faults.aftermath import aftermath, steady
+from counterflex_lab.faults.aftermath import STANDING, Aftermath, described, settled, steady, words
 from counterflex_lab.faults.demonstration import PERIOD_S, sensor_reading
-from counterflex_lab.faults.network import LARGEST_STEP_M, described
-from counterflex_lab.faults.rig import PATIENT, Rig
+from counterflex_lab.faults.rig import PATIENT, rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 
 _BEGUN_M: Final = 1e-5
-_SETTLED: Final = 250
 _TOLD_S: Final = 1.0
 _WRONG_S: Final = 0.12
 """Half of what a robot that does nothing with the correction took before."""
@@ -36,10 +35,6 @@ _TIMEOUT: Final = 12
 """Cycles until a controller with Timeout 10 has stopped by itself, and two of the rig."""
 _ONCE: Final = 380
 """Cycles until the robot's path begins anew."""
-
-
-def _words(cause: Cause) -> str:
-    return cause.name.lower().replace("_", " ")
 
 
 def _makes(answer: Callable[[Float], Float]) -> Callable[[Report], Report]:
@@ -58,55 +53,50 @@ def _clamped(c: Float) -> Float:
     return c * min(1.0, 0.5 * MM / max(1e-9, float(np.linalg.norm(c))))
 
 
-def _answers(answer: Callable[[Float], Float], end: str, within_s: float) -> Callable[[Effort], Outcome]:
-    """The robot answers so from the beginning; ``end``: told, fault, or nothing where it is right.
+def _answers(effort: Effort, *, answer: Callable[[Float], Float], end: str, within_s: float) -> Outcome:
+    """The robot answers so from the beginning.
 
     Args:
+        effort: How much it may take.
         answer: What it makes of a correction (3,), m.
-        end: ``told``, ``fault``, ``wrong`` (a fault within ``within_s``) or ``right``.
+        end: ``told``, ``fault``, ``wrong`` (a fault within ``within_s``), or ``right``: nothing happens.
         within_s: After the correction has begun.
     """
-
-    def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, force=steady, context=RsiContext()) as rig:
-            rig.shown = _makes(answer)
-            rig.activate()
-            begun, reported, ended, missing_m, true_m, sent_m = -1, -1, -1, 0.0, 0.0, 0.0
-            for k in range(_ONCE):
-                rig.cycle()
-                c = rig.loop.correction[:3]
-                begun = k if begun < 0 and np.linalg.norm(c) > _BEGUN_M else begun
-                reported = (
-                    k if reported < 0 and rig.seen.reported[-1] in (Cause.ANSWER_SHORT, Cause.WRONG_FRAME) else reported
-                )
-                if rig.state != State.ACTIVE:
-                    ended = k if ended < 0 else ended
-                    continue
-                sent_m = float(np.linalg.norm(c))
-                missing_m = rig.control[Shown.MISSING_MOST_NM] * 1e-9
-                true_m = float(np.linalg.norm(c - answer(c)))
-            state, cause = rig.state, rig.loop.cause
-        after = ((reported - begun) * PERIOD_S, (ended - begun) * PERIOD_S)
-        happened = "went on" if ended < 0 else f"{state.name.lower()} ({_words(cause)}) after {after[1]:.3f} s"
-        happened += f" at {sent_m / MM:.2f} mm; " if ended >= 0 else "; "
-        happened += "said: nothing" if reported < 0 else f"said after {after[0]:.3f} s: {missing_m / MM:.2f} mm missing"
-        happened += f", true {true_m / MM:.2f} mm"
-        passed = {
-            "right": reported < 0 and ended < 0,
-            "told": reported >= 0 and after[0] <= within_s and ended < 0 and abs(missing_m - true_m) < 0.2 * true_m,
-            "fault": reported >= 0 and after[0] <= within_s and (state, cause) == (State.FAULT, Cause.ANSWER_SHORT),
-            "wrong": ended >= 0 and after[1] <= within_s and (state, cause) == (State.FAULT, Cause.WRONG_FRAME),
-        }[end]
-        return Outcome(passed, happened, None, after[1] if ended >= 0 else None)
-
-    return run
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
+        rig.shown = _makes(answer)
+        rig.activate()
+        begun, reported, ended, missing_m, true_m, sent_m = -1, -1, -1, 0.0, 0.0, 0.0
+        for k in range(_ONCE):
+            rig.cycle()
+            c = rig.loop.correction[:3]
+            begun = k if begun < 0 and np.linalg.norm(c) > _BEGUN_M else begun
+            if reported < 0 and rig.seen.reported[-1] in (Cause.ANSWER_SHORT, Cause.WRONG_FRAME):
+                reported = k
+            if rig.state != State.ACTIVE:
+                ended = k if ended < 0 else ended
+                continue
+            sent_m = float(np.linalg.norm(c))
+            missing_m = rig.control[Shown.MISSING_MOST_NM] * 1e-9
+            true_m = float(np.linalg.norm(c - answer(c)))
+    state, cause = rig.state, rig.loop.cause
+    after = ((reported - begun) * PERIOD_S, (ended - begun) * PERIOD_S)
+    happened = "went on" if ended < 0 else f"{state.name.lower()} ({words(cause)}) after {after[1]:.3f} s"
+    happened += f" at {sent_m / MM:.2f} mm; " if ended >= 0 else "; "
+    happened += "said: nothing" if reported < 0 else f"said after {after[0]:.3f} s: {missing_m / MM:.2f} mm missing"
+    happened += f", true {true_m / MM:.2f} mm"
+    passed = {
+        "right": reported < 0 and ended < 0,
+        "told": reported >= 0 and after[0] <= within_s and ended < 0 and abs(missing_m - true_m) < 0.2 * true_m,
+        "fault": reported >= 0 and after[0] <= within_s and (state, cause) == (State.FAULT, Cause.ANSWER_SHORT),
+        "wrong": ended >= 0 and after[1] <= within_s and (state, cause) == (State.FAULT, Cause.WRONG_FRAME),
+    }[end]
+    return Outcome(passed, happened, None, after[1] if ended >= 0 else None)
 
 
 def _rings(effort: Effort) -> Outcome:
     """The force falls silent; the robot holds its feed and its reported pose rings, along its motion and across."""
-    with Rig(seed=effort.seed, force=lambda t: 0.5 * steady(t), context=RsiContext()) as rig:
-        rig.activate().run(_SETTLED)
-        begin, since = rig.cycle_count, [0]
+    with rigged(effort, force=lambda t: 0.5 * steady(t), context=RsiContext()) as rig:
+        after, since = settled(rig, STANDING), [0]
 
         def ringing(report: Report) -> Report:
             since[0] += int(rig.stands)
@@ -120,16 +110,11 @@ def _rings(effort: Effort) -> Outcome:
         for k in range(700):
             rig.sense = k > 60
             rig.cycle()
-        path, cause = rig.seen.path(begin), [c for c in rig.seen.reported[begin:] if c]
-        step, state = float(rig.seen.steps()[begin - 1 :].max()), rig.state
-    return Outcome(
-        state == State.ACTIVE and set(cause) == {Cause.FORCE_STALE} and step <= LARGEST_STEP_M,
-        f"{described(path)}; said: {', '.join(dict.fromkeys(map(_words, cause)))}",
-        step,
-    )
+    passed = rig.state == State.ACTIVE and after.causes == (Cause.FORCE_STALE,)
+    return after.outcome(passed, f"{described(after.path)}; said: {', '.join(map(words, after.causes))}")
 
 
-def _base(offset_mm: float, *, refused: bool) -> Callable[[Effort], Outcome]:
+def _base(effort: Effort, *, offset_mm: float, refused: bool) -> Outcome:
     """BASE of the program is off: all its poses are, its axis angles are not."""
 
     def shown(report: Report) -> Report:
@@ -138,22 +123,15 @@ def _base(offset_mm: float, *, refused: bool) -> Callable[[Effort], Outcome]:
         actual[1, 3] += offset_mm * MM
         return replace(report, T_part_nominal=nominal, T_part_actual=actual)
 
-    def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
-            rig.shown = shown
-            rig.control[Request.ARM] = 1
-            rig.run(400)
-            state, cause = rig.state, rig.seen.reported[-1]
-            learnt_mm = rig.control[Shown.FRAME_NM] * 1e-6
-        known = abs(learnt_mm - offset_mm) < 0.01
-        right = (
-            state < State.ARMED and cause in (Cause.FRAME_OFFSET, Cause.WRONG_FRAME)
-            if refused
-            else state == State.ARMED
-        )
-        return Outcome(known and right, f"{state.name.lower()} ({_words(cause)}); {learnt_mm:.3f} mm told")
-
-    return run
+    with rigged(effort) as rig:
+        rig.shown = shown
+        rig.control[Request.ARM] = 1
+        rig.run(400)
+    state, cause, learnt_mm = rig.state, rig.seen.reported[-1], rig.control[Shown.FRAME_NM] * 1e-6
+    not_armed = state < State.ARMED and cause in (Cause.FRAME_OFFSET, Cause.WRONG_FRAME)
+    right = not_armed if refused else state == State.ARMED
+    happened = f"{state.name.lower()} ({words(cause)}); {learnt_mm:.3f} mm told"
+    return Outcome(abs(learnt_mm - offset_mm) < 0.01 and right, happened)
 
 
 def _plan(depth_m: float = 0.0, feed: float = 1.0, force: float = 1.0) -> LoopPlan:
@@ -165,63 +143,53 @@ def _plan(depth_m: float = 0.0, feed: float = 1.0, force: float = 1.0) -> LoopPl
     return LoopPlan(p, (x - x[0]) / (_FEED_M_S * feed), w, np.ones(801), np.zeros((801, 6)))
 
 
-def _other_plan(expected: Cause, *, holds: bool, **plan: float) -> Callable[[Effort], Outcome]:
-    def run(effort: Effort) -> Outcome:
-        settings = OnlineSettings(force=ForceMode.MEASURED)
-        chosen: dict[str, Any] = {"settings": settings, "plan": _plan(**plan), "context": RsiContext()}
-        with Rig(seed=effort.seed, sensors=effort.sensors, force=steady, **chosen) as rig:
-            rig.activate()
-            begin = rig.cycle_count
-            rig.run(_ONCE)
-            after = aftermath(rig, begin)
-            first = next((k for k, cause in enumerate(rig.seen.reported[begin:]) if cause == expected), -1)
-        held = after.hold_s is not None
-        done = after.outcome(first >= 0 and first * PERIOD_S <= _TOLD_S and held == holds)
-        when = f"said after {first * PERIOD_S:.2f} s: {_words(expected)}" if first >= 0 else "never said"
-        return replace(done, happened=f"{when}; {done.happened}")
-
-    return run
+def _other_plan(effort: Effort, *, expected: Cause, holds: bool, **plan: float) -> Outcome:
+    settings = OnlineSettings(force=ForceMode.MEASURED)
+    with rigged(effort, force=steady, settings=settings, plan=_plan(**plan), context=RsiContext()) as rig:
+        after = Aftermath(rig.activate())
+        rig.run(_ONCE)
+    first = next((k for k, cause in enumerate(rig.seen.reported[after.begin :]) if cause == expected), -1)
+    when = f"said after {first * PERIOD_S:.2f} s: {words(expected)}" if first >= 0 else "never said"
+    passed = first >= 0 and first * PERIOD_S <= _TOLD_S and (after.hold_s is not None) == holds
+    return after.safe(passed, said=f"{when}; ")
 
 
 def _spikes(effort: Effort) -> Outcome:
     """Readings of 1500 N more, 2.5 % of them by chance."""
     rng = np.random.default_rng([effort.seed, 17])
     spike = sensor_reading() @ np.r_[0.0, 1500.0, 0.0, 0.0, 0.0, 0.0]
-    with Rig(seed=effort.seed, force=steady, context=RsiContext()) as rig:
-        rig.activate().run(_SETTLED)
-        before = rig.robot.correction[:3].copy()
-        begin = rig.cycle_count
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
+        after = settled(rig, STANDING)
         rig.sensed = lambda w: w + spike * float(rng.random() < 0.025)
         rig.run(700)
-        moved = max(float(np.linalg.norm(c - before)) for c in rig.seen.correction_m[begin:])
-        spikes, state = int(rig.control[Shown.FORCE_SPIKES]), rig.state
+    corrections, spikes = after.corrections_m, int(rig.control[Shown.FORCE_SPIKES])
+    moved = float(np.linalg.norm(corrections - corrections[0], axis=1).max())
     return Outcome(
-        state == State.ACTIVE and moved < 0.02 * MM and spikes > 0,
-        f"{state.name.lower()}; followed by {moved / MM:.3f} mm; {spikes} cycles with spikes left out and told",
+        rig.state == State.ACTIVE and moved < 0.02 * MM and spikes > 0,
+        f"{rig.state.name.lower()}; followed by {moved / MM:.3f} mm; {spikes} cycles with spikes left out and told",
     )
 
 
 def _slow_sensor(effort: Effort) -> Outcome:
     """A force sensor that sends 100 readings a second, the least that is allowed."""
-    with Rig(seed=effort.seed, force=steady, context=RsiContext()) as rig:
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
         rig.control[Request.ARM] = 1
         for k in range(1200):
             rig.enable = rig.enable or rig.state == State.ARMED
             rig.feed = rig.feed or rig.state == State.ACTIVE
             rig.sense = (2 * k) % 5 < 2  # every second or third cycle: 10 ms
             rig.cycle()
-        state, cause = rig.state, rig.seen.reported[-1]
-        active = sum(one == State.ACTIVE for one in rig.seen.state)
-    return Outcome(state == State.ACTIVE and active > 500, f"{state.name.lower()} ({_words(cause)}), {active} cycles")
+    active, said = sum(one == State.ACTIVE for one in rig.seen.state), words(rig.seen.reported[-1])
+    return Outcome(rig.state == State.ACTIVE and active > 500, f"{rig.state.name.lower()} ({said}), {active} cycles")
 
 
 def _elsewhere(effort: Effort) -> Outcome:
     """The controller is started again and sends from another port of its computer."""
     with (
-        Rig(seed=effort.seed, force=steady, context=RsiContext(timeout=PATIENT)) as rig,
+        rigged(effort, force=steady, context=RsiContext(timeout=PATIENT)) as rig,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
     ):
-        rig.activate().run(_SETTLED)
+        settled(rig, STANDING)
         other.bind(("127.0.0.1", 0))
         other.setblocking(False)
         before = rig.robot_socket
@@ -236,7 +204,7 @@ def _elsewhere(effort: Effort) -> Outcome:
         rig.robot_socket = before
     return Outcome(
         port == own and state == State.FAULT and cycles <= _TIMEOUT,
-        f"{state.name.lower()} ({_words(cause)}); said after {cycles} cycles: the controller sends from another port",
+        f"{state.name.lower()} ({words(cause)}); said after {cycles} cycles: the controller sends from another port",
         None,
         cycles * PERIOD_S,
     )
@@ -244,21 +212,28 @@ def _elsewhere(effort: Effort) -> Outcome:
 
 def _refused(effort: Effort) -> Outcome:
     """The controller refuses every answer, because it expects another SENTYPE."""
-    with Rig(seed=effort.seed, sensors=effort.sensors, context=RsiContext(timeout=PATIENT)) as rig:
+    with rigged(effort, context=RsiContext(timeout=PATIENT)) as rig:
         rig.robot.config = replace(rig.config, sentype="Other")
         rig.control[Request.ARM] = 1
         rig.run(400)
         state, cause, refused = rig.state, rig.seen.reported[-1], rig.robot.late
     return Outcome(
         state < State.ARMED and cause == Cause.TELEGRAMS_LATE,
-        f"{state.name.lower()} ({_words(cause)}); {refused} answers refused",
+        f"{state.name.lower()} ({words(cause)}); {refused} answers refused",
     )
 
 
 _FORCE: Final = ("force",)
 SCENARIOS: Final = (
     *(
-        Scenario("R19", f"answer-{name}", injected, required, _answers(answer, end, within_s), sensors=_FORCE)
+        Scenario(
+            "R19",
+            f"answer-{name}",
+            injected,
+            required,
+            partial(_answers, answer=answer, end=end, within_s=within_s),
+            sensors=_FORCE,
+        )
         for name, injected, required, answer, end, within_s in (
             ("right", "nothing: the robot makes the correction", "goes on, nothing is said", np.copy, "right", 0.0),
             (
@@ -298,43 +273,49 @@ SCENARIOS: Final = (
         sensors=_FORCE,
     ),
     Scenario(
-        "R19", "base-3mm", "BASE of the program is 3 mm off", "not armed; its size told", _base(3.0, refused=True)
+        "R19",
+        "base-3mm",
+        "BASE of the program is 3 mm off",
+        "not armed; its size told",
+        partial(_base, offset_mm=3.0, refused=True),
     ),
-    Scenario("R19", "base-0.5mm", "the same by 0.5 mm", "armed; its size told", _base(0.5, refused=False)),
+    Scenario(
+        "R19", "base-0.5mm", "the same by 0.5 mm", "armed; its size told", partial(_base, offset_mm=0.5, refused=False)
+    ),
     Scenario(
         "R32",
         "plan-deeper",
         "the plan is 2 mm deeper than the program",
         "held within 1 s of the contact, named",
-        _other_plan(Cause.OFF_PATH, holds=True, depth_m=2.0 * MM),
+        partial(_other_plan, expected=Cause.OFF_PATH, holds=True, depth_m=2.0 * MM),
     ),
     Scenario(
         "R32",
         "plan-0.7mm-deeper",
         "the same by 0.7 mm",
         "told within 1 s, goes on",
-        _other_plan(Cause.OFF_PATH, holds=False, depth_m=0.7 * MM),
+        partial(_other_plan, expected=Cause.OFF_PATH, holds=False, depth_m=0.7 * MM),
     ),
     Scenario(
         "R32",
         "plan-slower",
         "the plan is for half of the feed",
         "held within 1 s, named",
-        _other_plan(Cause.FEED_DIFFERS, holds=True, feed=0.5),
+        partial(_other_plan, expected=Cause.FEED_DIFFERS, holds=True, feed=0.5),
     ),
     Scenario(
         "R32",
         "plan-faster",
         "the plan is for twice the feed",
         "told within 1 s, goes on",
-        _other_plan(Cause.FEED_DIFFERS, holds=False, feed=2.0),
+        partial(_other_plan, expected=Cause.FEED_DIFFERS, holds=False, feed=2.0),
     ),
     Scenario(
         "R32",
         "plan-other-force",
         "the plan expects twice the force",
         "told within 1 s, goes on",
-        _other_plan(Cause.FORCE_OFF_PLAN, holds=False, force=2.5),
+        partial(_other_plan, expected=Cause.FORCE_OFF_PLAN, holds=False, force=2.5),
     ),
     Scenario(
         "R15",

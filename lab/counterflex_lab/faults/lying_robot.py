@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -14,51 +15,39 @@ from counterflex.geometry import rotation
 from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.commanded_motion import Report
 from counterflex_lab.devices import RsiContext
-from counterflex_lab.faults.aftermath import aftermath, steady
-from counterflex_lab.faults.rig import Rig
+from counterflex_lab.faults.aftermath import STANDING, Aftermath, settled, steady
+from counterflex_lab.faults.rig import rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 
-_SETTLED: Final = 250
 _AFTER: Final = 700
 _FOLLOWED_M: Final = 0.1 * MM
 _HOLD_WITHIN_S: Final = 0.5
 _Shown = Callable[[Report], Report]
 
 
-def _false_report(shown: _Shown) -> Callable[[Effort], Outcome]:
+def _false_report(effort: Effort, *, shown: _Shown) -> Outcome:
     """From some cycle on the controller shows what is not so."""
-
-    def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, sensors=effort.sensors, force=steady, context=RsiContext()) as rig:
-            rig.activate().run(_SETTLED)
-            begin = rig.cycle_count
-            rig.shown = shown
-            rig.run(_AFTER)
-            after = aftermath(rig, begin)
-        ended = after.hold_s is not None and after.hold_s <= _HOLD_WITHIN_S
-        return after.outcome(after.followed_m <= _FOLLOWED_M and ended and len(after.causes) > 0)
-
-    return run
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
+        after = settled(rig, STANDING)
+        rig.shown = shown
+        rig.run(_AFTER)
+    ended = after.hold_s is not None and after.hold_s <= _HOLD_WITHIN_S
+    return after.safe(after.followed_m <= _FOLLOWED_M and ended and len(after.causes) > 0)
 
 
-def _false_from_start(shown: _Shown) -> Callable[[Effort], Outcome]:
+def _false_from_start(effort: Effort, *, shown: _Shown) -> Outcome:
     """It shows what is not so from the beginning, as where the base or the tool is another one: it must not correct."""
-
-    def run(effort: Effort) -> Outcome:
-        with Rig(seed=effort.seed, sensors=effort.sensors, force=steady, context=RsiContext()) as rig:
-            rig.shown = shown
-            rig.control[0] = 1
-            for _ in range(400):
-                rig.enable = rig.enable or rig.state == State.ARMED
-                rig.cycle()
-            begin = rig.cycle_count
-            rig.feed = True
-            rig.run(_AFTER)
-            largest = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m)
-            after = aftermath(rig, begin)
-        return replace(after, without=0).outcome(largest <= 2.0 * _FOLLOWED_M and len(after.causes) > 0)
-
-    return run
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
+        rig.shown = shown
+        rig.control[0] = 1
+        for _ in range(400):
+            rig.enable = rig.enable or rig.state == State.ARMED
+            rig.cycle()
+        after = Aftermath(rig)
+        rig.feed = True
+        rig.run(_AFTER)
+    largest = max(float(np.linalg.norm(c)) for c in rig.seen.correction_m)
+    return after.safe(largest <= 2.0 * _FOLLOWED_M and len(after.causes) > 0, from_begin=True)
 
 
 def _turned(report: Report) -> Report:
@@ -93,31 +82,20 @@ def _axis(number: int, by_deg: float) -> _Shown:
     return shown
 
 
-def _flickers(pattern: Callable[[int, np.random.Generator], bool], *, goes_on: bool) -> Callable[[Effort], Outcome]:
+def _flickers(effort: Effort, *, pattern: Callable[[int, np.random.Generator], bool], goes_on: bool) -> Outcome:
     """Enable as a pattern says, from some cycle on."""
-
-    def run(effort: Effort) -> Outcome:
-        rng = np.random.default_rng([effort.seed, 11])
-        with Rig(seed=effort.seed, sensors=effort.sensors, force=steady, context=RsiContext()) as rig:
-            rig.activate().run(_SETTLED)
-            begin = rig.cycle_count
-            for k in range(_AFTER):
-                rig.enable = pattern(k, rng)
-                rig.cycle()
-            after = aftermath(rig, begin)
-            active = rig.state == State.ACTIVE
-        return after.outcome(active if goes_on else bool(after.causes))
-
-    return run
-
-
-def _for_good(k: int, _: np.random.Generator) -> bool:
-    return k < 0
+    rng = np.random.default_rng([effort.seed, 11])
+    with rigged(effort, force=steady, context=RsiContext()) as rig:
+        after = settled(rig, STANDING)
+        for k in range(_AFTER):
+            rig.enable = pattern(k, rng)
+            rig.cycle()
+    return after.safe(rig.state == State.ACTIVE if goes_on else bool(after.causes))
 
 
 SCENARIOS: Final = (
     *(
-        Scenario("R19", name, injected, required, _false_report(shown))
+        Scenario("R19", name, injected, required, partial(_false_report, shown=shown))
         for name, injected, required, shown in (
             (
                 "rist-turned",
@@ -132,7 +110,13 @@ SCENARIOS: Final = (
         )
     ),
     *(
-        Scenario("R19", name, injected, "never corrected by more than 0.2 mm, and why", _false_from_start(shown))
+        Scenario(
+            "R19",
+            name,
+            injected,
+            "never corrected by more than 0.2 mm, and why",
+            partial(_false_from_start, shown=shown),
+        )
         for name, injected, shown in (
             ("rist-turned-before", "RIst is turned from the beginning", _turned),
             ("axis-2-off-before", "axis 2 is off by 20 deg from the beginning", _axis(1, 20.0)),
@@ -143,20 +127,20 @@ SCENARIOS: Final = (
         "enable-one-cycle",
         "Enable is low for one cycle in the cut",
         "the cut goes on corrected",
-        _flickers(lambda k, _: k != 0, goes_on=True),
+        partial(_flickers, pattern=lambda k, _: k != 0, goes_on=True),
     ),
     Scenario(
         "R37",
         "enable-flickers",
         "Enable is low in every second cycle, by chance",
         "the cut goes on corrected, or the feed is held and it is said",
-        _flickers(lambda _, rng: bool(rng.random() < 0.5), goes_on=False),
+        partial(_flickers, pattern=lambda _, rng: bool(rng.random() < 0.5), goes_on=False),
     ),
     Scenario(
         "R37",
         "enable-off",
         "Enable is low from now on, the program and the cut go on",
         "the feed is held while the correction is away, and it is said",
-        _flickers(_for_good, goes_on=False),
+        partial(_flickers, pattern=lambda _k, _: False, goes_on=False),
     ),
 )

@@ -20,6 +20,7 @@ from counterflex.protocols.processes.control_array import CONTROL, Request
 from counterflex.protocols.system.realtime import prepare
 from counterflex.runtime.state.supervisor import State
 from counterflex_lab.devices import OK, FakeRsi, NetftServer, RsiContext, RsiLink, answer_reader
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import (
     PERIOD_S,
     demo_config,
@@ -29,7 +30,6 @@ from counterflex_lab.faults.demonstration import (
     sensor_link,
     sensor_reading,
 )
-from counterflex_lab.faults.network import LARGEST_STEP_M
 from counterflex_lab.faults.rig import PATIENT, square
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 from counterflex_lab.faults.seen import named

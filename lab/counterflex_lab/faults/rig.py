@@ -34,6 +34,7 @@ from counterflex_lab.faults.demonstration import (
     sensor_link,
     sensor_reading,
 )
+from counterflex_lab.faults.scenario import Effort
 from counterflex_lab.faults.seen import Seen
 from counterflex_lab.faults.tracked_tool import SimulatedTracker
 
@@ -347,3 +348,8 @@ class Rig:
         seen.run_cycles.append(self.run_cycles)
         result = self.loop.result
         seen.reported.append(Cause(int(result.cause or result.soft or result.degraded)))
+
+
+def rigged(effort: Effort, *ways: Impairment | None, **given: Any) -> Rig:
+    """A rig with seed and sensors as asked for; arguments as those of :class:`Rig`."""
+    return Rig(*ways, **{"seed": effort.seed, "sensors": effort.sensors, **given})

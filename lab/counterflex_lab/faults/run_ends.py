@@ -15,8 +15,8 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.units import MM
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.demonstration import PERIOD_S
-from counterflex_lab.faults.network import LARGEST_STEP_M
 from counterflex_lab.faults.run_rig import RunRig, command
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 

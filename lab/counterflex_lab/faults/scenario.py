@@ -47,6 +47,10 @@ class Outcome:
     safe_s: float | None = None
     figures: dict[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        """A comparison of arrays gives a truth value that JSON does not know."""
+        object.__setattr__(self, "passed", bool(self.passed))
+
 
 @dataclass(frozen=True)
 class Scenario:

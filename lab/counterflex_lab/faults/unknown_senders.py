@@ -12,15 +12,15 @@ from counterflex.core.errors import OutputError
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.network.impairment import Impairment
 from counterflex_lab.devices import RsiLink, answer_writer
+from counterflex_lab.faults.aftermath import Aftermath, described, settled
 from counterflex_lab.faults.demonstration import PERIOD_S
-from counterflex_lab.faults.network import described
-from counterflex_lab.faults.rig import Rig
+from counterflex_lab.faults.rig import rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 
 
 def _second(effort: Effort) -> Outcome:
     """A second loop on the port of the first."""
-    with Rig(seed=effort.seed, sensors=effort.sensors) as rig:
+    with rigged(effort) as rig:
         rig.activate()
         message = ""
         for host in ("127.0.0.1", "0.0.0.0"):
@@ -30,37 +30,32 @@ def _second(effort: Effort) -> Outcome:
                 message = str(fault).split(": ", 1)[-1].split(".")[0]
             else:
                 return Outcome(False, f"a second loop could listen at {host}")
-        begin = rig.cycle_count
+        after = Aftermath(rig)
         rig.run(200)
-        state = rig.state
-        step = float(rig.seen.steps()[begin - 1 :].max())
-    return Outcome(state == State.ACTIVE, f"refused ({message}); the first one goes on", step)
+    return Outcome(rig.state == State.ACTIVE, f"refused ({message}); the first one goes on", after.step_m)
 
 
 def _other_answers(effort: Effort) -> Outcome:
     """Another program answers the robot where the loop does not; its answers are good ones that ask for zero."""
-    with Rig(Impairment(loss=0.02), seed=effort.seed, sensors=effort.sensors) as rig:
+    with rigged(effort, Impairment(loss=0.02)) as rig:
         writer = answer_writer(rig.config)
-        begin = rig.activate().cycle_count
-        rig.run(50)
+        after = settled(rig, 50)
 
         def zero(counter: int) -> bytes:
             writer.values[:] = 0.0
             return writer.telegram(counter)
 
         rig.other = zero
-        since = rig.cycle_count
         lost = rig.link.counters.lost
-        while rig.state != State.FAULT and rig.cycle_count < since + 3_000:
+        while rig.state != State.FAULT and rig.cycle_count < after.begin + 3_000:
             rig.cycle()
-        cause, unexplained = rig.loop.cause, rig.link.counters.lost - lost
-        path = rig.seen.path(begin)
+    unexplained, path = rig.link.counters.lost - lost, rig.seen.path(after.begin - 50)
     return Outcome(
-        cause == Cause.FOREIGN_PEER,
+        rig.loop.cause == Cause.FOREIGN_PEER,
         f"fault after {unexplained} cycles that the loop did not answer and the controller did not count; "
         f"{described(path)}",
         None,
-        (rig.cycle_count - since) * PERIOD_S,
+        (rig.cycle_count - after.begin) * PERIOD_S,
     )
 
 
@@ -71,21 +66,19 @@ def _strangers(effort: Effort) -> Outcome:
     taken_s = 0.0
     for disturbed in (False, True):
         with (
-            Rig(seed=effort.seed, sensors=effort.sensors) as rig,
+            rigged(effort) as rig,
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
         ):
             stranger.bind(("127.0.0.1", 0))
-            begin = rig.activate().cycle_count
+            after = Aftermath(rig.activate())
             forged = rig.next_telegram().replace(b"<IPOC>4", b"<IPOC>3")
             for _ in range(cycles):
-                if disturbed:
-                    for k in range(40):
-                        rig.to_loop(forged if k % 2 else b"rubbish", stranger)
+                for k in range(40 * disturbed):
+                    rig.to_loop(forged if k % 2 else b"rubbish", stranger)
                 rig.cycle()
             paths.append(np.array(rig.seen.correction_m))
             foreign = rig.link.counters.foreign
-            answered = int(np.sum(np.array(rig.seen.age[begin:]) == 0))
-            step = float(rig.seen.steps()[begin - 1 :].max())
+            answered = int(np.sum(np.array(rig.seen.age[after.begin :]) == 0))
             if disturbed:
                 for k in range(200):
                     rig.to_loop(forged if k % 2 else b"rubbish", stranger)
@@ -97,7 +90,7 @@ def _strangers(effort: Effort) -> Outcome:
         same and foreign == 40 * cycles and answered == cycles,
         f"{foreign} dropped unread and counted, {answered} of {cycles} telegrams answered in their cycle, corrections "
         f"{'the same bit for bit' if same else 'DIFFERENT'}",
-        step,
+        after.step_m,
         None,
         {"drop_us": round(taken_s * 1e6, 2)},
     )

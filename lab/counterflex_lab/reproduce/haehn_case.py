@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import tomllib
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +18,7 @@ import numpy as np
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM
 from counterflex.files.schema import write_toml
+from counterflex_lab.reproduce.way import LIMITS, Way
 
 EDGES: Final[dict[str, float]] = {"straight": 0.0, "oblique": 40.0}
 """Angle in degrees between the normal of the exit edge and the feed."""
@@ -30,35 +30,27 @@ _CENTRE_BASE_MM: Final = (1400.0, -60.0)
 """Middle of the groove in the robot's base."""
 _RUN_MM: Final = 22.0
 """From the edge to the start in the air, and from the edge to the end."""
-_ONLINE: Final[dict[str, Any]] = {"correction_mm": 3.0, "speed_mm_s": 60.0, "acceleration_mm_s2": 4000.0}
 
 
-@dataclass(frozen=True)
-class Kind:
-    """One way of correcting.
+def _ways() -> dict[str, Way]:
+    """Each sent as a Cartesian correction, and where it is ``both`` as one of the axes under a name of its own."""
+    both, one = OUTPUTS, OUTPUTS[:1]
+    return {
+        name if output == "cartesian" else f"{name}_axes": Way(title, {**online, "output": output}, planned, armed)
+        for name, title, online, planned, armed, outputs in (
+            ("uncompensated", "nothing corrected", {"force": "measured"}, False, False, one),
+            ("force", "measured force", {"force": "measured"}, False, True, both),
+            ("force_pilot_40ms", "with pilot control, lead as published", _PUBLISHED, False, True, one),
+            ("force_pilot", "with pilot control, lead as computed", {"force": "pilot"}, False, True, both),
+            ("plan", "plan alone", {"force": "measured"}, True, False, one),
+            ("hybrid", "plan and rest", {"force": "scale"}, True, True, both),
+        )
+        for output in outputs
+    }
 
-    Attributes:
-        online: What stands in ``[online]`` beside the limits.
-        compensated: The robot runs the compensated program.
-        armed: The loop acts; else it only watches.
-        outputs: Ways of sending it that are compared.
-    """
 
-    online: dict[str, Any]
-    compensated: bool = False
-    armed: bool = True
-    outputs: tuple[str, ...] = OUTPUTS
-
-
-KINDS: Final[dict[str, Kind]] = {
-    "uncompensated": Kind({"force": "measured"}, armed=False, outputs=("cartesian",)),
-    "force": Kind({"force": "measured"}),
-    "force_pilot_40ms": Kind({"force": "pilot", "lead_ms": 40.0}, outputs=("cartesian",)),
-    "force_pilot": Kind({"force": "pilot"}),
-    "plan": Kind({"force": "measured"}, compensated=True, armed=False, outputs=("cartesian",)),
-    "hybrid": Kind({"force": "scale"}, compensated=True),
-}
-"""Without correction; measured force; with pilot control, lead as published and computed; plan alone; plan and rest."""
+_PUBLISHED: Final[dict[str, Any]] = {"force": "pilot", "lead_ms": 40.0}
+WAYS: Final = _ways()
 
 
 MIDDLE_M: Final = np.array([0.5 * _BLANK_MM[0], 0.5 * _BLANK_MM[1], 0.0]) * MM
@@ -72,16 +64,6 @@ def cut_length_m(edge: str) -> float:
         edge: Of :data:`EDGES`.
     """
     return _BLANK_MM[0] * MM / math.cos(EDGES[edge] * DEG)
-
-
-def names() -> tuple[str, ...]:
-    """Names of all variants, ``<kind>`` for Cartesian and ``<kind>_axes`` for axis-specific corrections."""
-    return tuple(variant_name(kind, output) for kind, item in KINDS.items() for output in item.outputs)
-
-
-def variant_name(kind: str, output: str) -> str:
-    """Name of a kind sent in one way."""
-    return kind if output == "cartesian" else f"{kind}_axes"
 
 
 def program(angle_deg: float) -> str:
@@ -144,7 +126,7 @@ def cell_table(base: dict[str, Any], angle_deg: float, online: dict[str, Any] | 
     }
     out["dynamics"] = {**base.get("dynamics", {}), "swing_um": 0.0}  # the paper's feed; the robot runs both programs
     if online is not None:
-        out["online"] = {**_ONLINE, **online}
+        out["online"] = {**LIMITS, **online}
     return out
 
 
@@ -166,10 +148,8 @@ def write_cells(base: dict[str, Any], folder: Path, edge: str) -> None:
     angle = EDGES[edge]
     write_text(folder / PROGRAM, program(angle))
     write_toml(folder / OFFLINE, cell_table(base, angle))
-    for kind, item in KINDS.items():
-        for output in item.outputs:
-            online = {**item.online, "output": output}
-            write_toml(folder / cell_name(kind, output), cell_table(base, angle, online))
+    for name, way in WAYS.items():
+        write_toml(folder / cell_name(name), cell_table(base, angle, way.online))
 
 
 PROGRAM: Final = "groove.ngc"
@@ -177,6 +157,6 @@ OFFLINE: Final = "cell.toml"
 """Cell file without ``[online]``, from which the plan is made."""
 
 
-def cell_name(kind: str, output: str) -> str:
-    """File name of a variant's cell."""
-    return f"cell-{variant_name(kind, output)}.toml"
+def cell_name(way: str) -> str:
+    """File name of the cell of a way of correcting."""
+    return f"cell-{way}.toml"

@@ -20,10 +20,11 @@ from counterflex.files.run_file import read_run
 from counterflex.path.toolpath import FEED
 from counterflex.report.groove_page import Dot, GrooveData, GrooveRun, groove_page
 from counterflex_lab.reproduce import haehn_case
+from counterflex_lab.reproduce.haehn_case import WAYS
+from counterflex_lab.reproduce.way import REFUSED
 
 PARTS: Final = ("entry", "plateau", "exit", "path")
 EDGE_TITLES: Final = {"straight": "straight edge", "oblique": "edge turned by 40 deg"}
-REFUSED: Final = "Runs left out: the loop refused to act; the causes are in summary.json."
 _CARDS: Final = (
     ("uncompensated", "Without correction"),
     ("force", "Measured force"),
@@ -32,18 +33,12 @@ _CARDS: Final = (
 )
 
 
-def acted(name: str, figures: Mapping[str, Any]) -> bool:
-    """Whether a run did what its variant says: the loop corrected, or was to watch only."""
-    kind = haehn_case.KINDS[name.removesuffix("_axes")]
-    return not kind.armed or "active" in figures["loop"]["states"]
-
-
 def spread(summary: Mapping[str, Any], name: str, edge: str, part: str) -> str:
     """Median and worst of a figure over the truths, mm; one number of one, a dash where no run counts."""
     values = [
         row["variants"][name][part]["max_mm"]
         for row in summary["seeds"]
-        if row["edge"] == edge and acted(name, row["variants"][name]) and part in row["variants"][name]
+        if row["edge"] == edge and WAYS[name].acted(row["variants"][name]) and part in row["variants"][name]
     ]
     if not values:
         return "-"
@@ -63,7 +58,7 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         Dot(name, row["edge"], row["seed"], figures["path"]["max_mm"], figures["exit"]["max_mm"])
         for row in summary["seeds"]
         for name, figures in row["variants"].items()
-        if acted(name, figures)
+        if WAYS[name].acted(figures)
     ]
     best = "hybrid" if "hybrid" in names else names[-1]
     worst = max((d for d in dots if d.variant == best), key=lambda d: d.path_mm, default=dots[0])
@@ -137,7 +132,7 @@ def _drawn(summary: Mapping[str, Any], folder: Path) -> list[GrooveRun]:
         cell = read_cell(place / haehn_case.OFFLINE)
         job = read_job(place / haehn_case.PROGRAM, cell)
         for name, figures in row["variants"].items():
-            if acted(name, figures):
+            if WAYS[name].acted(figures):
                 out.append(groove_run(place / name, name, row["edge"], row["seed"], job, cell))
     return out
 

@@ -9,7 +9,6 @@ clamped end. The bridges sit where the drawing of the holder says that they tell
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +21,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.schema import write_toml
 from counterflex.identify.holder.proposal import choose_gauges
 from counterflex.sensing.strain_holder import HolderBeam
+from counterflex_lab.reproduce.way import LIMITS, Way
 
 PROGRAM: Final = "edge.ngc"
 CATALOGUE: Final = "catalogue.toml"
@@ -36,32 +36,15 @@ DRAWING: Final[dict[str, Any]] = {
 }
 BRIDGES: Final = 6
 _BLANK_MM: Final = (150.0, 60.0, 30.0)
-_LIMITS: Final[dict[str, Any]] = {"correction_mm": 3.0, "speed_mm_s": 60.0, "acceleration_mm_s2": 4000.0}
-
-
-@dataclass(frozen=True)
-class Way:
-    """One way of correcting.
-
-    Attributes:
-        title: For people.
-        online: What stands in ``[online]`` beside the limits.
-        compensated: The robot runs the compensated program.
-        armed: The loop acts; else it only watches.
-    """
-
-    title: str
-    online: dict[str, Any]
-    compensated: bool = False
-    armed: bool = True
 
 
 WAYS: Final[dict[str, Way]] = {
-    "uncorrected": Way("original program, nothing corrected", {"force": "measured"}, armed=False),
-    "holder force": Way("the force of the holder (Fig. 1)", {"force": "measured"}),
-    "holder + plan": Way(
-        "compensated program and what the holder shows beside the plan", {"force": "scale"}, compensated=True
-    ),
+    name: Way(title, {"force_from": "holder", "force": force}, planned, armed, force=False, holder=True)
+    for name, title, force, planned, armed in (
+        ("uncorrected", "original program, nothing corrected", "measured", False, False),
+        ("holder force", "the force of the holder (Fig. 1)", "measured", False, True),
+        ("holder + plan", "compensated program and what the holder shows beside the plan", "scale", True, True),
+    )
 }
 """Rows of the table."""
 
@@ -146,7 +129,7 @@ def write_cells(base: dict[str, Any], place: Path) -> None:
     """
     place.mkdir(parents=True, exist_ok=True)
     for name, way in WAYS.items():
-        write_toml(place / cell_name(name), {**base, "online": {**_LIMITS, "force_from": "holder", **way.online}})
+        write_toml(place / cell_name(name), {**base, "online": {**LIMITS, **way.online}})
 
 
 def cell_name(way: str) -> str:

@@ -1,40 +1,30 @@
-"""Reproduce Mandiola2023: square and circle with a tracker in the loop, over sockets, judged by the true tool.
-
-Every run is kept on disk when it has ended; an interrupted job goes on where it was.
-"""
+"""Reproduce Mandiola2023: square and circle with a tracker in the loop, over sockets, judged by the true tool."""
 
 from __future__ import annotations
 
-import shutil
-import time
+import functools
 from collections.abc import Mapping, Sequence
-from importlib import resources
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from counterflex import __version__
-from counterflex.app.compensation.compensate import compensate
-from counterflex.app.long_jobs.step_cache import begin, finish, finished, made_again, marks_below
-from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
+from counterflex.app.long_jobs.task import Task
 from counterflex.app.proof import simulate
-from counterflex.app.run import session as online_session
-from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.plan_file import read_plan, write_plan
+from counterflex.files.plan_file import read_plan
 from counterflex.files.run_file import read_run
-from counterflex.files.summary_file import write_summary
-from counterflex.report.page import write_page
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex_lab.reproduce import closed_loop, mandiola_case, mandiola_report
+from counterflex_lab.reproduce import mandiola_case, mandiola_report
+from counterflex_lab.reproduce.experiment import SAID, Experiment, Own, Run, mill, plan_task
 from counterflex_lab.reproduce.mandiola_case import VARIANTS, Case
-from counterflex_lab.reproduce.mark import mark_of
+from counterflex_lab.reproduce.way import Way
 
 SHAPES: Final = ("square", "circle")
 QUICK_SCALE: Final = 0.15
@@ -53,151 +43,117 @@ PAPER: Final[dict[str, Any]] = {
 """What Mandiola2023 reports (sections IV and V)."""
 
 
-def run(
-    out: str | Path,
+class Paths(Experiment):
+    """Square and circle in the air; quick: paths of 15 % of the size. Nothing is identified of the cells."""
+
+    name = "paths"
+    recipes: ClassVar[Mapping[str, tuple[str, ...]]] = {"catalogue": ()}
+    identifying = (0.1,)
+
+    def identify(self, _progress: Progress) -> None:
+        """Write the files of every truth."""
+        scale = QUICK_SCALE if self.quick else 1.0
+        self.cases = {n: mandiola_case.write_case(self.folder / f"seed-{n}", n, scale=scale) for n in self.seeds}
+
+    def tasks(self) -> list[Task]:
+        """One plan of each path for all truths; the longest runs first."""
+        first = next(iter(self.cases.values()))
+        runs = [task_of(case, s, v) for s in SHAPES for case in self.cases.values() for v in VARIANTS]
+        return [*(plan_of(first, shape) for shape in SHAPES), *runs]
+
+    def summary(self, results: Mapping[str, Any]) -> dict[str, Any]:
+        """Rows by truth, what each controller leaves, goals, margins."""
+        rows = [
+            {
+                "seed": seed,
+                "variants": _by_shape(case, results, "figures"),
+                "loops": _by_shape(case, results, "loop"),
+            }
+            for seed, case in sorted(self.cases.items())
+        ]
+        first = next(iter(self.cases.values()))
+        return {
+            "scale": first.scale,
+            "seeds": rows,
+            "reductions": reductions(rows),
+            "goals": goals(rows),
+            "paper": PAPER,
+            "margins": mandiola_report.margin_table(mandiola_report.open_loops(first.cell("designed"))),
+        }
+
+    def page(self, summary: Mapping[str, Any]) -> str:
+        """Figures of the summary, curves of the first truth's runs."""
+        case = next(iter(self.cases.values()))
+
+        def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
+            run_ = tracked(case.folder / f"{shape}-{variant}", case.cell(variant))
+            return run_, nearest(run_, case, shape)
+
+        return mandiola_report.page(summary, case, read)
+
+
+def _by_shape(case: Case, results: Mapping[str, Any], what: str) -> dict[str, dict[str, Any]]:
+    return {v: {s: results[task_of(case, s, v).name][what] for s in SHAPES} for v in VARIANTS}
+
+
+@dataclass(frozen=True)
+class Controller(Way):
+    """A controller of the tracker loop on one path; the case lies where its files lie."""
+
+    shape: str = "square"
+    scale: float = 1.0
+
+
+def plan_of(case: Case, shape: str) -> Task:
+    """The plan of a shape: what the loop knows of play ahead of time."""
+    folder = case.plan(shape).parent
+    return plan_task(f"{shape}: plan", folder, case.program(shape), case.bare_cell, programmed_feed=True, predict=False)
+
+
+def task_of(case: Case, shape: str, variant: str) -> Task:
+    """A shape with a controller on a truth."""
+    way = Controller(
+        variant, VARIANTS[variant], armed=variant != "off", force=False, tracker=True, shape=shape, scale=case.scale
+    )
+    run = Run(
+        f"{case.seed}: {shape}: {variant}",
+        case.folder / f"{shape}-{variant}",
+        case.cell(variant),
+        case.truth,
+        case.program(shape),
+        case.plan(shape),
+        way,
+        case.seed,
+    )
+    return run.task(f"{shape}: plan", one)
+
+
+def one(
+    part: str,
+    cell: str,
+    truth: str,
+    program: str,
+    plan: str,
+    _touched: None,
+    way: Controller,
+    seed: int,
     *,
-    seeds: Sequence[int] = (1001, 1002, 1003),
-    quick: bool = False,
-    workers: int | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Do the job on files: a folder per truth, ``summary.json`` and ``report.html`` over all of them.
-
-    Args:
-        out: Folder; what is there and was made from the same inputs is not done again.
-        seeds: Truth seeds.
-        quick: The first seed, paths of 15 % of the size.
-        workers: Runs at a time; None is one per core.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
+    """Run one shape with one controller and judge what was recorded of it; arguments as those of :func:`mill`.
 
     Raises:
-        InputError: No seeds.
-        CounterflexError: As the jobs it consists of.
+        OutputError: It ended early; its log is left.
     """
-    if not seeds:
-        raise InputError("there are no truth seeds")
-    start, before = time.perf_counter(), marks_below(Path(out))
-    folder, scale = Path(out), QUICK_SCALE if quick else 1.0
-    cases = {n: mandiola_case.write_case(folder / f"seed-{n}", n, scale=scale) for n in (seeds[:1] if quick else seeds)}
-    results = _run_all(cases, workers, progress)
-    first = next(iter(cases.values()))
-    margins = mandiola_report.margin_table(mandiola_report.open_loops(first.cell("designed")))
-    summary = {
-        **_summary(results, scale, time.perf_counter() - start),
-        "margins": margins,
-        "made_again": made_again(folder, before),
-    }
-
-    def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
-        run_ = tracked(first.folder / f"{shape}-{variant}", first.cell(variant))
-        return run_, nearest(run_, first, shape)
-
-    write_summary(folder / "summary.json", summary)
-    write_page(mandiola_report.page(summary, first, read), folder / "report.html")
-    progress(1.0, "done")
-    return summary
+    cycles = round(float(read_plan(Path(plan))[0].path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
+    judge = functools.partial(_judged, Case(Path(truth).parent, seed, way.scale), Path(cell), way.shape, cycles)
+    own = Own(judge, PathAnswer(dead_s=mandiola_case.DEAD_S, natural_hz=0.0), cycles)
+    return mill(part, cell, truth, program, plan, None, way, seed, own=own, progress=progress)
 
 
-def _run_all(
-    cases: Mapping[int, Case], workers: int | None, progress: Progress
-) -> dict[tuple[int, str, str], dict[str, Any]]:
-    """Plan every path, then run all variants, the longest first; results in the order of the table."""
-    order = [(seed, shape, variant) for seed in cases for shape in SHAPES for variant in VARIANTS]
-    results: dict[tuple[int, str, str], dict[str, Any]] = {}
-    jobs = sorted(order, key=lambda job: SHAPES.index(job[1]))
-    shares, weights = Shares(len(jobs)), [1.0] * len(jobs)
-    with pool_of(count_of(workers, len(order)), shares) as pool:
-        with interrupts_deferred():
-            plans = [pool.submit(prepare, next(iter(cases.values())), shape) for shape in SHAPES]
-        for plan in plans:
-            plan.result()
-        with interrupts_deferred():
-            waiting = {pool.submit(_one_at, k, cases[job[0]], job[1], job[2]): job for k, job in enumerate(jobs)}
-
-        def report() -> None:
-            progress(0.01 + 0.98 * shares.sum(weights), f"ran {len(results)} of {len(order)}")
-
-        for done in done_one_by_one(waiting, report):
-            results[waiting[done]] = done.result()
-    return {job: results[job] for job in order}
-
-
-def _one_at(task: int, case: Case, shape: str, variant: str) -> dict[str, Any]:
-    """A run in a worker process, which tells how far it is."""
-    result = one(case, shape, variant, progress=share(task))
-    share(task)(1.0)
-    return result
-
-
-def prepare(case: Case, shape: str) -> None:
-    """Write the plan of a shape, unless that was done: what the loop knows of play ahead of time.
-
-    Args:
-        case: Files of the truth.
-        shape: ``square`` or ``circle``.
-    """
-    cell, program, plan = case.bare_cell, case.program(shape), case.plan(shape)
-    part = plan.parent
-    mark = mark_of(cell, program)
-    if finished(part, mark) is None:
-        begin(part, mark)
-        planned = compensate(program, read_cell(cell), predict=False, programmed_feed=True)
-        write_plan(plan, planned.plan, {"program": program.name, "counterflex": __version__})
-        finish(part, mark, {})
-
-
-def one(case: Case, shape: str, variant: str, *, progress: Progress = silent) -> dict[str, Any]:
-    """Run one shape with one controller, unless that was done, and judge what was recorded of it.
-
-    Args:
-        case: Files of the truth.
-        shape: ``square`` or ``circle``.
-        variant: Of :data:`~counterflex_lab.reproduce.mandiola_case.VARIANTS`.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        Figures and what the loop said.
-    """
-    cell, program = case.cell(variant), case.program(shape)
-    part = case.folder / f"{shape}-{variant}"
-    mark = mark_of(cell, program, case.truth, shape=shape, variant=variant, dead=mandiola_case.DEAD_S)
-    result = finished(part, mark)
-    if result is None:
-        begin(part, mark)
-        result = _mill(case, shape, variant, part, progress)
-        finish(part, mark, result)
-    return {"loop": result["loop"], "figures": figures(tracked(part, cell), case, shape)}
-
-
-def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) -> dict[str, Any]:
-    cell, program = case.cell(variant), case.program(shape)
-    with resources.as_file(resources.files("counterflex.app") / "demo" / "rsi.xml") as rsi:
-        twin = live.LiveSettings(
-            program,
-            cell,
-            case.truth,
-            ("rsi", rsi),
-            seed=case.seed,
-            answer=PathAnswer(dead_s=mandiola_case.DEAD_S, natural_hz=0.0),
-        )
-        prepare(case, shape)
-        plan = case.plan(shape)
-        cycles = round(float(read_plan(plan)[0].path.time_s[-1]) / mandiola_case.PERIOD_S) + 250
-        loop = online_session.RunSettings(cell, ("rsi", rsi), plan, compensated=False, arm=variant != "off")
-        log = part.with_name(f"{part.name}-log")
-        shutil.rmtree(log, ignore_errors=True)
-        outcome = closed_loop.run(
-            twin,
-            part,
-            loop,
-            log,
-            sensors=closed_loop.Sensors(force=False, tracker=True),
-            cycles=cycles,
-            progress=progress,
-        )
+def _judged(
+    case: Case, cell: Path, shape: str, cycles: int, part: Path, log: Path, outcome: Mapping[str, Any]
+) -> dict[str, Any]:
     if outcome["cycles"] < _WHOLE * cycles:
         raise OutputError(
             f"the run over the {shape} ended early",
@@ -205,8 +161,8 @@ def _mill(case: Case, shape: str, variant: str, part: Path, progress: Progress) 
             value=f"{outcome['cycles']} of about {cycles} cycles, {', '.join(outcome['causes']) or 'no cause'}",
             hint="Its log says why (counterflex log show); the same command runs it again",
         )
-    shutil.rmtree(log, ignore_errors=True)
-    return {"loop": {key: outcome[key] for key in ("cycles", "states", "causes", "largest_correction_um", "seconds")}}
+    said = {key: outcome[key] for key in (*SAID, "seconds")}
+    return {"loop": said, "figures": figures(tracked(part, cell), case, shape)}
 
 
 def tracked(part: Path, cell: Path) -> tracking.Tracked:
@@ -261,29 +217,6 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
             "orientation": tracking.spread(run_.turned, where).as_mdeg(),
         }
     return out
-
-
-def _summary(results: Mapping[tuple[int, str, str], dict[str, Any]], scale: float, seconds: float) -> dict[str, Any]:
-    seeds = sorted({seed for seed, _, _ in results})
-    rows = [
-        {
-            "seed": seed,
-            "variants": {v: {s: results[seed, s, v]["figures"] for s in SHAPES} for v in VARIANTS},
-            "loops": {v: {s: results[seed, s, v]["loop"] for s in SHAPES} for v in VARIANTS},
-        }
-        for seed in seeds
-    ]
-    return {
-        "job": "reproduce paths",
-        "truth_level": "catalogue",
-        "scale": scale,
-        "seeds": rows,
-        "reductions": reductions(rows),
-        "goals": goals(rows),
-        "paper": PAPER,
-        "seconds": round(seconds, 1),
-        "counterflex": __version__,
-    }
 
 
 def reductions(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.simulate import touched_part_frame
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex_lab.reproduce.fiducials import tracker_table
+from counterflex_lab.reproduce.way import LIMITS, Way
 from counterflex_lab.reproduce.wrong_plans import WRONG, cell_table
 
 PROGRAM: Final = "groove.ngc"
@@ -29,7 +30,6 @@ CATALOGUE: Final = "catalogue.toml"
 TRUTH: Final = "truth.toml"
 TOUCHED: Final = "touched.toml"
 """Truth at the time when the part was touched, where it has drifted since."""
-_LIMITS: Final[dict[str, Any]] = {"correction_mm": 3.0, "speed_mm_s": 60.0, "acceleration_mm_s2": 4000.0}
 
 _NO_PLAN: Final[dict[str, Any]] = {"force": "measured", "along_feed": True}
 """Only a plan tells the direction of the feed; a loop that watches needs none."""
@@ -38,35 +38,14 @@ _FUSED: Final[dict[str, Any]] = {"force": "fused", "noise_um": 200.0}
 noise of 60 um that is the default, the estimator follows the swing."""
 
 
-@dataclass(frozen=True)
-class Way:
-    """One way of correcting.
-
-    Attributes:
-        title: For people.
-        online: What stands in ``[online]`` beside the limits.
-        compensated: The robot runs the compensated program.
-        armed: The loop acts; else it only watches.
-        force: The force sensor is wired.
-        tracker: The tracker is wired.
-    """
-
-    title: str
-    online: dict[str, Any]
-    compensated: bool = True
-    armed: bool = True
-    force: bool = True
-    tracker: bool = False
-
-
 WAYS: Final[dict[str, Way]] = {
-    "uncompensated": Way("original program, nothing corrected", _NO_PLAN, compensated=False, armed=False),
-    "plan": Way("compensated program alone", {"force": "measured"}, armed=False),
-    "force": Way("and the measured force, less the planned one", {"force": "measured"}),
-    "pilot": Way("and the measured force with pilot control", {"force": "pilot"}),
-    "hybrid": Way("and the planned force scaled by the measured one", {"force": "scale"}),
-    "tracker": Way("and a tracker, without a force sensor", _FUSED, force=False, tracker=True),
-    "all": Way("and force and tracker in one estimator", _FUSED, tracker=True),
+    "uncompensated": Way("original program, nothing corrected", _NO_PLAN, armed=False),
+    "plan": Way("compensated program alone", {"force": "measured"}, True, armed=False),
+    "force": Way("and the measured force, less the planned one", {"force": "measured"}, True),
+    "pilot": Way("and the measured force with pilot control", {"force": "pilot"}, True),
+    "hybrid": Way("and the planned force scaled by the measured one", {"force": "scale"}, True),
+    "tracker": Way("and a tracker, without a force sensor", _FUSED, True, force=False, tracker=True),
+    "all": Way("and force and tracker in one estimator", _FUSED, True, tracker=True),
 }
 """Columns of the table. All but the first run the compensated program."""
 
@@ -112,7 +91,7 @@ def write_case(place: Path, row: str, identified: Path, truth: Path, catalogue: 
     lab = replace(lab, T_tcp_target=pose.make(tilt) @ lab.T_tcp_target)
     seen = tracker_table(cell, lab, T_base_part)
     for name, way in WAYS.items():
-        write_toml(place / cell_name(name), {**base, "tracker": seen, "online": {**_LIMITS, **way.online}})
+        write_toml(place / cell_name(name), {**base, "tracker": seen, "online": {**LIMITS, **way.online}})
 
 
 def cell_name(way: str) -> str:

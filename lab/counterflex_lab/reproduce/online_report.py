@@ -9,6 +9,7 @@ from typing import Any, Final
 from counterflex import __version__
 from counterflex.report.wrong_plans_page import Mark, WrongPlansData, wrong_plans_page
 from counterflex_lab.reproduce.online_case import WAYS
+from counterflex_lab.reproduce.way import REFUSED, worst_and_median
 from counterflex_lab.reproduce.wrong_plans import WRONG
 
 RIGHT: Final = next(iter(WRONG))
@@ -19,12 +20,6 @@ LEAST_LOSS_MM: Final = 0.03
 RESTORED: Final = 0.7
 WORSE_MM: Final = 0.010
 LEFT_MM: Final = 0.15
-REFUSED: Final = "Runs left out: the loop refused to act; the causes are in summary.json."
-
-
-def acted(way: str, figures: Mapping[str, Any]) -> bool:
-    """Whether a run did what its way says: the loop corrected, or was to watch only."""
-    return not WAYS[way].armed or "active" in figures["loop"]["states"]
 
 
 def restored(left_mm: float, plan_mm: float, right_mm: float) -> float | None:
@@ -58,13 +53,12 @@ def over_seeds(table: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
 
 
 def _figures(way: str, here: Sequence[Mapping[str, Any]], right: Mapping[int, float]) -> dict[str, Any]:
-    counted = [item for item in here if acted(way, item["variants"][way])]
-    out: dict[str, Any] = {"runs": len(counted), "refused": len(here) - len(counted)}
-    if not counted:
+    runs, out = WAYS[way].counted([item["variants"][way] for item in here])
+    if not runs:
         return out
     for key in ("p997_mm", "max_mm"):
-        values = [item["variants"][way]["path"][key] for item in counted]
-        out |= {key: max(values), f"median_{key}": round(statistics.median(values), 6)}
+        out |= worst_and_median(key, [run["path"][key] for run in runs])
+    counted = [item for item in here if WAYS[way].acted(item["variants"][way])]
     pairs = [
         (item["variants"][way]["path"]["p997_mm"], item["variants"][PLAN]["path"]["p997_mm"], right[item["seed"]])
         for item in counted
@@ -161,7 +155,7 @@ def page(summary: Mapping[str, Any]) -> str:
         Mark(WRONG[item["row"]].title, way, item["seed"], figures["path"]["p997_mm"])
         for item in summary["seeds"]
         for way, figures in item["variants"].items()
-        if acted(way, figures)
+        if WAYS[way].acted(figures)
     ]
     data = WrongPlansData(
         title="Where online correction pays",

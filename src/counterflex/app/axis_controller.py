@@ -42,7 +42,7 @@ _DIGITS: Final = 4
 
 @dataclass(frozen=True)
 class TunedAxis:
-    """What was found for an axis."""
+    """Controller found for an axis, or the reason why there is none."""
 
     plant: TrackerPlant
     design: AxisDesign | None  # Its controller, or None
@@ -50,7 +50,7 @@ class TunedAxis:
 
 
 def axis_plants(cell: Cell, settings: OnlineSettings) -> tuple[TrackerPlant, ...]:
-    """How each axis answers a correction, by what its encoder shows.
+    """Return how each axis answers a correction, by what its encoder shows.
 
     Dead time and lag are those of ``[timing]`` (a dead time per axis where there is one), or of ``[online]``. The mode
     of an axis is the lowest in whose strain it has a share of :data:`SHAKEN`: with the motor held its link answers

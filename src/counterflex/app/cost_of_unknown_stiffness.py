@@ -1,4 +1,4 @@
-"""What a robot of unknown stiffness yields in the cut of a program, by its class: said before a plan is refused."""
+"""Deflection of a robot of unknown stiffness in the cut of a program, by its class; told before a plan is refused."""
 
 from __future__ import annotations
 

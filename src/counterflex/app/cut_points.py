@@ -1,4 +1,4 @@
-"""Where a deflection is judged that is known by its distribution only: points of a cut, or a corner of the blank."""
+"""Points at which a deflection known only by its distribution is judged: of a cut, or a corner of the blank."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CutPoints:
     row: Int  # (n,) rows of the path
 
     def sizes(self, displacements: Float) -> Float:
-        """What 99.7 % of the path stay below, square to it.
+        """Return what 99.7 % of the path stay below, square to it.
 
         Args:
             displacements: (draws, n, 3) m, base axes.

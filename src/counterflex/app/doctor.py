@@ -1,4 +1,4 @@
-"""Whether this machine keeps time for the online loop: measured as the loop would run, judged, kept for arming."""
+"""Measure whether this machine keeps time for the online loop, as the loop would run; judge it, keep it for arming."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class Checkup:
-    """What was measured of this machine and what it means."""
+    """Measurement of this machine and its meaning."""
 
     machine: Machine
     granted: Granted  # What it allowed the loop's process

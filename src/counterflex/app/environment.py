@@ -1,4 +1,4 @@
-"""What decides on the last bit of a result besides the files: processor, compiler, libraries."""
+"""Processor, compiler and libraries: besides the files they decide on the last bit of a result."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
 
 
 def environment() -> dict[str, str]:
-    """What decides on the last bit besides the files: processor, compiler, libraries."""
+    """Return what decides on the last bit besides the files: processor, compiler, libraries."""
     return {
         "processor": f"{platform.machine()} {get_host_cpu_name()}",
         "python": platform.python_version(),

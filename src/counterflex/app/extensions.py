@@ -1,4 +1,4 @@
-"""What can be registered by name: our own and what installed packages add, each loaded to see whether it works."""
+"""List all that can be registered by name, ours and of installed packages, each loaded to test that it works."""
 
 from __future__ import annotations
 

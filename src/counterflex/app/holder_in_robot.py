@@ -1,4 +1,4 @@
-"""How the spindle is mounted and what the arm yields: deflection of the tool tip by pose, over the working space."""
+"""Mounting of the spindle and compliance of the arm: deflection of the tool tip by pose, over the working space."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from counterflex.robot.kinematics.inverse import inverse_all
 
 @dataclass(frozen=True)
 class Spindle:
-    """What is mapped."""
+    """Spindle and angles that are mapped."""
 
     cell: Path
     mounting: Mounting | None = None  # Body and angles of the spindle, or None: as the cell file has it

@@ -1,4 +1,4 @@
-"""What every job starts from: the program read and sampled, and the setting the plan needs, from a cell."""
+"""Inputs of every job: the program read and sampled, and the setting that the plan needs, from a cell."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a program is read."""
+    """Settings by which a program is read."""
 
     dialect: str = BY_ENDING  # Language, one of :func:`~counterflex.programs.language.dialects`
     parameters: Path | None = None  # LinuxCNC parameter file of the machine that the program was written for, or None

@@ -59,7 +59,7 @@ class Estimate:
 
 
 def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
-    """What a tap test of the cell file says, otherwise what masses and springs do.
+    """Return what a tap test of the cell file says, otherwise what masses and springs do.
 
     Args:
         q: (6,) rad; None is at the highest corner of the blank, or all axes at zero where there is no part.

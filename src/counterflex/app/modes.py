@@ -14,7 +14,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.summary_file import write_summary
-from counterflex.plan.mode_shape import point_motion
+from counterflex.plan.modes import point_motion
 from counterflex.report.modes_page import ModesData
 
 

@@ -11,25 +11,17 @@ from counterflex.core.registry import Registry
 
 @dataclass(frozen=True, kw_only=True)
 class Plc:
-    """A kind of PLC that a cell file can have a table of.
+    """A kind of PLC that a cell file can have a table of."""
 
-    Attributes:
-        title: One line for help.
-        symbols: ``(cell file, text) -> list``: name, type and comment of its variables whose names contain a text.
-        read: ``(cell file) -> dict``: all that the table names, once.
-        write: ``(cell file, name, value) -> dict``: a parameter, and read back.
-        forward: ``(cell file, address, **limits) -> dict``: tracker or strains as datagrams.
-        alone: ``module:object`` of ``(**settings) -> dict``, a simulated one by itself.
-        terminals: ``module:object`` of ``(cell, amplifiers, address)``: a simulated one that shows strains.
-    """
-
-    title: str
+    title: str  # One line for help
+    # ``(cell file, text) -> list``: name, type and comment of its variables whose names contain a text
     symbols: Callable[..., list[Any]]
-    read: Callable[..., dict[str, Any]]
-    write: Callable[..., dict[str, Any]]
+    read: Callable[..., dict[str, Any]]  # ``(cell file) -> dict``: all that the table names, once
+    write: Callable[..., dict[str, Any]]  # ``(cell file, name, value) -> dict``: a parameter, and read back
+    # ``(cell file, address, **limits) -> dict``: tracker or strains as datagrams
     forward: Callable[..., dict[str, Any]]
-    alone: str
-    terminals: str
+    alone: str  # ``module:object`` of ``(**settings) -> dict``, a simulated one by itself
+    terminals: str  # ``module:object`` of ``(cell, amplifiers, address)``: a simulated one that shows strains
 
 
 PLCS: Final[Registry[Plc]] = Registry("counterflex.plcs", "kind of PLC", "counterflex.app.plc:Plc")

@@ -1,4 +1,4 @@
-"""Where a robot's tool is for joint angles, and which joint angles bring it to a pose; no cell is needed."""
+"""Pose of a robot's tool for joint angles, and joint angles for a pose; no cell is needed."""
 
 from __future__ import annotations
 

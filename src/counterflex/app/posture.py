@@ -192,7 +192,7 @@ def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surfac
 
 
 def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
-    """What a posture is worth, as summaries have it: um, deg."""
+    """Return what a posture is worth, as summaries have it: um, deg."""
     row = int(np.argmax(held.deflection_m))
     return {
         "branch": held.branch,

@@ -1,4 +1,4 @@
-"""What the predicted path errors of a plan do not know: an interval that nine of ten such cells lie in.
+"""Interval of the predicted path errors of a plan that nine of ten such cells lie in.
 
 The error of the tool at a point is what the plan predicts there and what each unknown of the cell
 (:mod:`counterflex.app.unknowns`) leaves there, drawn from what is known of it. Beside the unknown values there are two
@@ -45,7 +45,7 @@ DRIVES: Final = 0.10
 """The same near a change of force: a KR 300 with unknown drives left 0.255 instead of 0.114 mm of 1.65 mm."""
 SWING: Final = 0.4
 """Of the logarithm of the size of what the predicted tool swings about its mean over a period of the lowest mode.
-Damping within :data:`counterflex.plan.damping.DAMPING_INTERVAL` gives 0.2 of it, masses off by 15 % 0.1, the speeds
+Damping within :data:`counterflex.plan.lowest_mode.DAMPING_INTERVAL` gives 0.2 of it, masses off by 15 % 0.1, the speeds
 of the controller at corners the rest. With exact constants the swings of 24 tuning cells (`wide`, seeds 1 to 12, helix
 and groove) had 0.55 to 1.8 times the predicted size; 0.4 leaves no helix above its range, 0.3 one in twelve."""
 SHARP_RAD: Final = 30.0 * DEG

@@ -143,7 +143,7 @@ def _arrival(program: Program) -> int:
 
 
 def _path_speed(result: Preflight) -> dict[str, Any]:
-    """How the path speed is held in the cut; nothing where nothing is reached or cut."""
+    """Return how the path speed is held in the cut; nothing where nothing is reached or cut."""
     along = result.along
     speed = None if along is None else speed_in_cut(along.held, along.cutting)
     if speed is None:
@@ -239,7 +239,7 @@ def _page(done: Checked) -> Any:
 
 
 def _curves(result: Preflight) -> Any:
-    """What the pictures along the path show; None where nothing is reached."""
+    """Return what the pictures along the path show; None where nothing is reached."""
     if result.along is None or len(result.q) == 0:
         return None
     from counterflex.report.preflight.path_figures import PathCurves

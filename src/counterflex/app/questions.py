@@ -138,7 +138,7 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
 
 
 def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
-    """What is not known and what it leaves; None where the program cuts nothing."""
+    """Return what is not known and what it leaves; None where the program cuts nothing."""
     from counterflex.app.cut_points import corner_points, points_of_program  # the planner is heavy
     from counterflex.app.inputs import read_job
     from counterflex.app.unknowns import shown, unknowns
@@ -148,7 +148,7 @@ def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
 
 
 def _assumptions(cell: Cell) -> list[str]:
-    """What the catalogue assumes of the robot's elastic bodies, unless the cell file states them itself."""
+    """Return what the catalogue assumes of the robot's elastic bodies, unless the cell file states them itself."""
     name, stated = cell.tables.robot.catalog, {row.segment for row in cell.tables.robot.elastic}
     if name is None:
         return []

@@ -1,4 +1,4 @@
-"""What making a robot's files has in common, whatever the protocol: its programs read, errors refused, a folder."""
+"""Make the folder of a robot's files, whatever the protocol: its programs read, errors refused."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def refuse_errors(findings: Iterable[Finding]) -> None:
 
 
 def unwatched(output: int | str | None, key: str) -> tuple[str, ...]:
-    """What to say where no output of the controller tells a safety PLC that the correction may act.
+    """Return what to say where no output of the controller tells a safety PLC that the correction may act.
 
     Args:
         output: The output, or None.

@@ -51,7 +51,7 @@ def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:
 
 
 def robot_cell(cell: Cell, dialect: str) -> RobotCell:
-    """What a robot program in a language is held against.
+    """Return what a robot program in a language is held against.
 
     Args:
         dialect: One of :func:`~counterflex.programs.language.robot_dialects`.
@@ -80,7 +80,7 @@ def refuse_held_part(cell: Cell, language: str) -> None:
 
 
 def shared_facts(cell: Cell, language: str) -> dict[str, Any]:
-    """What every language needs of a cell, see :class:`~counterflex.programs.robot_text.cell.RobotTextCell`."""
+    """Return what every language needs of a cell, see :class:`~counterflex.programs.robot_text.cell.RobotTextCell`."""
     return {
         "where": str(cell.path),
         "tools": [tool.number for tool in cell.tables.tools],

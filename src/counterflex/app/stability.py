@@ -25,7 +25,7 @@ from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.files.tool_tip import read_modal, read_response
-from counterflex.plan.damping import ASSUMED, Damping
+from counterflex.plan.lowest_mode import ASSUMED, Damping
 from counterflex.plan.stability.along import Margin, Structure, confirmed, margins
 from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.diagram import Diagram, diagram, needed_damping
@@ -192,7 +192,7 @@ def _engagement(arcs: Float, cutter: Cutter) -> tuple[float, float, float, float
 
 
 def _tip(structure: Structure) -> dict[str, Any]:
-    """What is known of spindle and tool."""
+    """Return what is known of spindle and tool."""
     modes, unexplained = structure.tip_modes()
     if modes is None:
         return {"from": "none: spindle and tool are taken as rigid", "modes": []}

@@ -32,7 +32,7 @@ _ADDED: Final = {2: ("walk_weights",)}
 
 @dataclass(frozen=True)
 class ThermalSettings:
-    """What is asked."""
+    """Settings of the thermal model."""
 
     touches: Path
     axis_part: tuple[float, float, float] = (0.0, 0.0, -1.0)  # (3,) direction from the spindle to the tip, part axes

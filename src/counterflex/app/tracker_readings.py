@@ -1,4 +1,4 @@
-"""What was measured, in the frame of the commands: logs, exports and datasets of a tracker."""
+"""Measured poses in the frame of the commands: logs, exports and datasets of a tracker."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _of_dataset(data: Dataset, name: str) -> Measured:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """How readings are brought into the frame of the commands."""
+    """Frame of the commands, and how readings are brought into it."""
 
     text: str
     fitted: bool  # It is found from the readings themselves; accuracies then leave out what a frame can absorb

@@ -108,7 +108,7 @@ def cost_at_blank(cell: Cell) -> Expected | None:
 
 
 def why_no_prior(cell: Cell) -> str:
-    """Why the class of a robot says nothing about it; empty where it does."""
+    """Return why the class of a robot says nothing about it; empty where it does."""
     try:
         prior_of(cell.nominal_robot, cell.tables.robot)
     except InputError as fault:

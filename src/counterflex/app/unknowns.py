@@ -1,4 +1,4 @@
-"""What a cell file does not know, by what each of it leaves uncorrected in mm, and what to measure first.
+"""Unknowns of a cell file, by the error in mm that each leaves uncorrected, and what to measure first.
 
 Each unknown is drawn from what is known of it and leaves a displacement of the tool; all others stay as the file has
 them. At rest and linear: what it is in motion, a plan says.

@@ -1,4 +1,4 @@
-"""What is given on the command line, checked before any job is loaded: files, folders, addresses, lists of numbers.
+"""Options and arguments, checked before any job is loaded: files, folders, addresses, lists of numbers.
 
 Each check is the ``callback`` of an option or an argument: it takes the option and its value and hands the value on.
 Nothing here may import a job: a wrong name is to be told at once.

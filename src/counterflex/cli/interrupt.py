@@ -47,7 +47,7 @@ def keeps(what: str) -> None:
 
 
 def result_text() -> str:
-    """What an interrupted command has left, for its last line."""
+    """Return what an interrupted command has left, for its last line."""
     return _written[0] if _written else "nothing was written"
 
 

@@ -174,10 +174,14 @@ def _name(info: Any) -> str:
 
 
 @cache
-def _room(module: str) -> typer.Typer:
-    """The commands of a module; once, for a group would be filled again."""
-    room = typer.Typer()
-    importlib.import_module(f"counterflex.cli.commands.{module}").register(room)
+def _room(name: str) -> typer.Typer:
+    """The command or the group of a name, the only one of these: its module is loaded."""
+    module, room = _MODULES.get(name, name.replace("-", "_")), typer.Typer()
+    command = getattr(importlib.import_module(f"counterflex.cli.commands.{module}"), name.replace("-", "_"))
+    if isinstance(command, typer.Typer):
+        room.add_typer(command, name=name)
+    else:
+        room.command(name)(command)
     _with_own_classes(room)
     return room
 
@@ -185,9 +189,9 @@ def _room(module: str) -> typer.Typer:
 def _own(*names: str) -> typer.Typer:
     """The commands of ours that have these names, their modules loaded and no others."""
     together = copy.copy(app)
-    rooms = [_room(module) for module in dict.fromkeys(_MODULES.get(name, name.replace("-", "_")) for name in names)]
-    together.registered_commands = [info for room in rooms for info in room.registered_commands if _name(info) in names]
-    together.registered_groups = [info for room in rooms for info in room.registered_groups if _name(info) in names]
+    rooms = [_room(name) for name in names]
+    together.registered_commands = [info for room in rooms for info in room.registered_commands]
+    together.registered_groups = [info for room in rooms for info in room.registered_groups]
     return together
 
 

@@ -25,11 +25,12 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=2, allow_nan=False))
 
 
-def say_written(out: Path, line: str) -> None:
-    """Say what was written; on standard error where the output itself goes to standard output."""
+def say_written(out: Path | None, line: str) -> None:
+    """Say what was written, if anything; on standard error where the output itself goes to standard output."""
     import typer
 
-    typer.echo(line, err=is_printed(out))
+    if out is not None:
+        typer.echo(line, err=is_printed(out))
 
 
 def warn(sentence: str, *, err: bool = False) -> None:
@@ -40,8 +41,10 @@ def warn(sentence: str, *, err: bool = False) -> None:
     shown(sentence)
 
 
-def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
+def keep_inputs(out: Path | None, *inputs: Path | None, option: str = "--out") -> None:
     """Refuse an output that would replace an input: the same file, or the folder that the input lies in.
+
+    What is not given, output or input, is None.
 
     Args:
         option: Name of the option that says ``out``.
@@ -50,6 +53,8 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
         InputError: It would.
     """
     for path in inputs:
+        if out is None or path is None:
+            continue
         if out.resolve() == path.resolve() or (out.is_file() and path.is_file() and out.samefile(path)):
             what = f"the output would replace {path.name}"
         elif out.resolve() == path.resolve().parent:
@@ -59,10 +64,10 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
         raise InputError(what, where=f"{option} {out}", hint=f"Choose another {option}")
 
 
-def keep_folders(out: Path, *folders: Path) -> None:
+def keep_folders(out: Path | None, *folders: Path) -> None:
     """Refuse to write results into a folder that is read. Raises InputError: ``out`` is one of them."""
     for folder in folders:
-        if out.resolve() == folder.resolve():
+        if out is not None and out.resolve() == folder.resolve():
             raise InputError(
                 "the results would replace the summary of the run", where=f"--out {out}", hint="Choose another --out"
             )
@@ -155,7 +160,7 @@ def resumable_progress(what: str, out: Path | None, kept: str = "finished runs")
 
 
 def line_period_s() -> float:
-    """How often progress is told where there is no terminal, s; 0: never."""
+    """Return how often progress is told where there is no terminal, s; 0: never."""
     try:
         return max(0.0, float(os.environ.get("COUNTERFLEX_PROGRESS_S", "10")))
     except ValueError:

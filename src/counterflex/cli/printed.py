@@ -12,14 +12,10 @@ from counterflex.core.printable import printable
 
 
 class Printed:
-    """A stream that shows control characters instead of passing them on; all else is that of the stream below.
-
-    Attributes:
-        below: The stream itself, for what draws tables and progress bars: it has escaped names before.
-    """
+    """A stream that shows control characters instead of passing them on; all else is that of the stream below."""
 
     def __init__(self, below: TextIO) -> None:
-        self.below = below
+        self.below = below  # The stream itself, for what draws tables and progress bars: it has escaped names before
 
     def write(self, text: str) -> int:
         """Write a text."""

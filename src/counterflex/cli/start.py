@@ -1,4 +1,4 @@
-"""Where the command begins and ends: what is urgent at once, all else by the parser; faults end in one line."""
+"""Begin and end of the command: urgent requests at once, all else by the parser; faults end in one line."""
 
 from __future__ import annotations
 

@@ -47,16 +47,13 @@ class ArrayTable:
         arrays: Those: float64 or int64 or uint8, of one or two dimensions, or records
             (:mod:`counterflex.core.records`) of one; C order.
 
-    Attributes:
-        rows: (1,) of that type, to be given to the kernel.
-
     Raises:
         InputError: An array is missing, or of another name or kind.
     """
 
     def __init__(self, kind: np.dtype[np.record], **arrays: np.ndarray[Any, Any]) -> None:
         self._arrays = arrays
-        self.rows: Records = records(kind)
+        self.rows: Records = records(kind)  # (1,) of that type, to be given to the kernel
         if set(arrays) != set(kind.names or ()):
             raise InputError("a kernel takes other arrays", value=", ".join(arrays), limit=", ".join(kind.names or ()))
         for name, array in arrays.items():

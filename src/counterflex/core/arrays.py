@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,14 @@ Float32 = npt.NDArray[np.float32]
 Int = npt.NDArray[np.int64]
 Bool = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex128]
+Float1 = Annotated[Float, "float64[::1]"]
+"""A field of a NamedTuple that kernels take, see :func:`counterflex.core.jit.bundle`; likewise those below."""
+Float2 = Annotated[Float, "float64[:, ::1]"]
+Float3 = Annotated[Float, "float64[:, :, ::1]"]
+Float4 = Annotated[Float, "float64[:, :, :, ::1]"]
+Int1 = Annotated[Int, "int64[::1]"]
+Int2 = Annotated[Int, "int64[:, ::1]"]
+Int3 = Annotated[Int, "int64[:, :, ::1]"]
 
 
 def as_float(name: str, value: Any, shape: tuple[int | None, ...] | None = None) -> Float:

@@ -1,4 +1,4 @@
-"""What this counterflex was built from: version, commit, interpreter, platform; read without running anything."""
+"""Build of this counterflex: version, commit, interpreter, platform; read without running anything."""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ def numba_type(kind: Any) -> Any:
 
 def with_records(signature: str, records: dict[str, Any]) -> Any:
     """Return a signature in which the names of records and bundles stand for their types."""
-    return eval(signature, vars(numba.types) | {name: numba_type(kind) for name, kind in records.items()})
+    types = {name: numba_type(kind) for name, kind in records.items() if name in signature}
+    return eval(signature, vars(numba.types) | types)
 
 
 @contextlib.contextmanager

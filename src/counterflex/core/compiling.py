@@ -1,4 +1,4 @@
-"""Who is told when kernels are compiled: once for a computer and a version, and it takes minutes."""
+"""Announce that kernels are compiled: once for a computer and a version, and it takes minutes."""
 
 from __future__ import annotations
 

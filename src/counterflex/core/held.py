@@ -87,7 +87,7 @@ def _clear(path: Path) -> None:
 
 
 def boot_id() -> str:
-    """What the kernel calls this start of the machine; empty where it does not say."""
+    """Return what the kernel calls this start of the machine; empty where it does not say."""
     try:
         return _BOOT.read_text(encoding="ascii").strip()
     except OSError:

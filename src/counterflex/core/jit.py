@@ -31,7 +31,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar, cast, get_type_hints
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -129,17 +129,19 @@ class Bundle:
         return tuple_of([of(field) for field in self.fields], self.kind)
 
 
-def bundle(kind: type, /, **fields: Any) -> Bundle:
+def bundle(kind: type) -> Bundle:
     """Return the type of a NamedTuple of arrays and numbers, for a kernel that takes one.
 
     Args:
-        fields: Type of each of its fields: as a signature writes it (``"float64[:, ::1]"``), ``(DTYPE,)`` for an array
-            of records of one dimension, or another bundle.
-
-    Raises:
-        KeyError: A field without a type.
+        kind: The NamedTuple. Its fields are numbers, ``Annotated`` arrays with their type as a signature writes it
+            (``"float64[:, ::1]"``), or with ``(DTYPE,)`` for records of one dimension, and other such NamedTuples.
     """
-    return Bundle(kind, tuple(fields[name] for name in kind._fields))  # type: ignore[attr-defined]
+    return Bundle(kind, tuple(_field(hint) for hint in get_type_hints(kind, include_extras=True).values()))
+
+
+def _field(hint: Any) -> Any:
+    numbers = {float: "float64", int: "int64"}
+    return numbers[hint] if hint in numbers else hint.__metadata__[0] if hasattr(hint, "__metadata__") else bundle(hint)
 
 
 class Kernel:

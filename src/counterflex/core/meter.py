@@ -1,4 +1,4 @@
-"""How far a job is and how long it will still take, from what it reports.
+"""Progress of a job and the time it will still take, from what it reports.
 
 The weights of a job's parts say what they cost on the machine and the data that they were measured on. Here they may
 cost something else, each by its own factor. What the parts done so far took of time for their weight is therefore
@@ -108,7 +108,7 @@ class Meter:
         return _standing(rate * (end - self.fraction), since) + typical * (1.0 - end)
 
     def line(self) -> str:
-        """How far it is, in a line."""
+        """Return how far it is, in a line."""
         remaining = self.remaining_s()
         rest = "" if remaining is None or self.fraction >= 1.0 else f", about {duration(remaining)} left"
         percent = 100.0 if self.fraction >= 1.0 else min(99.0, 100.0 * self.fraction)

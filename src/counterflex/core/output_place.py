@@ -1,4 +1,4 @@
-"""Where an output really goes: to the file behind all links, or into a device, pipe or open descriptor.
+"""Real place of an output: the file behind all links, or a device, pipe or open descriptor.
 
 Temporary files beside it carry the process that made them in their names: what a killed process left is cleared by the
 next one.
@@ -59,7 +59,7 @@ def clear_leftovers(folder: Path, name: str) -> None:
 
 
 def process_lives(process: int) -> bool:
-    """Whether a process of this computer lives; one that only waits to be buried does not.
+    """Return whether a process of this computer lives; one that only waits to be buried does not.
 
     Where the system has no harmless way to ask (other than POSIX) every process lives.
     """
@@ -84,7 +84,7 @@ _MOST_LINKS: Final = 40
 
 @dataclass(frozen=True)
 class Place:
-    """Where an output really goes."""
+    """Real place of an output."""
 
     path: Path  # The file itself, behind all symbolic links; need not be there
     # Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and never
@@ -176,7 +176,7 @@ def is_staged(path: Path) -> bool:
 
 
 def is_printed(target: str | os.PathLike[str]) -> bool:
-    """Whether an output goes where this program prints: then nothing else should be printed there."""
+    """Return whether an output goes where this program prints: then nothing else should be printed there."""
     try:
         place = place_of(target)
         status = place.path.stat() if place.descriptor is None else os.fstat(place.descriptor)

@@ -1,4 +1,4 @@
-"""How long jobs report progress without knowing who listens."""
+"""Progress of long jobs, reported without a reference to the listener."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def count_of(kind: np.dtype[np.record]) -> int:
 
 
 def place_of(kind: np.dtype[np.record], name: str) -> int:
-    """Which of the record's numbers is the first of a field."""
+    """Return which of the record's numbers is the first of a field."""
     assert kind.fields is not None
     return int(kind.fields[name][1]) // 8
 

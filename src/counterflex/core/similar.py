@@ -1,4 +1,4 @@
-"""What the user may have meant: names and files close to one that does not exist."""
+"""Suggest names and files close to one that does not exist."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _letters(name: str) -> str:
 
 
 def missing_file(path: Path) -> str:
-    """What to do about a file that does not exist: the nearest name beside it, or the folder that is missing."""
+    """Return what to do about a file that does not exist: the nearest name beside it, or the folder that is missing."""
     try:
         names = [item.name for item in path.parent.iterdir()]
     except OSError:

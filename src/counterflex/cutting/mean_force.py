@@ -96,10 +96,7 @@ class MeanForceWeights:
 def mean_force_weights(cutter: CutterShape, law: ForceLaw, n_bins: int = N_BINS) -> MeanForceWeights:
     """Tabulate a cutter and a force law for :func:`mean_wrench`.
 
-    Args:
-        cutter: The cutter.
-        law: The force law, Kienzle or linear-edge.
-        n_bins: Bins of the immersion angle over (0, pi), even.
+    ``n_bins``: bins of the immersion angle over (0, pi), even.
 
     Returns:
         The arrays; pass them to the kernels as ``weights.terms, weights.arc, weights.levels``.

@@ -85,11 +85,8 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
     The flutes are a capsule about the tool axis from the tip; it is held against the box at points an eighth of the
     diameter spacing, with half that distance added to the radius.
 
-    Args:
-        stock: The stock.
-        p_part_tcp: (n, 3) m, tips in the frame of the stock.
-        axis_part: (n, 3) unit vectors from the tip to the spindle.
-        cutter: The tool.
+    ``p_part_tcp``: (n, 3) m, tips in the frame of the stock; ``axis_part``: (n, 3) unit vectors from the tip to the
+    spindle.
 
     Returns:
         (n,) False where it is certainly clear.
@@ -112,11 +109,8 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
 def cuts_tilted(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> bool:
     """Whether a tool may touch the stock while it is tilted; in the air it may lie and turn as it likes.
 
-    Args:
-        stock: The stock.
-        p_part_tcp: (n, 3) m, tips of feed motions, in the frame of the stock.
-        axis_part: (n, 3) unit vectors from the tip to the spindle.
-        cutter: The tool.
+    ``p_part_tcp``: (n, 3) m, tips of feed motions, in the frame of the stock; ``axis_part``: (n, 3) unit vectors from
+    the tip to the spindle.
     """
     rows = np.flatnonzero(axis_part[:, 2] < UPRIGHT)
     return bool(may_touch(stock, p_part_tcp[rows], axis_part[rows], cutter).any()) if len(rows) else False
@@ -125,11 +119,8 @@ def cuts_tilted(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: C
 def require_upright_cuts(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> None:
     """Refuse a tool that is tilted where it may cut; in the air it may lie and turn as it likes.
 
-    Args:
-        stock: The stock.
-        p_part_tcp: (n, 3) m, tips of feed motions, in the frame of the stock.
-        axis_part: (n, 3) unit vectors from the tip to the spindle.
-        cutter: The tool.
+    ``p_part_tcp``: (n, 3) m, tips of feed motions, in the frame of the stock; ``axis_part``: (n, 3) unit vectors from
+    the tip to the spindle.
 
     Raises:
         ModelError: See :func:`~counterflex.cutting.stock.require_vertical`.

@@ -342,10 +342,7 @@ def uncovered(
 ) -> tuple[tuple[Feature, ...], Bool, Bool]:
     """Return which features have rows, and which wall points (m,) and floor cells (ny, nx) of a surface are theirs.
 
-    Args:
-        surface: Of the undisturbed part.
-        features: That were measured.
-        rows: Of them.
+    ``features``: that were measured; ``rows``: of them.
     """
     named = {row.feature for row in rows}
     shown = tuple(feature for feature in features if feature.name in named)

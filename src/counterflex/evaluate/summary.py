@@ -10,15 +10,24 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.figures import Figures, reduction
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.surface import SurfaceDeviation
-from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.evaluate.turned_surface import TurnedDeviation
+
+TruthLevel = Literal["catalogue", "identified", "exact"]
+"""What the planner knew of the simulated cell, see :data:`TRUTH_LEVELS`."""
+TRUTH_LEVELS: Final[dict[TruthLevel, str]] = {
+    "catalogue": "what is published of this robot and material",
+    "identified": "parameters identified on the simulated cell",
+    "exact": "the exact parameters of the simulated cell",
+}
+"""The levels in the order of growing knowledge, each with what the planner knows at it."""
+
 
 FORMAT: Final = "counterflex-summary"
 VERSION: Final = 2

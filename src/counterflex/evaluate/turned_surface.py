@@ -66,12 +66,7 @@ class TurnedDeviation:
 
 
 def turned_surface(nominal: Surface, cell_m: float) -> TurnedSurface:
-    """Points of an undisturbed part that its program made, with the area of the mesh about each.
-
-    Args:
-        nominal: Of the undisturbed part.
-        cell_m: Of its columns.
-    """
+    """Points of an undisturbed part that its program made, with the area of the mesh about each."""
     corners = nominal.vertices[nominal.around]
     normal = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     area = np.linalg.norm(normal, axis=1)

@@ -19,7 +19,7 @@ METHODS: Final = ("uncompensated", "catalogue", "identified", "corrected", "onli
 
 
 class Measured(NamedTuple):
-    """What the drawing states of one quantity."""
+    """Nominal value and tolerance of one quantity by the drawing."""
 
     feature: str  # Its name, as :func:`counterflex.evaluate.feature_finding.find_features` gives it
     quantity: str
@@ -103,7 +103,7 @@ class BenchmarkResult(Table):
 
     @property
     def label(self) -> str:
-        """What the result is called beside others."""
+        """Return what the result is called beside others."""
         return f"{self.laboratory}, {self.method}"
 
     @model_validator(mode="after")

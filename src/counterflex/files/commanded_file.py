@@ -6,7 +6,6 @@ path further ``speed_mm_s``, the same in every line. Lines that begin with ``#``
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MM_PER_S
-from counterflex.files.small_table import read_rows
+from counterflex.files.small_table import number, read_rows
 from counterflex.geometry import pose
 
 POSITION: Final = ("x_mm", "y_mm", "z_mm")
@@ -49,7 +48,7 @@ def read_commanded(path: str | Path) -> tuple[Float, bool, float | None]:
     if len(set(names)) != len(names):
         raise FileFormatError("a column stands twice", where=f"{file}:{table[0][0]}", value=",".join(names))
     values = np.array(
-        [[_number(cell, f"{file}:{n}") for cell in _cells(row, names, f"{file}:{n}")] for n, row in table[1:]]
+        [[number(cell, f"{file}:{n}") for cell in _cells(row, names, f"{file}:{n}")] for n, row in table[1:]]
     )
     column = dict(zip(names, values.T, strict=True))
     angles = np.stack([column[name] for name in ANGLES], axis=1) * DEG if turned else np.zeros((len(values), 3))
@@ -70,13 +69,3 @@ def _cells(row: list[str], names: list[str], place: str) -> list[str]:
     if len(row) != len(names):
         raise FileFormatError("values in a line", where=place, value=len(row), limit=len(names))
     return row
-
-
-def _number(text: str, place: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError("not a finite number", where=place, value=repr(text))
-    return value

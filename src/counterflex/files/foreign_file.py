@@ -14,12 +14,12 @@ _FORMATS: Final[dict[str, str]] = {
 
 
 def of_format(name: object) -> str | None:
-    """What a file of counterflex is by its key ``format``, and what reads it; None for an unknown format."""
+    """Return what a file of counterflex is by its key ``format``, and what reads it; None for an unknown format."""
     return _FORMATS.get(name) if isinstance(name, str) else None
 
 
 def what_to_do(kind: str) -> str | None:
-    """What to give instead, by the format that is wanted."""
+    """Return what to give instead, by the format that is wanted."""
     if kind == "counterflex-dataset":
         return (
             "Measured data are given by their manifest, a TOML file that names the data file and says what its columns "

@@ -1,4 +1,4 @@
-"""What ``doctor`` found of a machine, kept in the user's cache folder (``counterflex-machine``, version 1)."""
+"""Verdict of ``doctor`` on a machine, kept in the user's cache folder (``counterflex-machine``, version 1)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class StoredVerdict:
 
 
 def machine_file() -> Path:
-    """Where the verdict on this machine is kept: ``machine.json`` in the user's folder, beside the kernels."""
+    """Return where the verdict on this machine is kept: ``machine.json`` in the user's folder, beside the kernels."""
     return user_folder() / "machine.json"
 
 
@@ -105,7 +105,7 @@ def _unusable(path: Path) -> FileFormatError:
 
 
 def against(stored: StoredVerdict | None, *, host: str, kernel: str, now: datetime) -> str:
-    """Why a kept verdict does not allow arming on this machine now; empty where it does.
+    """Return why a kept verdict does not allow arming on this machine now; empty where it does.
 
     Args:
         stored: Or None where there is none.

@@ -26,7 +26,7 @@ LAYOUT: Final = (
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """What a part's deviations come from: the metadata of the file."""
+    """Source of a part's deviations: the metadata of the file."""
 
     program: str  # Name of the program that made the part
     program_sha256: str  # Hash of that program's bytes, hexadecimal

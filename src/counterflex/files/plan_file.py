@@ -106,7 +106,7 @@ def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
 
 
 def is_corrected(path: Path) -> bool:
-    """Whether a plan file has the columns of version 2; False for what is no plan file."""
+    """Return whether a plan file has the columns of version 2; False for what is no plan file."""
     try:
         with file_content.readable(path, "a Parquet file"):
             return MEASURED[0].name in pl.read_parquet_schema(path)

@@ -1,4 +1,4 @@
-"""What one run gave production identification (``counterflex-production-run``, version 1): its steady stretches."""
+"""Steady stretches of one run, for production identification (``counterflex-production-run``, version 1)."""
 
 from __future__ import annotations
 

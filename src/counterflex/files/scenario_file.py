@@ -40,7 +40,7 @@ def _known_dialect(name: str) -> str:
 
 
 class CompensationTable(Table):
-    """How ``compensate`` corrects."""
+    """Correction by ``compensate``."""
 
     dialect: Annotated[str, AfterValidator(_known_dialect)] = BY_ENDING
     tolerance_um: Annotated[float, Field(ge=0.1, le=1000.0)] = 5.0
@@ -51,7 +51,7 @@ class CompensationTable(Table):
 
 
 class RunTable(Table):
-    """What ``run`` is told besides its files."""
+    """Settings of ``run`` besides its files."""
 
     program: Path | None = None
     currents: bool = False
@@ -99,7 +99,7 @@ class EgmTable(Table):
 
 
 class StandstillTable(Table):
-    """Where a robot without a program stands: with a cell the pose follows from the angles."""
+    """Place of a robot without a program: with a cell the pose follows from the angles."""
 
     pose_mm_deg: Six | None = None
     joints_deg: Six = (0.0, -90.0, 90.0, 0.0, 30.0, 0.0)
@@ -135,7 +135,7 @@ class TrackerTable(Table):
 
 
 class TargetTable(Table):
-    """What a tracker alone sees: a target that stands, or moves on a circle or square in the xy plane of its pose."""
+    """Target that a tracker alone sees: it stands, or moves on a circle or square in the xy plane of its pose."""
 
     pose_mm_deg: Six = (3000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     circle_radius_mm: Annotated[float, Field(gt=0.0)] | None = None
@@ -155,7 +155,7 @@ class StrainTable(Table):
 
 
 class NetworkTable(Table):
-    """What a network does to datagrams (:class:`counterflex.twin.network.impairment.Impairment`)."""
+    """Faults of a network on datagrams (:class:`counterflex.twin.network.impairment.Impairment`)."""
 
     way: Literal["both", "there", "back"] = "both"
     loss: Share = 0.0

@@ -1,4 +1,4 @@
-"""What every counterflex file has in common: strict tables, versions, and one clear line per fault."""
+"""Base of every counterflex file: strict tables, versions, and one clear line per fault."""
 
 from __future__ import annotations
 

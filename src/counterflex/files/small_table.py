@@ -8,6 +8,7 @@ mark.
 from __future__ import annotations
 
 import csv
+import math
 import re
 from pathlib import Path
 from typing import Final
@@ -78,3 +79,14 @@ def _with_point(cell: str, where: str) -> str:
             hint="Save the table without thousands separators",
         )  # fmt: skip
     return cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell
+
+
+def number(text: str, where: str, decimal: str = ".") -> float:
+    """A finite number with a decimal point, or with a decimal comma where ``decimal`` says so."""
+    try:
+        value = float(text.strip().replace(decimal, ".") if decimal not in text or "." not in text else text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
+    return value

@@ -17,7 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import UM
-from counterflex.files.small_table import read_rows
+from counterflex.files.small_table import number, read_rows
 from counterflex.plan.tap_fit import Tap
 
 _WHERE: Final = ("frequency_hz", "force", "motion")
@@ -56,12 +56,12 @@ def read_tap_test(path: str | Path) -> Tap:
         if len(row) != len(columns):
             raise FileFormatError("values in a line", where=place, value=len(row), limit=len(columns))
         cells = [row[k].strip() for k in order]
-        hz.append(_number(cells[0], place))
+        hz.append(number(cells[0], place))
         if hz[-1] <= 0.0:
             raise FileFormatError("a frequency must be above 0", where=place, value=hz[-1], limit="> 0 Hz")
         forces.append(_direction(cells[1], place))
         motions.append(_direction(cells[2], place))
-        response.append(complex(_number(cells[3], place), _number(cells[4], place)))
+        response.append(complex(number(cells[3], place), number(cells[4], place)))
     omega, values = 2.0 * math.pi * np.array(hz), np.array(response, dtype=np.complex128)
     receptance = values * UM if columns is RECEPTANCE else -values / omega**2
     return Tap(omega, np.array(forces), np.array(motions), receptance.astype(np.complex128))
@@ -71,13 +71,3 @@ def _direction(text: str, place: str) -> Float:
     if text.removeprefix("+") not in _DIRECTIONS:
         raise FileFormatError("unknown direction", where=place, value=repr(text), limit=", ".join(_DIRECTIONS))
     return _DIRECTIONS[text.removeprefix("+")]
-
-
-def _number(text: str, place: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError("not a finite number", where=place, value=repr(text))
-    return value

@@ -46,7 +46,7 @@ class ToolPathRows:
 
 @dataclass(frozen=True)
 class LoggedPath:
-    """What a path comes from: the metadata of the file."""
+    """Source of a path: the metadata of the file."""
 
     program: str
     program_sha256: str  # Hash of its bytes, hexadecimal

@@ -1,4 +1,4 @@
-"""What was measured or stated of the tool tip: a frequency response, or modal parameters, as CSV.
+"""Measured or stated dynamics of the tool tip: a frequency response, or modal parameters, as CSV.
 
 A response has the columns ``direction, frequency_hz, real_um_per_n, imaginary_um_per_n``, modal parameters
 ``direction, frequency_hz, damping_ratio, stiffness_n_per_um``. Directions are x, y and z of the TCP frame.

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of a recipe hold the truth, as counted; printed with its result.
+"""Counted rate at which the 95 % intervals of a recipe hold the truth; printed with its result.
 
 The figures are those of ``benchmarks/interval_coverage.py`` (rows *errors*) and stand in docs/identify/method.md as
 well; a test holds them to it. A share counted on simulated cells is no promise for a real one: what was simulated is

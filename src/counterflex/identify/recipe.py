@@ -1,4 +1,4 @@
-"""What every recipe offers, and what it returns."""
+"""Interface of every recipe, and its result."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a recipe found.
+    """Result of a recipe.
 
     Attributes:
         fits: By name; most recipes have one, named as the recipe.
@@ -101,7 +101,7 @@ class Proposal:
 
 
 class Inputs(NamedTuple):
-    """What every recipe identifies from; :meth:`Recipe.identify` has checked and completed it.
+    """Inputs of every recipe; :meth:`Recipe.identify` has checked and completed them.
 
     Attributes:
         cell: What is known before: the prior of every parameter, and all that the recipe does not identify.

@@ -131,10 +131,7 @@ def _rounded(angle: float, blend_m: float, speed_m_s: float, acceleration_m_s2: 
 def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:
     """Run the track: samples at the controller's cycle, see :func:`places`.
 
-    Args:
-        track: From :func:`build_track`.
-        acceleration_m_s2: Limit along the path, m/s2.
-        cycle_s: Time between samples, s.
+    ``acceleration_m_s2``: limit along the path, m/s2; ``cycle_s``: time between samples, s.
 
     Returns:
         Time (m,) s, position (m, 3) m, tool axis (m, 3) and row of the tool path (m,); the last sample is at the end.

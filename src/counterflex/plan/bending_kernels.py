@@ -71,18 +71,8 @@ def follow_descent(
 
     Arguments that are not listed are those of :func:`counterflex.cutting.mean_force.mean_wrench`.
 
-    Args:
-        depth: See there.
-        feed_m: See there.
-        drop_m: Descent per tooth, > 0.
-        end_area_m2: See there.
-        terms: See there.
-        arc: See there.
-        levels: See there.
-        axial_n: Axial force at this descent.
-        descent_m_s: The same descent as a rate, > 0.
-        thrust: Array of a thrust; amplitude, exponent and force are written.
-        space: (6,), written.
+    ``drop_m``: descent per tooth, > 0. ``axial_n``: axial force at this descent. ``descent_m_s``: the same descent as a
+    rate, > 0. ``thrust``: array of a thrust; amplitude, exponent and force are written. ``space``: (6,), written.
     """
     mean_wrench(depth, feed_m, 0.0, 0.0, terms, arc, levels, space)
     level = space[2]

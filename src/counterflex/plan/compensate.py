@@ -63,10 +63,7 @@ passed (0.24): the offset of its swing was taken for an error and commanded agai
 def chattering(loaded: LoadedRobot, deviation: Float, cut_of_row: Int) -> Bool:
     """(n,) rows of cuts that chatter in a trial.
 
-    Args:
-        loaded: The robot under load.
-        deviation: (n, 6) m, rad, that the trial leaves.
-        cut_of_row: (n,) number of the cut of each row, from 0.
+    ``deviation``: (n, 6) m, rad, that the trial leaves; ``cut_of_row``: (n,) number of the cut of each row, from 0.
     """
     p, contact = loaded.inputs.path.p_part_tcp, loaded.cut.contact
     left, bend = (np.sum(across(d[:, :3], p) ** 2, axis=1) for d in (deviation, loaded.deflection_part))

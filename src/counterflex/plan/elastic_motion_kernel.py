@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float, Float1, Float2, Float3, Int, Int1
 from counterflex.core.jit import bundle, kernel
 from counterflex.plan.bending_kernels import AMPLITUDE, EXPONENT, PROGRAMMED, UP, thrust_of_step
 from counterflex.robot.elasticity.play import spring_torque
@@ -68,76 +68,41 @@ class Motion(NamedTuple):
     """
 
     step_s: float
-    time_s: Float
-    q_command: Float
-    q_ref: Float
-    shaken: Int
+    time_s: Float1
+    q_command: Float2
+    q_ref: Float2
+    shaken: Int1
     acceleration: float
-    weight: Float
-    posture: Int
-    place: Int
-    answer: Float
-    keep: Float
-    J_tcp_part: Float
-    J_drive_part: Float
-    stiffness: Float
-    damping: Float
-    half_band: Float
-    limit: Float
-    slip: Float
-    speed_gain: Float
-    position_gain: Float
-    integral_time: Float
-    motor_friction: Float
-    motor_slip: Float
-    x: Float
-    rate: Float
-    drives: Float
-    held: Float
-    clock: Float
-    program: Float
-    load: Float
-    fresh: Float
-    thrust: Float
-    pushed: Float
+    weight: Float2
+    posture: Int1
+    place: Int1
+    answer: Float3
+    keep: Float3
+    J_tcp_part: Float3
+    J_drive_part: Float3
+    stiffness: Float2
+    damping: Float1
+    half_band: Float1
+    limit: Float2
+    slip: Float2
+    speed_gain: Float1
+    position_gain: Float1
+    integral_time: Float1
+    motor_friction: Float1
+    motor_slip: Float1
+    x: Float1
+    rate: Float1
+    drives: Float2
+    held: Float2
+    clock: Float1
+    program: Float1
+    load: Float1
+    fresh: Float1
+    thrust: Float1
+    pushed: Float1
 
 
-MOTION: Final = bundle(
-    Motion,
-    step_s="float64",
-    time_s="float64[::1]",
-    q_command="float64[:, ::1]",
-    q_ref="float64[:, ::1]",
-    shaken="int64[::1]",
-    acceleration="float64",
-    weight="float64[:, ::1]",
-    posture="int64[::1]",
-    place="int64[::1]",
-    answer="float64[:, :, ::1]",
-    keep="float64[:, :, ::1]",
-    J_tcp_part="float64[:, :, ::1]",
-    J_drive_part="float64[:, :, ::1]",
-    stiffness="float64[:, ::1]",
-    damping="float64[::1]",
-    half_band="float64[::1]",
-    limit="float64[:, ::1]",
-    slip="float64[:, ::1]",
-    speed_gain="float64[::1]",
-    position_gain="float64[::1]",
-    integral_time="float64[::1]",
-    motor_friction="float64[::1]",
-    motor_slip="float64[::1]",
-    x="float64[::1]",
-    rate="float64[::1]",
-    drives="float64[:, ::1]",
-    held="float64[:, ::1]",
-    clock="float64[::1]",
-    program="float64[::1]",
-    load="float64[::1]",
-    fresh="float64[::1]",
-    thrust="float64[::1]",
-    pushed="float64[::1]",
-)
+MOTION: Final = bundle(Motion)
 
 STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh", "thrust", "pushed")
 """Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""

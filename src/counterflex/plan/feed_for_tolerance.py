@@ -102,11 +102,7 @@ class LoweredFeed:
 def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Callable[[ToolPath], Plan]) -> LoweredFeed:
     """Plan a path at feeds that keep the predicted error within a tolerance, as far as they can.
 
-    Args:
-        path: At the programmed feed.
-        feeds: Where the feed can be changed.
-        wish: Tolerance and limits.
-        make: Plans a path, predictions included.
+    ``path``: at the programmed feed; ``wish``: tolerance and limits; ``make``: plans a path, predictions included.
 
     Raises:
         CounterflexError: What planning raises.

@@ -105,10 +105,7 @@ class CutDemand:
 def cut_demand(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> CutDemand:
     """Return what a cut asks for at every row: forces, torques, power, bending, deflection, acceleration.
 
-    Args:
-        inputs: Path and setting.
-        cut: The undisturbed cut along it.
-        limits_of: Gives overhang and modulus for a tool number.
+    ``limits_of``: gives overhang and modulus for a tool number.
     """
     path, setting, w, axis = inputs.path, inputs.setting, cut.w_tcp_part, inputs.path.axis_part
     along = np.sum(w[:, :3] * axis, axis=1)[:, None] * axis
@@ -189,10 +186,7 @@ def curvature(path: ToolPath) -> Float:
 def limit_feed(inputs: Inputs, feeds: FeedGroups, limits_of: Callable[[int], ProcessLimits]) -> LimitedFeed:
     """Lower the feed of a path until the undisturbed cut keeps every limit, as far as the least feed lets it.
 
-    Args:
-        inputs: Path at the programmed feed, blank, tools, law.
-        feeds: Where the feed can be changed.
-        limits_of: Gives the limits for a tool number.
+    ``inputs``: path at the programmed feed, blank, tools, law.
 
     Raises:
         CounterflexError: What cutting raises.

@@ -19,7 +19,7 @@ from counterflex.geometry import pose
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation
-from counterflex.plan.damping import Damping
+from counterflex.plan.lowest_mode import Damping
 from counterflex.plan.relative_motion import RelativeMotion, hand_poses, part_carried, tool_carried
 from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -233,11 +233,8 @@ def joint_angles(
 ) -> PathSolution:
     """Joint angles along a path: of lines, and of motions by axes between them, which pass no singularity.
 
-    Args:
-        path: n rows.
-        setting: Robot, part and posture.
-        enforce_limits: As :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
-        sigma_floor: Likewise.
+    ``setting``: robot, part and posture; ``enforce_limits``: as
+    :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
 
     Raises:
         ReachError: Names the first row that fails.

@@ -138,10 +138,7 @@ def _driven(plan: Plan, loaded: LoadedRobot, displacement_m: Float) -> Float:
 
     None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
 
-    Args:
-        plan: The plan.
-        loaded: The robot under load along its path.
-        displacement_m: (n, 3) m.
+    ``displacement_m``: (n, 3) m.
 
     Returns:
         (n, 3) m.

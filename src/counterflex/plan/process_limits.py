@@ -82,10 +82,7 @@ class ProcessLimits:
 def tool_stiffness(diameter_m: float, overhang_m: float, modulus_pa: float = CARBIDE_PA) -> float:
     """Bending stiffness of an end mill at its tip, N/m.
 
-    Args:
-        diameter_m: Of the cutter.
-        overhang_m: Length out of the holder.
-        modulus_pa: Young's modulus.
+    ``overhang_m``: length out of the holder; ``modulus_pa``: Young's modulus.
 
     Raises:
         InputError: A number is not positive.
@@ -98,10 +95,7 @@ def tool_stiffness(diameter_m: float, overhang_m: float, modulus_pa: float = CAR
 def axis_torques(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
     """Torque that a wrench on the tool puts on each axis, ``J^T w``.
 
-    Args:
-        chain: The robot.
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m, about the tip, base axes.
+    ``q``: (n, 6) rad; ``w_tcp_base``: (n, 6) N, N m, about the tip, base axes.
 
     Returns:
         (n, 6) N m, positive in the positive direction of the angles.

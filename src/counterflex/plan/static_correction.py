@@ -216,10 +216,6 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     loses, which may reverse it back, further each time: in each cut, from rapid to rapid, the round is kept that
     changed least, by root mean square.
 
-    Args:
-        loaded: The robot under load.
-        progress: Progress callback, fraction 0 to 1.
-
     Returns:
         The displacement (n, 6) m, rad that is taken back, and the command that does it.
     """

@@ -69,11 +69,7 @@ def check_flutes(
 ) -> None:
     """Check that no cut is certainly deeper than the flutes are long.
 
-    Args:
-        path: n points.
-        volume_m3: (n,) removed on the way to each point.
-        cutter_of: Gives the cutter of a tool number.
-        place: Says where a point is.
+    ``volume_m3``: (n,) removed on the way to each point; ``place``: says where a point is.
 
     Raises:
         ModelError: One is, by more than 5 %.

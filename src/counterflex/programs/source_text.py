@@ -36,6 +36,15 @@ def read_text(file: Path) -> tuple[str, str]:
         return data.decode("latin-1"), "latin-1"
 
 
+def refuse_mark(encoding: str, file: Path, readers: str = "no controller reads") -> None:
+    """Refuse a file that begins with a byte order mark."""
+    if encoding == "utf-8-sig":
+        raise ProgramError(
+            f"the file begins with a byte order mark, which {readers}", where=str(file),
+            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
+        )  # fmt: skip
+
+
 def common_encoding(texts: Mapping[str, tuple[str, str]]) -> str:
     """Return the encoding of all files of a job, which are written back in one.
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from counterflex.report.data import Fact
+from counterflex.report.data import Fact, Head
 from counterflex.report.page import render
 
 
@@ -51,21 +51,16 @@ class CampaignOfSeed:
     truths: Mapping[str, tuple[TruthRow, ...]]  # By group: what planning uses, stiffness, ..
 
 
-@dataclass(frozen=True)
-class CampaignData:
+@dataclass(frozen=True, kw_only=True)
+class CampaignData(Head):
     """Everything on the page."""
 
-    title: str
-    subtitle: str
-    created: str
     verdict: str  # The result in one sentence, or empty where nothing was machined
     cards: Sequence[tuple[str, str, str]]
     columns: Sequence[str]  # Header of the table over the seeds
     rows: Sequence[Sequence[str]]
     seeds: tuple[CampaignOfSeed, ...]
     facts: tuple[Fact, ...] = ()
-    timing: tuple[Fact, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def campaign_page(data: CampaignData) -> str:

@@ -113,7 +113,7 @@ def _layout() -> dict[str, Any]:
 
 
 def _narrow() -> dict[str, Any]:
-    """What changes on a narrow screen: one view below the other."""
+    """Return what changes on a narrow screen: one view below the other."""
     return {
         "height": 760,
         "margin": {"l": 52, "r": 6, "t": 90, "b": 44},

@@ -1,8 +1,8 @@
-"""What a report page is made from: typed, free of files and of page layout."""
+"""Data of a report page: typed, free of files and of page layout."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,12 +66,21 @@ class VariantData:
 
 
 @dataclass(frozen=True)
-class ReportData:
+class Head:
+    """Head of a page, and the foot of it."""
+
+    title: str
+    subtitle: str
+    created: str = ""
+    notes: Sequence[str] = ()
+    timing: tuple[Fact, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportData(Head):
     """Everything on the page that compares an uncompensated with a compensated machining."""
 
-    title: str  # Headline, for example the part's name
-    subtitle: str
-    created: str
     # From :func:`counterflex.evaluate.summary`; all headline numbers and tables are read from it
     summary: Mapping[str, Any]
     nominal: VariantData  # The original program on the simulated cell
@@ -85,10 +94,7 @@ class ReportData:
     budget: tuple[BudgetLine, ...] = ()
     assumptions: tuple[Fact, ...] = ()  # Every assumption with value and source
     differences: tuple[Difference, ...] = ()  # How the truth differed from the model
-    timing: tuple[Fact, ...] = ()  # Steps of the job and what they took
-    versions: Mapping[str, str] = field(default_factory=dict)
     # Paragraphs below the headline that the reader must know (what was simulated, what was not)
-    notes: tuple[str, ...] = ()
     drawing: CellDrawing | None = None  # Robot, reach and blank, or None
     next_steps: tuple[str, ...] = ()  # What to do with the result, most important first
     expected: Headline | None = None  # What the plan expected of all such cells, or None where it was not predicted
@@ -115,13 +121,10 @@ class Headline:
     worse: str = ""  # Probability that compensation makes it worse, as printed
 
 
-@dataclass(frozen=True)
-class PredictionData:
+@dataclass(frozen=True, kw_only=True)
+class PredictionData(Head):
     """The page of a planned program: what is predicted and corrected, with no machining simulated."""
 
-    title: str
-    subtitle: str
-    created: str
     time_s: Float  # (n,) s, at the programmed speed
     p_part_tcp: Float  # (n, 3) m, programmed tool tip
     deflection_m: Float  # (n, 3) m, predicted deflection in part axes, before compensation
@@ -140,6 +143,3 @@ class PredictionData:
     next_steps: tuple[str, ...] = ()  # What to do next, in order
     facts: tuple[Fact, ...] = ()
     assumptions: tuple[Fact, ...] = ()
-    timing: tuple[Fact, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""What all figures share: rounded JSON numbers, compact base64 blocks for maps, and stepped colour scales."""
+"""Shared parts of figures: rounded JSON numbers, compact base64 blocks for maps, and stepped colour scales."""
 
 from __future__ import annotations
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import MM
+from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
 
@@ -46,13 +47,10 @@ class Dot:
     exit_mm: float  # Where the tool leaves
 
 
-@dataclass(frozen=True)
-class GrooveData:
+@dataclass(frozen=True, kw_only=True)
+class GrooveData(Head):
     """Everything on the page."""
 
-    title: str
-    subtitle: str
-    created: str  # Date as printed, or empty
     verdict: str
     cards: Sequence[tuple[str, str, str]]
     parts: Sequence[str]  # Names of the columns of the table under each edge
@@ -66,8 +64,6 @@ class GrooveData:
     paper: Mapping[str, float]  # Published figure by variant, mm
     goals: Mapping[str, float]  # Goal by variant, mm
     slender: Sequence[str] = ()  # Variants that are drawn only when asked for
-    timing: tuple[Any, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def groove_page(data: GrooveData) -> str:

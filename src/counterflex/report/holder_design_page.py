@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
+from counterflex.report.data import Head
 from counterflex.report.page import render
 
 _MARGIN: Final = {"l": 64, "r": 12, "t": 16, "b": 48}
-
-
-@dataclass(frozen=True)
-class _Head:
-    title: str
-    subtitle: str
-    created: str = ""
 
 
 def holder_design_page(summary: Mapping[str, Any], surface: Mapping[str, Any]) -> str:
@@ -41,7 +34,7 @@ def holder_design_page(summary: Mapping[str, Any], surface: Mapping[str, Any]) -
     verdict = (
         f"The pockets cost {lost:.1f} % of the stiffness at the tool tip and raise the strain up to {gain:.1f} times."
     )
-    head = _Head(f"Holder: {summary['holder']}", f"{summary['unknowns']} unknowns, bricks of {summary['mesh_mm']:g} mm")
+    head = Head(f"Holder: {summary['holder']}", f"{summary['unknowns']} unknowns, bricks of {summary['mesh_mm']:g} mm")
     return render("holder_design.html.j2", figures, [], data=head, summary=summary, verdict=verdict, maps=maps)
 
 

@@ -172,7 +172,7 @@ def picture_figure(picture: Picture) -> dict[str, Any]:
 
 
 def seen_words(fit: Fit) -> list[str]:
-    """What the data see of which parameters, in sentences."""
+    """Return what the data see of which parameters, in sentences."""
     out = []
     for state, text in (
         ("prior", "keep their former values; these data do not determine them"),

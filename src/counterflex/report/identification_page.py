@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from counterflex.files.shop_unit import digits_of, unit_of_name
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.fit import Fit
-from counterflex.report.data import Fact
+from counterflex.report.data import Fact, Head
 from counterflex.report.identification_figures import (
     correlation_figure,
     intervals_figure,
@@ -20,18 +19,6 @@ from counterflex.report.identification_figures import (
 from counterflex.report.page import render
 
 _OUTLIERS = 20
-
-
-@dataclass(frozen=True)
-class _Head:
-    """What the house style's frame asks for."""
-
-    title: str
-    subtitle: str
-    created: str
-    notes: tuple[str, ...]
-    timing: tuple[Fact, ...]
-    versions: Mapping[str, str]
 
 
 def identification_page(identification: Identification, result: Mapping[str, Any]) -> str:
@@ -66,7 +53,7 @@ def identification_page(identification: Identification, result: Mapping[str, Any
         )
     for i, picture in enumerate(identification.pictures):
         figures[f"picture{i}"] = picture_figure(picture)
-    head = _Head(
+    head = Head(
         title=result["title"][:1].upper() + result["title"][1:],
         subtitle=f"{result['recipe']} of {result['cell']}, from {', '.join(d['name'] for d in result['data'])}",
         created=result["date"],

@@ -210,7 +210,7 @@ def single_map_figure(picture: MapPicture, places: tuple[Callout, ...], limit_mm
 
 
 def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:
-    """What changes on a narrow screen: the maps one below the other, every third number at the scale."""
+    """Return what changes on a narrow screen: the maps one below the other, every third number at the scale."""
     pixels = min(max(290.0 * aspect, 130.0), 420.0)
     whole = 2.0 * pixels + 90.0
     low = (pixels + 8.0) / whole

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
 from counterflex.core.printable import printable
 from counterflex.core.units import MM, MM_PER_MIN
+from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
 from counterflex.report.data import FeedData, Headline, PredictionData, ReportData
@@ -135,7 +136,7 @@ def report_page(data: ReportData) -> str:
         seeds=seed_rows(summary) if len(summary["seeds"]) > 1 else [],
         levels=_levels(summary),
         features=_feature_rows(data),
-        places=[(p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", _signed(p.before_mm), _signed(p.after_mm)) for p in places],
+        places=[(p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", signed(p.before_mm), signed(p.after_mm)) for p in places],
         glossary=GLOSSARY,
     )
 
@@ -300,7 +301,7 @@ def _figure_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _levels(summary: Mapping[str, Any]) -> list[dict[str, str]]:
-    """What remains per truth level, over its seeds."""
+    """Return what remains per truth level, over its seeds."""
     names = {
         "exact": "method error: planner given the truth's constants",
         "catalogue": "method + model error: constants off as listed",
@@ -345,29 +346,34 @@ def _scales(data: ReportData, whole_mm: float) -> list[dict[str, Any]]:
 
 def _feature_rows(data: ReportData) -> list[dict[str, Any]]:
     rows = []
-    previous = ""
     for row in data.features:
-        cells = []
+        cells: list[dict[str, Any]] = []
         for variant in ("nominal", "compensated"):
             if variant not in row.worst_m:
                 cells.append({"value": "not found", "off": "", "ok": False})
                 continue
-            off = _signed(row.material_left_m(variant) / MM)
+            off = signed(row.material_left_m(variant) / MM)
             cells.append({"value": f"{row.worst_m[variant] / MM:.3f}", "off": off, "ok": row.ok(variant)})
-        sign = "" if row.nominal_m == 0.0 else "±"
-        rows.append(
-            {
-                "feature": row.feature if row.feature != previous else "",
-                "quantity": row.quantity,
-                "nominal": f"{row.nominal_m / MM:.3f}",
-                "tolerance": f"{sign}{row.tolerance_m / MM:g}",
-                "source": row.tolerance_source,
-                "cells": cells,
-            }
-        )
-        previous = row.feature
-    return rows
+        rows.append(cells)
+    return feature_rows(data.features, rows)
 
 
-def _signed(value_mm: float) -> str:
+def feature_rows(features: Sequence[FeatureRow], cells: Sequence[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Rows of the table of features, each with its cells; a feature is named in its first row."""
+    before = ["", *(row.feature for row in features)]
+    return [
+        {
+            "feature": row.feature if row.feature != previous else "",
+            "quantity": row.quantity,
+            "nominal": f"{row.nominal_m / MM:.3f}",
+            "tolerance": f"{'' if row.nominal_m == 0.0 else '±'}{row.tolerance_m / MM:g}",
+            "source": row.tolerance_source,
+            "cells": own,
+        }
+        for row, previous, own in zip(features, before, cells, strict=False)
+    ]
+
+
+def signed(value_mm: float) -> str:
+    """A deviation with its sign, in mm; ``n/a`` where there is none."""
     return "n/a" if math.isnan(value_mm) else f"{value_mm:+.3f}".replace("-", "−")

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.report.data import Head
 from counterflex.report.page import render
 
 _VIEWS: Final = {"level": ("x_mm", "y_mm", "x of the base, mm", "y of the base, mm"),
@@ -28,13 +29,6 @@ class MapData:
     rows: Sequence[Mapping[str, Any]]  # Of ``map.csv``
 
 
-@dataclass(frozen=True)
-class _Head:
-    title: str
-    subtitle: str
-    created: str = ""
-
-
 def placement_map_page(data: MapData) -> str:
     """The page, as HTML text."""
     summary = data.summary
@@ -52,7 +46,7 @@ def placement_map_page(data: MapData) -> str:
         verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
         verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
         verdict += "." if present is None else f"; {present:g} um in the present place."
-    head = _Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
+    head = Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
     return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
 
 

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
+from counterflex.report.data import Head
 from counterflex.report.page import render
 
 _COLOURS: Final = {"reproduced": "#15803d", "differs": "#b45309", "cannot be checked": "#64748b"}
-
-
-@dataclass(frozen=True)
-class _Head:
-    title: str
-    subtitle: str
-    created: str = ""
 
 
 def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
@@ -30,12 +23,12 @@ def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
         papers.append({"name": paper, "title": titles[paper], "rows": own, "drawn": bool(drawn)})
     counts = summary["counts"]
     verdict = f"{len(summary['figures'])} figures: " + ", ".join(f"{n} {name}" for name, n in counts.items()) + "."
-    head = _Head("Figures of the papers beside ours", ", ".join(summary["by_paper"]))
+    head = Head("Figures of the papers beside ours", ", ".join(summary["by_paper"]))
     return render("printed.html.j2", figures, [], data=head, papers=papers, verdict=verdict, colours=_COLOURS)
 
 
 def _share(row: Mapping[str, Any]) -> float | None:
-    """Where ours lies in the band, 0 at its lower and 1 at its upper end."""
+    """Return where ours lies in the band, 0 at its lower and 1 at its upper end."""
     least, most, ours = row["least"], row["most"], row["ours"]
     if ours is None or least is None or most is None or not most > least:
         return None

@@ -1,4 +1,4 @@
-"""What compensation leaves of the predicted path error: as a curve along the path, and on the path in space."""
+"""Predicted path error that compensation leaves: as a curve along the path, and on the path in space."""
 
 from __future__ import annotations
 

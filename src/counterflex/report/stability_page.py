@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.page import render
 
@@ -49,18 +50,11 @@ def stability_page(data: StabilityData) -> str:
         "stability.html.j2",
         figures,
         [],
-        data=_Head(f"Stability: {summary['program']}", f"{summary['cell']}, {summary['robot']}"),
+        data=Head(f"Stability: {summary['program']}", f"{summary['cell']}, {summary['robot']}"),
         summary=summary,
         verdict=verdict,
         needed=needed,
     )
-
-
-@dataclass(frozen=True)
-class _Head:
-    title: str
-    subtitle: str
-    created: str = ""
 
 
 def margin_figure(stretches: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

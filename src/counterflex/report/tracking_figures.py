@@ -97,7 +97,7 @@ def magnified(runs: Sequence[TrackedRun], factor: float) -> dict[str, Any]:
 
 
 def corner(runs: Sequence[TrackedRun], p_part: Float, reach_m: float) -> dict[str, Any]:
-    """What controllers make of a corner, seen from above at true scale.
+    """Return what controllers make of a corner, seen from above at true scale.
 
     Args:
         p_part: (3,) m, the corner.
@@ -135,7 +135,7 @@ def nyquist(loops: Sequence[OpenLoop]) -> dict[str, Any]:
 
 
 def sensitivity(loops: Sequence[OpenLoop]) -> dict[str, Any]:
-    """What a loop leaves of a deviation, ``|1 / (1 + L)|``, over its frequency."""
+    """Return what a loop leaves of a deviation, ``|1 / (1 + L)|``, over its frequency."""
     lines = []
     for loop, colour in zip(loops, COLOURS[1:], strict=False):
         magnitude = np.abs(1.0 / (1.0 + loop.response))

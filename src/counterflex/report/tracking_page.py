@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from counterflex.core.arrays import Float
+from counterflex.report.data import Head
 from counterflex.report.page import render
 from counterflex.report.tracking_figures import FINELY, MAGNIFIED, OpenLoop, TrackedRun, figures
 
 
-@dataclass(frozen=True)
-class TrackingData:
+@dataclass(frozen=True, kw_only=True)
+class TrackingData(Head):
     """Everything on the page."""
 
-    title: str
-    subtitle: str
-    created: str  # Date as printed, or empty
     verdict: str
     comparison: tuple[Sequence[str], Sequence[Sequence[str]]]  # Header and rows of the table beside the paper's figures
     columns: Sequence[str]
@@ -30,8 +27,6 @@ class TrackingData:
     loops: Sequence[OpenLoop]
     p_part: Float  # (3,) m, the corner of the square that is shown
     reach_m: float  # Half of what is shown of it
-    timing: tuple[Any, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def tracking_page(data: TrackingData) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers
 from counterflex.report.groove_page import COLOURS
 from counterflex.report.page import render
@@ -23,21 +24,16 @@ class Mark:
     path_mm: float  # Path error, 99.7 %
 
 
-@dataclass(frozen=True)
-class WrongPlansData:
+@dataclass(frozen=True, kw_only=True)
+class WrongPlansData(Head):
     """Everything on the page."""
 
-    title: str
-    subtitle: str
     verdict: str
     ways: Sequence[str]
     about: Sequence[tuple[str, str]]  # Name and meaning of each way of correcting
     tables: Sequence[tuple[str, Sequence[Sequence[str]]]]  # Heading and rows, the first cell of a row what is wrong
     refused: str  # What is said of runs that are not counted, or empty
     marks: Sequence[Mark]  # Every groove
-    created: str = ""  # Date as printed, or empty
-    timing: tuple[Any, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def wrong_plans_page(data: WrongPlansData) -> str:

@@ -15,7 +15,6 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.robot.elasticity.kernels.records import (
-    ELASTIC,
     REGION,
     STATION,
     STEP,
@@ -28,10 +27,11 @@ from counterflex.runtime.monitoring.air_noise import swing_mass
 from counterflex.runtime.monitoring.fast_force import take_samples
 from counterflex.runtime.monitoring.monitor_kernel import hand_over, watch
 from counterflex.runtime.monitoring.override_kernel import ask_speed
-from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.records import MEMORY, MONITOR_TYPES, PLAN_ROW, SETTINGS
 from counterflex.runtime.plausibility.before_and_after import after_step, before_step
 from counterflex.runtime.plausibility.force_step import believe_force
 from counterflex.runtime.plausibility.plan_check import hold_against_plan
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.loop_record import LOOP
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE
@@ -51,13 +51,13 @@ force filter, and its memory, ring and place for the measured wrench and the pre
 AxisPid.arrays; Monitor.records."""
 
 
-@kernel("Plan[::1](Arrays)", Plan=PLAN, Arrays=ARRAYS)
+@kernel("Plan[::1](Arrays)", Arrays=ARRAYS, **LOOP_TYPES)
 def _plan(table: Record) -> Records:
     out: Records = carray(to_pointer(table.plan.place), (table.plan.rows,), PLAN)
     return out
 
 
-@kernel("Elastic(Arrays)", Arrays=ARRAYS, Elastic=ELASTIC)
+@kernel("Elastic(Arrays)", Arrays=ARRAYS, **LOOP_TYPES)
 def _elastic(table: Record) -> Elastic:
     stations, surroundings, regions = table.stations, table.surroundings, table.regions
     chain = Compact(
@@ -70,19 +70,19 @@ def _elastic(table: Record) -> Elastic:
     return Elastic(chain, results, matrix(table.frame), matrix(table.delta), works)
 
 
-@kernel("PlanRow[::1](Arrays)", PlanRow=PLAN_ROW, Arrays=ARRAYS)
+@kernel("PlanRow[::1](Arrays)", Arrays=ARRAYS, **MONITOR_TYPES)
 def _watched_plan(table: Record) -> Records:
     out: Records = carray(to_pointer(table.watched_plan.place), (table.watched_plan.rows,), PLAN_ROW)
     return out
 
 
-@kernel("Settings[::1](Arrays)", Settings=SETTINGS, Arrays=ARRAYS)
+@kernel("Settings[::1](Arrays)", Arrays=ARRAYS, **MONITOR_TYPES)
 def _monitor_settings(table: Record) -> Records:
     out: Records = carray(to_pointer(table.monitor_settings.place), (1,), SETTINGS)
     return out
 
 
-@kernel("Memory[::1](Arrays)", Memory=MEMORY, Arrays=ARRAYS)
+@kernel("Memory[::1](Arrays)", Arrays=ARRAYS, **MONITOR_TYPES)
 def _monitor_memory(table: Record) -> Records:
     out: Records = carray(to_pointer(table.monitor_memory.place), (1,), MEMORY)
     return out

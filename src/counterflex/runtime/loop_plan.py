@@ -110,10 +110,7 @@ class LoopPlan:
         What is to be commanded ahead of time is shaped again for the slower program and its smaller force. It is
         stored as at full speed: the loop multiplies it by the speed's power ``exponent`` as all of the plan's forces.
 
-        Args:
-            settings: Of the loop.
-            override: Tolerance, least speed, rate.
-            exponent: Of the force in the feed.
+        ``override``: tolerance, least speed, rate; ``exponent``: of the force in the feed.
         """
         slowed = self.speeds(settings, override, exponent)
         ahead = self.w_ahead_part

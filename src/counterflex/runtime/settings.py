@@ -106,7 +106,7 @@ class Delays:
 
     @property
     def lag_gains(self) -> tuple[float, float]:
-        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.design.feed_forward`."""
+        """``f1`` (s) and ``g1 f1 - f2`` (s2) of :mod:`counterflex.runtime.design.tracker`."""
         lag, dead = self.follow_lag_s, self.follow_s - self.follow_lag_s
         second = lag * lag + lag * dead + 0.5 * dead * dead
         return self.follow_s, self.correction_s * self.follow_s - second
@@ -125,7 +125,7 @@ class TrackerTuning:
         gain: K of the integrator, per cycle; Ki of the designed controller.
         proportional: Kp of the designed controller.
         notch: Its filter, ``b0 b1 b2 a1 a2``.
-        lag_filter: Filter of :mod:`counterflex.runtime.design.feed_forward` on speed and acceleration of the program.
+        lag_filter: Filter of :mod:`counterflex.runtime.design.tracker` on speed and acceleration of the program.
         undo_lag: It undoes the lag behind the program ahead of any measurement.
         undo_play: Likewise the play that the plan predicts, where the program does not contain it.
         lag_most_m: Largest translation given for the lag; a faster program is not corrected along its path.
@@ -317,9 +317,6 @@ def require_for_held_part(settings: OnlineSettings) -> None:
     Axis corrections mean the same whatever the robot holds. What a controller's Cartesian correction is about, and in
     which axes, while its tool stands, no document says.
 
-    Args:
-        settings: Of the loop.
-
     Raises:
         InputError: A Cartesian correction, a tracker, the estimator, or inertia taken out of the force.
     """
@@ -361,15 +358,6 @@ def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:
     if len(gain) != 3:
         raise InputError(f"online: {name} per direction", value=len(gain), limit="3: feed, across, along the tool")
     return gain
-
-
-def lead(settings: OnlineSettings) -> float:
-    """Lead of the plan computed from the identified delays: how late a correction acts, s.
-
-    The prediction must be read so much ahead that the correction acts when the force does. The force itself bends the
-    robot at once, so the correction's whole delay counts and no filter of the force.
-    """
-    return settings.delays.correction_s
 
 
 def robot_answer(settings: OnlineSettings) -> tuple[int, Float]:

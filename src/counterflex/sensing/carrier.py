@@ -1,4 +1,4 @@
-"""Where a body of the elastic chain stands under weight and process load: the frame a sensor in it measures in.
+"""Pose of a body of the elastic chain under weight and process load: the frame a sensor in it measures in.
 
 750 N turn a flange sensor enough for 1 % of its tool's weight to appear as a force, so its rotation is taken from the
 bent arm, not from the rigid one.

@@ -217,7 +217,7 @@ def idle_wrench(
     gravity_base: Float = DOWN,
     R_hose_sensor: Float | None = None,
 ) -> Float:
-    """What the sensor shows without a process.
+    """Reading of the sensor without a process.
 
     Force ``m (g - a) - m (alpha x c + omega x (omega x c))``, moment ``c x force - I alpha - omega x I omega``, plus
     bias, drift, temperature and the offset of the orientation.

@@ -23,6 +23,31 @@ from counterflex.core.errors import InputError
 from counterflex.geometry import wrench
 from counterflex.geometry.rotation import skew
 
+# The Wheatstone full bridge: its voltage from four strains, and the strain behind a voltage. Four gauges R1 to R4
+# around a square, supply across one diagonal, signal across the other. R1 and R3 lie along the strain, R2 and R4 across
+# it (Denkena2015 fig. 4): ``U / U_s = R1 / (R1 + R2) - R4 / (R3 + R4)`` with ``R_i = R (1 + k eps_i)``; to first order
+# ``k (eps1 - eps2 + eps3 - eps4) / 4``, in which equal thermal strain cancels.
+
+SUPPLY_V = 5.0
+GAUGE_FACTOR = 2.0
+
+
+def strain_of_voltage(
+    voltage_v: Float,
+    *,
+    poisson_ratio: float = 0.3,
+    gauge_factor: float = GAUGE_FACTOR,
+    supply_v: float = SUPPLY_V,
+) -> Float:
+    """Strain of a bar in tension that gives this signal: ``2 U / (U_s k (1 + nu))``.
+
+    ``voltage_v``: (...) V. ``poisson_ratio``: Of the body: what the gauges across it see. Returns (...) dimensionless.
+    Off by less than 1e-3 of itself below 1000 um/m.
+    """
+    out: Float = 2.0 * np.asarray(voltage_v, dtype=np.float64) / (supply_v * gauge_factor * (1.0 + poisson_ratio))
+    return out
+
+
 # Closed-form model of a two-cheek spindle holder: the strain under each gauge for any load. Two prismatic
 # Euler-Bernoulli cheeks, clamped at z = 0, joined at z = L by a rigid ring that carries the spindle. Holder frame: z
 # along the cheeks to the spindle, x through both cheeks, y across them. With the tip flexibility of a cantilever the
@@ -308,7 +333,7 @@ def regressed_matrix(
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What the bridges see of a force.
+    """Sight of the bridges on a force.
 
     Attributes:
         sigma_n: (3,) N standard deviation of each component of the estimated force for one sample.
@@ -324,7 +349,7 @@ class Sight:
 
 
 def sight(K: Float, noise_covariance: Float) -> Sight:
-    """Which force directions bridges see, and how well.
+    """Force directions that bridges see, and how well.
 
     Args:
         K: (n, 3) 1/N strain per force.

@@ -1,4 +1,4 @@
-"""How a correction is to be commanded ahead of time, so that what the robot makes of it undoes a deflection in time."""
+"""Command a correction ahead of time, so that the robot's response undoes a deflection in time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from counterflex.signals.preview import Mode, Shaping, command_for
 
 @dataclass(frozen=True)
 class Ahead:
-    """What a force and a correction against it pass on their way to the tool.
+    """Path of a force and of a correction against it to the tool.
 
     Attributes:
         arm_share: Of the deflection that the arm makes, 0 .. 1: it swings through the first mode, the rest follows at

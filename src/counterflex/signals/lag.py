@@ -20,7 +20,7 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Clock:
-    """How another clock runs: ``stamp = t + offset + drift (t - reference)`` for an instant t of the first clock.
+    """Run of another clock: ``stamp = t + offset + drift (t - reference)`` for an instant t of the first clock.
 
     Attributes:
         offset_s: By how much the other clock is ahead at the reference, s.
@@ -33,7 +33,7 @@ class Clock:
     reference_s: float = 0.0
 
     def stamps(self, time_s: Float) -> Float:
-        """What the other clock shows at instants (n,) of the first."""
+        """Stamps of the other clock at instants (n,) of the first."""
         out: Float = time_s + self.offset_s + self.drift * (time_s - self.reference_s)
         return out
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from counterflex.app.identification.controller_angles import (
+from counterflex.app.identification.cell_model import (
     in_model_angles,
     model_columns,
     shown_channels,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from counterflex.twin.network.impairment import Delivery, Impairment, Schedule
-from counterflex_lab.faults.network import LARGEST_STEP_M
+from counterflex_lab.faults.aftermath import LARGEST_STEP_M
 from counterflex_lab.faults.rig import Rig
 
 

@@ -26,8 +26,8 @@ from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.network.faults import Fault
+from counterflex.twin.plant.drives import DATA_SHEET_NM_A
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A
 from counterflex_lab.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"

@@ -19,8 +19,7 @@ from counterflex.app.run_history.logged_run import _share, one_run, read_runs
 from counterflex.app.run_history.pages import compare, page
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.records import records
-from counterflex.evaluate.run_curves import sides_of
-from counterflex.evaluate.run_trend import LEAST_RUNS, trend
+from counterflex.evaluate.run_curves import LEAST_RUNS, sides_of, trend
 from counterflex.protocols.processes.snapshot_layout import SNAPSHOT
 from counterflex.runtime.record_ring import column
 from straight_cut_log import rows_of, write

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
+from counterflex.core.progress import silent
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
+from counterflex_lab.reproduce import closed_loop, mandiola_report
 from counterflex_lab.reproduce import mandiola as reproduce_mandiola
-from counterflex_lab.reproduce import mandiola_report
 from counterflex_lab.reproduce.mandiola_case import write_case
 
 
@@ -30,10 +32,14 @@ def circle_error(p: Float, radius_m: float) -> Float:
     return out
 
 
-def test_the_designed_controller_against_the_published_gain_pair(tmp_path: Path) -> None:
+def test_the_designed_controller_against_the_published_gain_pair(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Same truth, same path; each runs over sockets. Then the same again is not run again."""
     case = write_case(tmp_path / "case", 1, scale=0.03)
-    found = {name: reproduce_mandiola.one(case, "square", name) for name in ("published", "designed")}
+    tasks = [reproduce_mandiola.task_of(case, "square", name) for name in ("published", "designed")]
+    results = run_tasks([reproduce_mandiola.plan_of(case, "square"), *tasks], 1, silent)
+    found = {task.name.rpartition(" ")[2]: results[task.name] for task in tasks}
     for item in found.values():
         assert item["loop"]["states"]["active"] > 1500
         assert "fault" not in item["loop"]["states"]
@@ -42,15 +48,9 @@ def test_the_designed_controller_against_the_published_gain_pair(tmp_path: Path)
     assert published["corners"]["total"]["max_um"] > 1000.0
     assert designed["corners"]["total"]["max_um"] < 0.45 * published["corners"]["total"]["max_um"]
     assert designed["corners"]["contour"]["rms_um"] < 0.4 * published["corners"]["contour"]["rms_um"]
-    log: list[float] = []
-
-    def told(fraction: float, what: str = "") -> None:
-        assert what is not None
-        log.append(fraction)
-
-    again = reproduce_mandiola.one(case, "square", "designed", progress=told)
-    assert again == found["designed"]
-    assert log == []
+    monkeypatch.delattr(closed_loop, "run")
+    again = run_tasks([reproduce_mandiola.plan_of(case, "square"), *tasks], 1, silent)
+    assert again == results
 
 
 def test_margins_are_those_of_the_published_loop(tmp_path: Path) -> None:
@@ -70,7 +70,7 @@ def test_margins_are_those_of_the_published_loop(tmp_path: Path) -> None:
 
 def test_no_seeds_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="seeds"):
-        reproduce_mandiola.run(tmp_path, seeds=())
+        reproduce_mandiola.Paths(tmp_path, seeds=())
 
 
 def test_contour_and_total_error_of_a_known_path() -> None:

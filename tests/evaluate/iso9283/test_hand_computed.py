@@ -9,9 +9,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath, path_of
-from counterflex.evaluate.iso9283.corners import corners
 from counterflex.evaluate.iso9283.path_cycles import Cycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import path_figures
+from counterflex.evaluate.iso9283.path_figures import corners, path_figures
 from counterflex.evaluate.iso9283.path_velocity import path_velocity
 from counterflex.evaluate.iso9283.poses import PoseCycles, distance_figures, drift, multi_directional, pose_figures
 from counterflex.evaluate.iso9283.settling import settled

@@ -8,9 +8,8 @@ from scipy.stats import multivariate_normal
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.path_error.band_solver import Gathered, Observations, solved, values_of
+from counterflex.evaluate.path_error.band_solver import WIDTH, Gathered, Observations, Prior, solved, values_of
 from counterflex.evaluate.path_error.contacts import Nodes
-from counterflex.evaluate.path_error.prior import WIDTH, Prior
 
 PRIOR = Prior(80 * UM, 30 * MM, 40 * UM, 4 * MM)
 

@@ -11,7 +11,7 @@ from tests.evaluate.path_error.conftest import Groove
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.expected import expected
+from counterflex.evaluate.path_error.repeated import expected
 
 
 def an_error(groove: Groove) -> np.ndarray:

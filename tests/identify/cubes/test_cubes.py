@@ -15,7 +15,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cubes import recipe as cubes
 from counterflex.identify.cubes.pairs import block, read_cubes
-from counterflex.identify.cubes.proposal import pairs_of
+from counterflex.identify.cubes.recipe import pairs_of
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.compliances import DIRECTIONS, springs

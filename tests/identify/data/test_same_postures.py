@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
-from counterflex.identify.data.data_checks import check_enough
+from counterflex.identify.data.data_checks import ALIKE_RAD, check_enough, joined, leaders, regions
 from counterflex.identify.data.dataset import Dataset, of_arrays
-from counterflex.identify.data.shared_rows import ALIKE_RAD, joined, leaders, regions
 from counterflex.identify.solver.holdout import Folds, cross_validate, fold_of_groups
 
 

@@ -10,8 +10,8 @@ import pytest
 from counterflex.app.identification.identify import prepare
 from counterflex.core.errors import InputError
 from counterflex.files.dataset.reader import read_dataset
+from counterflex.identify.data.data_checks import joined, joined_by_rows, require_disjoint
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.shared_rows import joined, joined_by_rows, require_disjoint
 from counterflex.identify.solver.holdout import fold_of_groups
 
 CELL = Path(__file__).parents[3] / "examples" / "cells" / "kr300_d16_small.toml"

@@ -17,9 +17,8 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.arm_geometry import displaced_arm
 from counterflex.identify.geometry.arm_parameters import ArmPriors
-from counterflex.identify.kinematics.prior_evidence import Widened, widened
 from counterflex.identify.kinematics.setup import Setup, set_up
-from counterflex.identify.kinematics.stages import model_of_data
+from counterflex.identify.kinematics.stages import Widened, model_of_data, widened
 from counterflex.identify.solver.solve import solve
 
 CELL = model_of(read_cell(Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d10_ball.toml"))

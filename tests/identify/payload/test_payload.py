@@ -20,7 +20,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, TableValues
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.design.greedy import greedy
+from counterflex.identify.design.choice import greedy
 from counterflex.identify.payload.data import shared_mass, with_added_mass
 from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE

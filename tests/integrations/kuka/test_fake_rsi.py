@@ -14,7 +14,7 @@ from counterflex.integrations.kuka.link.kernel import OK
 from counterflex.integrations.kuka.link.telegram import answer_writer, robot_reader
 from counterflex.integrations.kuka.simulated import CLAMPED, CORRECTING, FREE, FakeRsi, RsiContext
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
+from counterflex.twin.plant.drives import DATA_SHEET_NM_A, RIPPLE_A, SHARE, MotorCurrents
 
 CONFIG = (
     "<ROOT><CONFIG><IP_NUMBER>127.0.0.1</IP_NUMBER><PORT>49152</PORT><SENTYPE>Counterflex</SENTYPE></CONFIG>"

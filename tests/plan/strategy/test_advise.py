@@ -25,8 +25,7 @@ from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, depth_used
-from counterflex.plan.strategy.resonance import Swing, single, swing_of, worst
+from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, single, swing_of, worst
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.robot.elasticity.chain import forward
 from counterflex.signals.preview import Mode

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import print_json, print_made_again, print_table, resumable_progress
+
+if TYPE_CHECKING:
+    from counterflex_lab.reproduce.experiment import Experiment
 
 Out = Annotated[
     Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
@@ -46,20 +50,25 @@ def groove(
     Example: `counterflex reproduce groove --out groove`
     """
     numbers = arguments.seeds(seeds)
-    from counterflex_lab.reproduce import haehn as job
+    from counterflex_lab.reproduce.haehn import Groove
 
-    with resumable_progress("groove", out) as progress:
-        summary = job.run(out, seeds=numbers, level=level, quick=quick, workers=workers, progress=progress)
+    _done(Groove(out, seeds=numbers, level=level, quick=quick, workers=workers), _show_groove, as_json)
+
+
+def _done(experiment: Experiment, show: Callable[[dict[str, Any]], None], as_json: bool) -> None:
+    with resumable_progress(experiment.name, experiment.folder) as progress:
+        summary = experiment.run(progress)
     if as_json:
         print_json(summary)
-    else:
-        _show_groove(summary)
-        print_made_again(summary)
-        typer.echo(f"wrote {out}")
+        return
+    show(summary)
+    print_made_again(summary)
+    typer.echo(f"wrote {experiment.folder}")
 
 
 def _show_groove(summary: dict[str, Any]) -> None:
     from counterflex_lab.reproduce import haehn_report as report
+    from counterflex_lab.reproduce.way import REFUSED
 
     edges = list(dict.fromkeys(row["edge"] for row in summary["seeds"]))
     print_table(
@@ -69,7 +78,7 @@ def _show_groove(summary: dict[str, Any]) -> None:
         report.table_rows(summary),
     )
     if any(item["refused"] for item in summary["variants"].values()):
-        typer.echo(report.REFUSED)
+        typer.echo(REFUSED)
     typer.echo(report.verdict(summary))
 
 
@@ -88,16 +97,9 @@ def paths(
     Example: `counterflex reproduce paths --out paths`
     """
     numbers = arguments.seeds(seeds)
-    from counterflex_lab.reproduce import mandiola as job
+    from counterflex_lab.reproduce.mandiola import Paths
 
-    with resumable_progress("paths", out) as progress:
-        summary = job.run(out, seeds=numbers, quick=quick, workers=workers, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        _show_paths(summary)
-        print_made_again(summary)
-        typer.echo(f"wrote {out}")
+    _done(Paths(out, seeds=numbers, quick=quick, workers=workers), _show_paths, as_json)
 
 
 def _show_paths(summary: dict[str, Any]) -> None:
@@ -155,21 +157,16 @@ def online(
     """
     numbers = arguments.seeds(seeds)
     from counterflex.twin.truth.family import family_of
-    from counterflex_lab.reproduce import online as job
+    from counterflex_lab.reproduce.online import WrongPlans
 
-    with resumable_progress("online", out) as progress:
-        summary = job.run(out, seeds=numbers, family=family_of(family), quick=quick, workers=workers, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        _show_online(summary)
-        print_made_again(summary)
-        typer.echo(f"wrote {out}")
+    job = WrongPlans(out, seeds=numbers, family=family_of(family), quick=quick, workers=workers)
+    _done(job, _show_online, as_json)
 
 
 def _show_online(summary: dict[str, Any]) -> None:
     from counterflex_lab.reproduce import online_report as report
     from counterflex_lab.reproduce.online_case import WAYS
+    from counterflex_lab.reproduce.way import REFUSED
 
     count = len({row["seed"] for row in summary["seeds"]})
     about = f"median / worst of {count} truths ({summary['family']}, {summary['truth_level']})"
@@ -180,7 +177,7 @@ def _show_online(summary: dict[str, Any]) -> None:
     ):
         print_table(title, ["what is wrong", *WAYS], report.table_rows(summary, kind))
     if any(item["refused"] for row in summary["rows"].values() for item in row.values()):
-        typer.echo(report.REFUSED)
+        typer.echo(REFUSED)
     typer.echo(report.verdict(summary))
 
 
@@ -212,30 +209,22 @@ def holder(
     """
     numbers = arguments.seeds(seeds)
     from counterflex.twin.truth.family import family_of
-    from counterflex_lab.reproduce import holder as job
+    from counterflex_lab.reproduce.holder import Edge
 
-    with resumable_progress("holder", out) as progress:
-        summary = job.run(
-            out,
-            seeds=numbers,
-            family=family_of(family),
-            level=level,
-            quick=quick,
-            workers=workers,
-            progress=progress,
-        )
-    if as_json:
-        print_json(summary)
-        return
+    job = Edge(out, seeds=numbers, family=family_of(family), level=level, quick=quick, workers=workers)
+    _done(job, _show_holder, as_json)
+
+
+def _show_holder(summary: dict[str, Any]) -> None:
+    from counterflex_lab.reproduce.holder import DIRECTIONS, table_rows
+
     count = len(summary["seeds"])
     print_table(
         f"Path error, mm, and error of the force, N (95 % half width): median / worst of {count} truths "
         f"({summary['family']}, {summary['truth_level']}); Denkena2015: 10, 10, 50 N",
-        ["way", "path p99.7", "largest", "entry", *job.DIRECTIONS, "runs"],
-        job.table_rows(summary),
+        ["way", "path p99.7", "largest", "entry", *DIRECTIONS, "runs"],
+        table_rows(summary),
     )
     goal = summary["goal"]
     worst = "no run" if goal["worst_n"] is None else f"{goal['worst_n']:.1f} N"
     typer.echo(f"axial force within {goal['axial_n']:g} N: {worst} ({'met' if goal['met'] else 'missed'})")
-    print_made_again(summary)
-    typer.echo(f"wrote {out}")

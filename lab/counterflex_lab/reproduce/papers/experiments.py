@@ -6,7 +6,7 @@ Each gives plain results that are small enough to be stored with the program: fi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final
@@ -24,9 +24,10 @@ from counterflex.core.progress import Progress, in_parts
 from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.coefficients import KienzleLaw, edge_force
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.twin.truth.family import WIDE
 from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import CuttingTruth, Truth
-from counterflex_lab.reproduce import haehn, haehn_case, haehn_report, holder, mandiola, mandiola_case
+from counterflex_lab.reproduce import haehn, haehn_case, haehn_report, holder, holder_case, mandiola, mandiola_case
 
 REPORTING: Final = 1001
 """First truth seed that nothing is tuned on."""
@@ -60,20 +61,13 @@ Run = Callable[[Path, Options, Progress], dict[str, Any]]
 
 def holder_loop(folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
     """The validation cut of Denkena2015 with the holder in the loop."""
-    summary = holder.run(
-        folder,
-        seeds=options.seeds,
-        level=options.level,
-        quick=options.quick,
-        workers=options.workers,
-        progress=progress,
-    )
+    summary = holder.Edge(folder, family=WIDE, **asdict(options)).run(progress)
     rows = {way: dict(row) for way, row in summary["rows"].items()}
     for way, row in rows.items():
         plateau = [
             item["variants"][way]["plateau"]["p997_mm"]
             for item in summary["seeds"]
-            if holder.acted(way, item["variants"][way]) and "plateau" in item["variants"][way]
+            if holder_case.WAYS[way].acted(item["variants"][way]) and "plateau" in item["variants"][way]
         ]
         if plateau:
             row["median_plateau_mm"] = float(np.median(plateau))
@@ -108,14 +102,7 @@ def design_results(bridged: Mapping[str, Any], across: Mapping[str, Any]) -> dic
 
 def groove(folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
     """The groove of Haehn2020 with every way of correcting."""
-    summary = haehn.run(
-        folder,
-        seeds=options.seeds,
-        level=options.level,
-        quick=options.quick,
-        workers=options.workers,
-        progress=progress,
-    )
+    summary = haehn.Groove(folder, **asdict(options)).run(progress)
     first = summary["seeds"][0]
     place = folder / f"seed-{first['seed']}" / first["edge"]
     cell = read_cell(place / haehn_case.OFFLINE)
@@ -139,7 +126,7 @@ def groove_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[
     for name in dict.fromkeys(name for row in rows for name in row["variants"]):
         for edge in dict.fromkeys(row["edge"] for row in rows):
             runs = [row["variants"][name] for row in rows if row["edge"] == edge and name in row["variants"]]
-            runs = [item for item in runs if haehn_report.acted(name, item)]
+            runs = [item for item in runs if haehn_case.WAYS[name].acted(item)]
             if runs:
                 sizes = {k: [item[k]["max_mm"] for item in runs] for k in ("path", "exit")}
                 out.setdefault(name, {})[edge] = {k: [float(np.median(v)), max(v)] for k, v in sizes.items()}
@@ -148,11 +135,10 @@ def groove_table(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[
 
 def paths(folder: Path, options: Options, progress: Progress) -> dict[str, Any]:
     """Square and circle of Mandiola2023, without correction, with the published gain, with the designed controller."""
-    summary = mandiola.run(folder, seeds=options.seeds, quick=options.quick, workers=options.workers, progress=progress)
-    seeds = [item["seed"] for item in summary["seeds"]]
-    cases = {n: mandiola_case.Case(folder / f"seed-{n}", n, summary["scale"]) for n in seeds}
-    at_rest = {str(n): _at_rest_mm(case) for n, case in cases.items()}
-    case = cases[seeds[0]]
+    job = mandiola.Paths(folder, seeds=options.seeds, quick=options.quick, workers=options.workers)
+    summary = job.run(progress)
+    at_rest = {str(n): _at_rest_mm(case) for n, case in job.cases.items()}
+    case = job.cases[min(job.cases)]
     curves: dict[str, Any] = {"circle": {}, "square": {}}
     for name in mandiola_case.VARIANTS:
         run = mandiola.tracked(case.folder / f"circle-{name}", case.cell(name))

@@ -30,7 +30,7 @@ RESULT: Final = "result.json"
 
 @dataclass(frozen=True)
 class About:
-    """Who milled the part, and how."""
+    """Person, robot and method that milled the part."""
 
     laboratory: str
     method: str  # One of :data:`counterflex.files.benchmark_result.METHODS`

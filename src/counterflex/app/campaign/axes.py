@@ -1,4 +1,4 @@
-"""What a campaign is carried out over besides the simulated cells: programs, placements of the part, postures."""
+"""Axes of a campaign besides the simulated cells: programs, placements of the part, postures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the part stands."""
+    """Place of the part."""
 
     name: str = ""  # Of files and rows; empty for the place that the cell file says
     pose: dict[str, float] = field(default_factory=dict)  # Keys of ``[part]`` that differ from the cell file
@@ -42,13 +42,13 @@ class Setup:
 
     @property
     def moved(self) -> bool:
-        """Whether part or posture are not those of the cell file."""
+        """Return whether part or posture are not those of the cell file."""
         return bool(self.placement.pose) or self.posture != PRESENT
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What is machined on every simulated cell: each program at each placement in each posture."""
+    """Machinings on every simulated cell: each program at each placement in each posture."""
 
     programs: Sequence[str | Path] = ()
     placements: Sequence[Placement] = ()  # Where the part stands; none is where the cell file says

@@ -36,8 +36,7 @@ from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
-from counterflex.evaluate.summary import SeedResult, summary
-from counterflex.evaluate.truth_level import TruthLevel
+from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.set_up import copied_text, text_with_files
 from counterflex.files.summary_file import write_summary
@@ -240,7 +239,7 @@ def _places(
 
 
 def _with_report(result: Mapping[str, Any], place: Place, k: int) -> dict[str, Any]:
-    """What a recipe brought, and where its report is, relative to the campaign's folder."""
+    """Return what a recipe brought, and where its report is, relative to the campaign's folder."""
     report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if result["accepted"] else ""
     return {**result, "report": report}
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.identification.controller_angles import model_columns, shown_channels
+from counterflex.app.identification.cell_model import model_columns, shown_channels
 from counterflex.app.proof.simulate import check_same_cell
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import read_cell

@@ -1,4 +1,4 @@
-"""What a campaign found, against what is true in the simulated cell. The only step that looks into the truth.
+"""Compare the parameters that a campaign identified with the simulated cell. The only step that reads the truth.
 
 Single parameters can trade against each other without harm; so besides them stand the things that planning uses:
 where the tool is, how far a load moves it, how large the force of a chip is.

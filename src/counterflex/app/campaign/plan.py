@@ -1,4 +1,4 @@
-"""What a laboratory does to set up a cell, in order."""
+"""Steps by which a laboratory sets up a cell, in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an identified cell is worth: programs planned with it, machined on the truth it was measured on, judged."""
+"""Judge an identified cell: programs planned with it and machined on the truth that it was measured on."""
 
 from __future__ import annotations
 

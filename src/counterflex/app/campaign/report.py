@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.prediction_interval import worse_text
-from counterflex.evaluate.truth_level import TRUTH_LEVELS
+from counterflex.evaluate.summary import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
 from counterflex.report.campaign_page import CampaignData, CampaignOfSeed, FigureRow, RecipeRow, TruthRow, campaign_page
 from counterflex.report.data import Fact
@@ -244,7 +244,7 @@ def headline_rows(summary: Mapping[str, Any]) -> list[list[str]]:
 
 
 def refusals(summary: Mapping[str, Any]) -> list[str]:
-    """Why recipes were not taken over, a line each."""
+    """Return why recipes were not taken over, a line each."""
     lines = []
     for item in summary["campaigns"]:
         of = "" if item["seed"] is None else f"seed {item['seed']}: "

@@ -48,7 +48,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the files of a campaign are."""
+    """Places of the files of a campaign."""
 
     out: Path
     inputs: tuple[str, ...]

@@ -146,7 +146,7 @@ def _together(chosen: Sequence[Quantity], where: str) -> Value:
 
 
 def _misfit(key: Key, value: Value) -> str:
-    """Why a value cannot go to a key; empty where it can."""
+    """Return why a value cannot go to a key; empty where it can."""
     if key.counts and len(value.values) not in key.counts:
         return f"{len(value.values)} numbers where {key.counts[0]} belong"
     if key.exponents is not None:

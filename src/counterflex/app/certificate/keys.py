@@ -1,4 +1,4 @@
-"""Where values of a calibration certificate may go: keys of a cell file and of the manifest of a dataset."""
+"""Keys of a cell file and of a dataset's manifest that a value of a calibration certificate may fill."""
 
 from __future__ import annotations
 

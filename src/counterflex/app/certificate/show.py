@@ -1,4 +1,4 @@
-"""What a calibration certificate holds, as plain values."""
+"""Content of a calibration certificate, as plain values."""
 
 from __future__ import annotations
 

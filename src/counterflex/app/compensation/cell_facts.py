@@ -1,4 +1,4 @@
-"""What the page shows of the cell: what its file states and assumes, the robot in its worst posture, blank and path."""
+"""Facts of the cell on the page: what its file states and assumes, the robot in its worst posture, blank and path."""
 
 from __future__ import annotations
 

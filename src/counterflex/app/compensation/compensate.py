@@ -70,7 +70,7 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
 
 
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
-    """What became of the feed, in shop units."""
+    """Return what became of the feed, in shop units."""
     return {
         "tolerance_um": round(wish.tolerance_m / UM, 3),
         "least_percent": round(100.0 * wish.least, 3),

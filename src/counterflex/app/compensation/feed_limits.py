@@ -20,7 +20,7 @@ def limited_feed(job: Job, cell: Cell, setting: Setting) -> LimitedFeed | None:
 
 
 def shown_limits(limited: LimitedFeed) -> dict[str, Any]:
-    """What became of the feed, in shop units."""
+    """Return what became of the feed, in shop units."""
     return {
         "extra_s": round(limited.extra_s, 3),
         "kept": all(line.after_share <= 1.001 for line in limited.lines),

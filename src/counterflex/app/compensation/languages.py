@@ -38,7 +38,7 @@ Written = tuple[dict[str, str], dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class WritingOrder:
-    """What is to be written."""
+    """Order to write a program."""
 
     job: Job  # The program as read, its path and its samples
     plan: Plan  # With the correction of every point

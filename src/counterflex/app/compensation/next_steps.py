@@ -1,4 +1,4 @@
-"""What to do with a result: what to load on the controller, and what comes next."""
+"""Next steps after a result: what to load on the controller, and the commands that follow."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def out_of_tolerance(rows: Sequence[FeatureRow], variant: str) -> list[FeatureRo
 
 
 def after_proof(rows: Sequence[FeatureRow], summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """What comes after a part was machined before and after on the simulated cell, in order."""
+    """Return what comes after a part was machined before and after on the simulated cell, in order."""
     steps = []
     missed = out_of_tolerance(rows, "compensated")
     for row in missed[:_MOST]:

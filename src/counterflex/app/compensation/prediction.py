@@ -87,7 +87,7 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
 
 
 def grain_warnings(job: Job, plan: Plan, cell: Cell) -> list[str]:
-    """Where the plan would be another in finer stock; empty where it has converged."""
+    """Return where the plan would be another in finer stock; empty where it has converged."""
     if not plan.cutting.any():
         return []
     setting, size = setting_of(cell, part_may_be_held=True), np.linalg.norm(plan.deflection_part[:, :3], axis=1)
@@ -279,7 +279,7 @@ def summary_of(
     written: dict[str, Any],
     tolerance_m: float,
 ) -> dict[str, Any]:
-    """What ``summary.json`` says of a compensated program, in shop units.
+    """Return what ``summary.json`` says of a compensated program, in shop units.
 
     Args:
         tolerance_m: Largest distance between the written path and the planned one.
@@ -321,7 +321,7 @@ def summary_of(
 
 
 def calm_feed(job: Job, plan: Plan, cell: Cell) -> dict[str, Any]:
-    """Where the feed is lower than programmed, and how much longer the program takes, in shop units."""
+    """Return where the feed is lower than programmed, and how much longer the program takes, in shop units."""
     share = share_between(job.path, plan.path)
     slow = np.flatnonzero(share < 1.0)
     length = _weights(plan)

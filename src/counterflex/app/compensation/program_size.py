@@ -1,4 +1,4 @@
-"""How large a program is for the controller that runs it: as it stands, or as a robot's language would have it."""
+"""Size of a program for the controller that runs it: as it stands, or in a robot's language."""
 
 from __future__ import annotations
 

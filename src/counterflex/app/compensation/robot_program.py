@@ -1,4 +1,4 @@
-"""What a robot must be told beside the path: checks and words of jobs that write a language of robots."""
+"""Checks and words of a robot beside the path, for jobs that write a language of robots."""
 
 from __future__ import annotations
 
@@ -130,11 +130,7 @@ def _by_axes(program: Program) -> list[str]:
 
 
 def _homing(program: Program) -> list[str]:
-    """Return the words that lead to places of the milling machine.
-
-    Raises:
-        ProgramError: That was the way out of the cut: the robot would stay there.
-    """
+    """Return the words that lead to places of the milling machine."""
     places: dict[str, list[str]] = {}
     for block in program.blocks:
         codes = {word.value for word in block.words if word.letter == "G"} & _HOMING
@@ -157,7 +153,7 @@ def _homing(program: Program) -> list[str]:
 
 
 def other_lengths(program: Program) -> list[str]:
-    """Where G43 names another tool's length than that of the tool in the spindle, in words."""
+    """Return where G43 names another tool's length than that of the tool in the spindle, in words."""
     lengths = {}
     for block in program.blocks:
         if not any(word.letter == "G" and word.value == 43.0 for word in block.words):
@@ -172,7 +168,7 @@ def other_lengths(program: Program) -> list[str]:
 
 
 def tool_data(program: Program, cell: Cell, language: str) -> dict[int, str]:
-    """What the controller calls the tool frame, for each tool that the program uses.
+    """Return what the controller calls the tool frame, for each tool that the program uses.
 
     Empty where it uses one tool that has no name of its own: that one is ``controller.tool_number`` (KRL), or the
     program brings its tooldata (RAPID).

@@ -1,4 +1,4 @@
-"""What a controller knows of its cell: tools, bases, loads, where the robot stands."""
+"""Data of a controller about its cell: tools, bases, loads, place of the robot."""
 
 from __future__ import annotations
 

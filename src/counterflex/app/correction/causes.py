@@ -1,4 +1,4 @@
-"""What each constant of the cell moves the tool by where it is other than planned with, and how well it is known."""
+"""Motion of the tool by an error of each constant of the cell, and how well the constant is known."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Known:
 
 
 def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
-    """What may be behind the errors of a path.
+    """Return what may be behind the errors of a path.
 
     Args:
         row: (k,) rows of the nodes.
@@ -131,7 +131,7 @@ def shown(weighed: list[Explanation]) -> list[dict[str, Any]]:
 
 
 def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
-    """What an explanation changes in the cell file. Raises InputError: it has no place there."""
+    """Return what an explanation changes in the cell file. Raises InputError: it has no place there."""
     value = dict(zip(one.factors, one.value.tolist(), strict=True))
     names = one.name.split(" + ")
     if one.name == NOTHING or DIRECTIONS in names:

@@ -42,9 +42,8 @@ from counterflex.core.units import UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
-from counterflex.evaluate.path_error.expected import Expected, expected
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.repeated import Expected, MeasuredError, expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
@@ -208,12 +207,7 @@ def correct(
 
 
 def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
-    """A plan on the program's own path, at the plan's feed.
-
-    Raises:
-        FileFormatError: The folder holds no plan.
-        InputError: It is a plan of another program or of another cell.
-    """
+    """A plan on the program's own path, at the plan's feed."""
     if not (folder / PLAN).is_file():
         raise FileFormatError(
             "no plan in this folder", where=str(folder), limit=f"{PLAN} of counterflex compensate or correct"
@@ -280,7 +274,7 @@ def _shown(e: Expected) -> dict[str, float]:
 
 
 def _not_seen(measured: list[Measured], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
-    """How much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
+    """Return how much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
     contact = loaded.cut.contact
     shown_rows = (
         nodes.at_rows(

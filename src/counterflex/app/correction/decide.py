@@ -31,7 +31,7 @@ _REACH_M: Final = 200.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the next part is made by."""
+    """Correction that the next part is made by."""
 
     plan: Plan
     further_m: Float  # (n, 3) m, displacement that it takes back besides what the plan before took back

@@ -1,4 +1,4 @@
-"""What the job ``correct`` finds and decides."""
+"""Result of the job ``correct``: findings and decisions."""
 
 from __future__ import annotations
 

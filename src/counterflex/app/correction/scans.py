@@ -1,4 +1,4 @@
-"""What ``correct`` takes for a scan: deviations of a measured part, or the folder of a simulated one."""
+"""Scans for ``correct``: deviations of a measured part, or the folder of a simulated one."""
 
 from __future__ import annotations
 

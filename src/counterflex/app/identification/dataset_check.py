@@ -1,4 +1,4 @@
-"""What a dataset holds, as identification will read it."""
+"""Summarise a dataset as identification will read it."""
 
 from __future__ import annotations
 

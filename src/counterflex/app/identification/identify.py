@@ -15,8 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.identification.cell_model import model_of
-from counterflex.app.identification.controller_angles import in_model_angles
+from counterflex.app.identification.cell_model import in_model_angles, model_of
 from counterflex.app.identification.history import keep
 from counterflex.app.identification.propose import propose as propose
 from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
@@ -36,8 +35,8 @@ from counterflex.files.identification_file import (
     write_identification,
 )
 from counterflex.files.shop_unit import unit_of_name
+from counterflex.identify.data.data_checks import joined, joined_by_rows, require_disjoint
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.shared_rows import joined, joined_by_rows, require_disjoint
 from counterflex.identify.recipe import Identification, Recipe
 from counterflex.identify.recipes import RECIPES
 
@@ -60,7 +59,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is identified, from what.
+    """Recipe, cell and data of an identification.
 
     Attributes:
         data: Datasets that parameters are fitted to.
@@ -269,7 +268,7 @@ def _few(task: Task) -> list[str]:
 
 
 def place_of(task: Task, result: Identification) -> Any:
-    """Where a row of a block of residuals stands in the files."""
+    """Place of a row of a block of residuals in the files."""
 
     def place(block: str, row: int) -> str:
         named = [d for d in task.data if d.name == block]

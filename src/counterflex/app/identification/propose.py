@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.identification.cell_model import model_of
-from counterflex.app.identification.controller_angles import shown_columns
+from counterflex.app.identification.cell_model import model_of, shown_columns
 from counterflex.app.identification.recipe_settings import Setting, read_settings, starting_cell
 from counterflex.core import atomic
 from counterflex.core.errors import InputError

@@ -47,7 +47,7 @@ OTHER_PART = 0.2
 
 @dataclass(frozen=True)
 class How:
-    """How a scan is read and laid on the part."""
+    """Settings by which a scan is read and laid on the part."""
 
     unit: str | None = None  # Name of its unit; None: found
     datum: str | None = None  # Names of the datum faces, separated by commas; None: all that the program leaves alone

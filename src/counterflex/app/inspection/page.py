@@ -90,7 +90,7 @@ def _scales(parts: Mapping[str, Inspected | InspectedPath]) -> tuple[str, ...]:
 
 
 def facts(entry: dict[str, Any]) -> tuple[Fact, ...]:
-    """How a scan was read and placed, in lines.
+    """Return how a scan was read and placed, in lines.
 
     Args:
         entry: Of ``parts`` in the summary.
@@ -131,7 +131,7 @@ def _scale_fact(scale: dict[str, Any]) -> Fact:
 
 
 def log_facts(entry: dict[str, Any]) -> tuple[Fact, ...]:
-    """How a path was logged and placed, in lines.
+    """Return how a path was logged and placed, in lines.
 
     Args:
         entry: Of ``parts`` in the summary.
@@ -154,7 +154,7 @@ def log_facts(entry: dict[str, Any]) -> tuple[Fact, ...]:
 
 
 def _pose_known(pose: dict[str, Any]) -> tuple[Fact, ...]:
-    """How well a fitted pose is known."""
+    """Return how well a fitted pose is known."""
     sigma = pose["standard_deviation"]
     shifts = ", ".join(f"{value['um']:.1f}" for name, value in sigma.items() if name.startswith("shift"))
     turns = ", ".join(f"{value['urad']:.1f}" for name, value in sigma.items() if name.startswith("turn"))

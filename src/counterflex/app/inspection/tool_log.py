@@ -32,7 +32,7 @@ _CUTS: Final = 3.0
 
 @dataclass(frozen=True)
 class LogHow:
-    """How a log of the tool's path is read and laid on the program's."""
+    """Settings by which a log of the tool's path is read and laid on the program's."""
 
     # Where the tracker stood: ``as-measured``, ``fit``, a cell file, or X,Y,Z,A,B,C; None: as the cell says
     frame: str | None = None
@@ -143,7 +143,7 @@ def _run_log(source: Path, how: LogHow) -> ToolLog:
 
 
 def _positions(rows: Float, time: Float, requested: str | None, source: Path) -> tuple[str, Int, Float, Float]:
-    """Which positions are judged, their rows, places (n, 3) m and times (n,) s."""
+    """Return which positions are judged, their rows, places (n, 3) m and times (n,) s."""
     tracked = np.flatnonzero(rows[:, column("flag_tracker_new")] == 1)
     reported = np.flatnonzero(rows[:, column("flag_reported")] == 1)
     have: dict[str, Int] = {"measured": tracked, "reported": reported, "commanded": np.arange(len(rows))}
@@ -172,7 +172,7 @@ def _three(rows: Float, name: str) -> Float:
 
 
 def _has_cut(rows: Float) -> bool:
-    """Whether the force says that material was there: larger where the plan cuts than elsewhere."""
+    """Return whether the force says that material was there: larger where the plan cuts than elsewhere."""
     force = np.linalg.norm(rows[:, [column(f"filtered_{axis}") for axis in ("fx", "fy", "fz")]], axis=1)
     planned = rows[:, column("cutting")] > 0.5
     if np.count_nonzero(planned) < 10 or np.count_nonzero(~planned) < 10:

@@ -1,4 +1,4 @@
-"""What other viewers are shown of a run: curves, frames, bodies of the cell, the part as it was cut, what happened."""
+"""Content of a run for other viewers: curves, frames, bodies of the cell, the part as it was cut, events."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _scene(cell: Path) -> CellScene | None:
 
 
 def _columns(folder: Path, number: int) -> dict[str, Float]:
-    """What is shown of the records of a run."""
+    """Return what is shown of the records of a run."""
     first = column("nominal_R00")
     places: dict[str, int | slice] = {
         "received_ns": column("received_ns"),
@@ -164,7 +164,7 @@ def _happened(run: LoggedRun, rows: dict[str, Float], time: Int) -> Iterator[Hap
 
 
 def plain(content: Content) -> dict[str, Any]:
-    """What was written, for people and programs."""
+    """Return what was written, for people and programs."""
     return {
         "run": content.name,
         "cycles": len(content.time_ns),

@@ -1,4 +1,4 @@
-"""Who does the tasks of a job: this process, or worker processes that share this machine's disk."""
+"""Executors of the tasks of a job: this process, or worker processes that share this machine's disk."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
 
 
 def taken(parcel: object, task: Task, root: Path) -> Any:
-    """What a task returned, its files written to their places; or the exception that it raised.
+    """Return what a task returned, its files written to their places; or the exception that it raised.
 
     Raises:
         InputError: The worker runs another program; no task would be the same there.

@@ -1,4 +1,4 @@
-"""What every worker process of a local cluster does first (a preload module of dask)."""
+"""Start of every worker process of a local cluster (a preload module of dask)."""
 
 from __future__ import annotations
 

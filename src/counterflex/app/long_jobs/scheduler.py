@@ -42,7 +42,7 @@ def require_scheduler_address(address: str) -> str:
 
 
 def open_to_others(address: str) -> str:
-    """What to tell who uses a scheduler over a network without keys; empty where there is nothing to tell."""
+    """Return what to tell who uses a scheduler over a network without keys; empty where there is nothing to tell."""
     parts = urlsplit(address)
     try:
         local = parts.hostname == "localhost" or ipaddress.ip_address(parts.hostname or "").is_loopback

@@ -34,7 +34,7 @@ Mark = tuple[tuple[str, str], ...]
 
 
 def fingerprint(*files: str | Path, **facts: Any) -> Mark:
-    """What a step is made from: contents of files, plain facts, and this program: its version and its files.
+    """Return what a step is made from: contents of files, plain facts, and this program: its version and its files.
 
     A TOML file counts by its meaning, table by table; any other by its bytes.
 
@@ -98,14 +98,14 @@ def _hashed(value: object) -> str:
 
 
 def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
-    """What a step wrote when it ended, or None where it did not end, or was made from something else."""
+    """Return what a step wrote when it ended, or None where it did not end, or was made from something else."""
     data = _read(folder / DONE)
     result = data.get("found")
     return result if _mark_of(data) == mark and isinstance(result, dict) else None
 
 
 def why_again(folder: Path, mark: Mark) -> str:
-    """Why a step has to be made again, in words.
+    """Return why a step has to be made again, in words.
 
     Returns:
         One line; empty where it is kept, was never made, or was interrupted.
@@ -159,7 +159,7 @@ def marks_below(folder: Path) -> dict[Path, tuple[int, int]]:
 
 
 def made_again(folder: Path, before: Mapping[Path, tuple[int, int]]) -> dict[str, int]:
-    """Why steps below a folder were made again lately, and how many for each reason.
+    """Return why steps below a folder were made again lately, and how many for each reason.
 
     Args:
         before: :func:`marks_below` when the job began; clocks are not asked, a file may be stamped in the future.

@@ -62,7 +62,7 @@ class Task:
         return tuple(item.path if isinstance(item, Reads | Writes) else item for item in self.arguments)
 
     def mark(self) -> Mark:
-        """What it is made from."""
+        """Return what it is made from."""
         facts = [_plain(item) for item in self.arguments if not isinstance(item, Reads | Writes)]
         name = f"{self.function.__module__}.{self.function.__qualname__}"
         package = name.partition(".")[0]

@@ -94,7 +94,7 @@ def run_tasks(
 
 
 class _Graph:
-    """Which task comes next: of those that wait for none that has not ended the first."""
+    """Order of tasks: of those that wait for none that has not ended the first."""
 
     def __init__(self, tasks: Sequence[Task]) -> None:
         self._place = {task.name: i for i, task in enumerate(tasks)}

@@ -61,7 +61,7 @@ def end_with_parent() -> None:
 
 
 class Shares:
-    """How much of each task is done, told by the workers that do them and read by the job."""
+    """Share of each task that is done, told by the workers that do them and read by the job."""
 
     def __init__(self, count: int) -> None:
         self._done: Any = multiprocessing.get_context("spawn").RawArray("d", max(1, count))

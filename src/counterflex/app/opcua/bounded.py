@@ -40,7 +40,7 @@ def caller() -> str:
 
 
 class Users(UserManager):  # type: ignore[misc]
-    """Who may: with a file of users only they, by their password; without one everybody, to read.
+    """Users who may: with a file of users only they, by their password; without one everybody, to read.
 
     Args:
         users: Of the file, or None.

@@ -43,7 +43,7 @@ UNITS: Final = {
 
 @dataclass(frozen=True)
 class View:
-    """What a value is taken from."""
+    """Source of a value."""
 
     seen: Seen
     about: Mapping[str, Any]

@@ -42,22 +42,16 @@ class ObservedRun:
     Args:
         folder: As ``run`` is given it with ``--out``.
         clock_ns: Monotonic.
-
-    Attributes:
-        seen: Whether there is a run, and whether its loop lives.
-        about: What the run says of itself; empty before the first.
-        figures: What was last seen, :meth:`counterflex.app.panel.figures.Figures.of`; empty before the first snapshot.
-        last: Last snapshot, or None.
-        why: Why a run that goes on cannot be read, or empty.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.folder, self._clock_ns = folder, clock_ns
-        self.seen = Seen.WAITING
-        self.about: dict[str, Any] = {}
+        self.seen = Seen.WAITING  # Whether there is a run, and whether its loop lives
+        self.about: dict[str, Any] = {}  # What the run says of itself; empty before the first
+        # What was last seen, :meth:`counterflex.app.panel.figures.Figures.of`; empty before the first snapshot
         self.figures: dict[str, Any] = {}
-        self.last: Any = None
-        self.why = ""
+        self.last: Any = None  # Last snapshot, or None
+        self.why = ""  # Why a run that goes on cannot be read, or empty
         self._words: SharedWords | None = None
         self._reader: SnapshotReader | None = None
         self._made: Figures | None = None

@@ -1,4 +1,4 @@
-"""What an OPC UA server is started with, and what of it is refused: no network without passwords and encryption."""
+"""Settings of an OPC UA server, and their refusal: no network without passwords and encryption."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RATE_HZ: Final = 5.0
 
 @dataclass(frozen=True)
 class OpcuaSettings:
-    """What an OPC UA server is started with."""
+    """Settings of an OPC UA server."""
 
     folder: Path
     host: str = "127.0.0.1"

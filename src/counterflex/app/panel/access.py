@@ -64,7 +64,7 @@ class Session:
 
 
 class Served(Protocol):
-    """What a server is started with, as far as others may reach it."""
+    """Settings of a server that others may reach."""
 
     @property
     def host(self) -> str: ...  # noqa: D102

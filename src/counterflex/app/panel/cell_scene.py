@@ -18,9 +18,6 @@ from counterflex.robot.elasticity.chain import ElasticChain, frames
 class CellScene:
     """A cell to be drawn.
 
-    Attributes:
-        bodies: Plain values: name, frame, shape, pose in that frame, size in m, number of the tool or None.
-
     Raises:
         FileFormatError: It is no cell file.
     """
@@ -29,6 +26,7 @@ class CellScene:
         cell = read_cell(path)
         self._chain: ElasticChain = cell.controller_chain
         self._T_base_part: Float = np.eye(4) if cell.holds_part else cell.T_base_part
+        # Plain values: name, frame, shape, pose in that frame, size in m, number of the tool or None
         self.bodies = [all_printable(_plain(body)) for body in _bodies(cell)]
 
     def frames(self, q: Float) -> dict[str, list[float]]:

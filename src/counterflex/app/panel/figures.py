@@ -1,4 +1,4 @@
-"""What a panel shows of a loop, in shop units, from its snapshots. Pure: no clock, no socket, no browser."""
+"""Figures of a loop on a panel, in shop units, from its snapshots. Pure: no clock, no socket, no browser."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Figures:
         self.frames: Float = np.zeros((0, 3, 3))
 
     def of(self, shots: Records, now_ns: int, missed: int) -> dict[str, Any]:
-        """What is to be shown.
+        """Return what is to be shown.
 
         Args:
             shots: (n >= 1,) SNAPSHOT that came since the last call, in order.
@@ -227,9 +227,6 @@ class Trail:
     Args:
         spacing_m: Least distance of two places.
         most: Places that are kept; beyond it every second one goes.
-
-    Attributes:
-        generation: Raised when places were taken away, so that whoever has them draws anew.
     """
 
     def __init__(self, spacing_m: float = 0.5 * MM, most: int = 20_000) -> None:
@@ -237,7 +234,7 @@ class Trail:
         self._points: list[list[float]] = []
         self._last: Float | None = None
         self._new = True
-        self.generation = 0
+        self.generation = 0  # Raised when places were taken away, so that whoever has them draws anew
 
     def add(self, shots: Records, axes: Float, *, planned: bool) -> None:
         """Add what was cut.

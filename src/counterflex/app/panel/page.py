@@ -93,7 +93,7 @@ _PLACES: Final[dict[str, Action]] = {"KeyS": "stop", "KeyR": "reset", "KeyA": "a
 
 
 def action_of(name: str, code: str, *, shortcut: bool = False) -> Action | None:
-    """What a key asks for.
+    """Return what a key asks for.
 
     Escape, the letter S and the place of S on a keyboard of Latin letters all ramp out: of several readings of a key
     the one that stops is taken. The others go by the letter that is written on the key, and by the place where the

@@ -1,4 +1,4 @@
-"""What a panel is started with, and what of it is refused: no network without passwords and TLS."""
+"""Settings of a panel, and their refusal: no network without passwords and TLS."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RANGE_UM: Final = 200.0
 
 @dataclass(frozen=True)
 class PanelSettings:
-    """What a panel is started with."""
+    """Settings of a panel."""
 
     folder: Path
     host: str = "127.0.0.1"

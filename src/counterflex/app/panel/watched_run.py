@@ -29,7 +29,7 @@ LOOK_S: Final = 0.5
 
 
 class Seen(Enum):
-    """What there is of a run."""
+    """Last view of a run."""
 
     WAITING = "waiting"
     """None goes on in this folder."""
@@ -45,20 +45,15 @@ class WatchedRun:
     Args:
         folder: As ``run`` is given it with ``--out``.
         clock_ns: Monotonic.
-
-    Attributes:
-        about: What the run says of itself; empty before the first.
-        figures: What was last seen, :meth:`Figures.of`; empty before the first snapshot.
-        why: Why a run that goes on cannot be watched, or empty.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.folder, self._clock_ns = folder, clock_ns
         self.seen = Seen.WAITING
-        self.about: dict[str, Any] = {}
-        self.figures: dict[str, Any] = {}
+        self.about: dict[str, Any] = {}  # What the run says of itself; empty before the first
+        self.figures: dict[str, Any] = {}  # What was last seen, :meth:`Figures.of`; empty before the first snapshot
         self.trail = Trail()
-        self.why = ""
+        self.why = ""  # Why a run that goes on cannot be watched, or empty
         self.runs = 0
         self._words: SharedWords | None = None
         self._reader: SnapshotReader | None = None
@@ -180,7 +175,7 @@ class WatchedRun:
             self._actions.note(PANEL_LANE, facts)
 
     def age_s(self) -> float | None:
-        """How old what is shown is, s; None before the first snapshot."""
+        """Return how old what is shown is, s; None before the first snapshot."""
         return None if self._last_ns == 0 else (self._clock_ns() - self._last_ns) * NS
 
     def _leave(self) -> None:

@@ -1,1 +1,1 @@
-"""Where the part stands in the cell: the search through files, its regions and frames, maps, spindle mountings."""
+"""Place of the part in the cell: the search through files, its regions and frames, maps, spindle mountings."""

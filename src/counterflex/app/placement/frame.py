@@ -1,4 +1,4 @@
-"""How a candidate becomes a pose of the part and values of external axes in a cell file, and where both then are."""
+"""Turn a candidate into a pose of the part and values of external axes in a cell file, and place both."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ class Frame:
         return Stand(keys, values)
 
     def at(self, stand: Stand) -> Seen:
-        """Where the program (or the spindle) and the floor then are."""
+        """Return where the program (or the spindle) and the floor then are."""
         p, angles = [stand.part[k] * MM for k in POSE_KEYS[:3]], [stand.part[k] * DEG for k in POSE_KEYS[3:]]
         T = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.table.matrix())
         return self._seen(T @ self.T_zero_program, [stand.axes[axis.name] for axis in self.axes])
 
     def seen(self, place: Float) -> Seen:
-        """Where program and floor are in a candidate, not rounded."""
+        """Return where program and floor are in a candidate, not rounded."""
         T = placed(place[:4], self.middle, self.T_zero_program[:3, :3])
         return self._seen(T, [float(v / _unit(axis)) for axis, v in zip(self.axes, place[4:], strict=True)])
 

@@ -246,11 +246,7 @@ def _along(
     program: str | Path, job: Job, cell: Cell, search: _Search, values: Float, one: tuple[Stand, str, float] | None,
     reading: Reading, posture: tuple[str, float, float],
 ) -> tuple[float, Divided]:  # fmt: skip
-    """The cheapest way through the operations in a posture that the whole program with its moves can be run by.
-
-    Raises:
-        ReachError: There is none.
-    """
+    """The cheapest way through the operations in a posture that the whole program with its moves can be run by."""
     if one is not None:
         units = [MM if axis.kind == "linear" else DEG for axis in search.frame.axes]
         common = [one[0].axes[axis.name] * unit for axis, unit in zip(search.frame.axes, units, strict=True)]

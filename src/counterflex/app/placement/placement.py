@@ -95,7 +95,7 @@ def task_of(
 
 
 def frame_of(task: Task, cell: Cell) -> Frame:
-    """Where a program may be: by the middle of what is cut, or by the tip of a spindle that stands."""
+    """Return where a program may be: by the middle of what is cut, or by the tip of a spindle that stands."""
     return Frame(cell, np.zeros(3) if cell.holds_part else middle_of(task))
 
 
@@ -175,7 +175,7 @@ def placement_of(
 def _row(
     what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Job, cell: Cell, surface: Surface
 ) -> dict[str, Any]:
-    """What a posture in a place is worth, in shop units."""
+    """Return what a posture in a place is worth, in shop units."""
     there = _moved(task, frame.at(stand))
     _, error, damping = worth(site, there.robot, what.q[site.rows])
     clearance = np.inf if there.around is None else kept(what.q, there.robot, there.around)[1]
@@ -206,11 +206,7 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
 
 
 def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, Chosen]:
-    """Choose the posture of the best places along the whole path, and the best of them.
-
-    Raises:
-        ReachError: None can be run.
-    """
+    """Choose the posture of the best places along the whole path, and the best of them."""
     done: list[tuple[float, Stand, Chosen]] = []
     tried: list[Float] = []
     failed: ReachError | None = None
@@ -254,7 +250,7 @@ def _moved(task: Task, seen: Seen) -> Task:
 
 
 def _near(place: Float, other: Float) -> bool:
-    """Whether two places are so close that one posture's worth tells the other's."""
+    """Return whether two places are so close that one posture's worth tells the other's."""
     turn = abs((place[3] - other[3] + np.pi) % (2.0 * np.pi) - np.pi)
     aside = float(np.abs(place[4:] - other[4:]).max(initial=0.0))
     return bool(np.linalg.norm(place[:3] - other[:3]) < _APART_M and turn < _APART_RAD and aside < _APART_M)
@@ -295,11 +291,7 @@ def run(
 def _best_mounting(
     program: str | Path, cell: Cell, mounting: Mounting, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Placed, float]:
-    """The best place of the best angle, and that angle in deg; the summary has all angles.
-
-    Raises:
-        ReachError: No angle lets the program be run.
-    """
+    """The best place of the best angle, and that angle in deg; the summary has all angles."""
     present = mounting.present_deg(cell)
     angles = list(dict.fromkeys([present, *mounting.values_deg]))
     parts = in_parts(progress, {str(angle): 1.0 for angle in angles})

@@ -1,4 +1,4 @@
-"""Where the part may stand, and which values the external axes may have: wishes in shop units, regions in SI."""
+"""Regions of the part and of external axes: wishes in shop units, regions in SI."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ANY_TURN: Final = (-180.0, 180.0)
 
 @dataclass(frozen=True)
 class Wish:
-    """Where the part may stand."""
+    """Wish for the place of the part."""
 
     # Least and largest x and y of the middle of the program, and z of the part frame, robot base at zero of the
     # external axes; where the robot holds the part x, y and z of the tip of the spindle. None: as

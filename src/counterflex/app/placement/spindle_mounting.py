@@ -1,4 +1,4 @@
-"""How the spindle is mounted: an angle of a body of the end effector, one of several that a shop can have.
+"""Mounting of the spindle: an angle of a body of the end effector, one of several that a shop can have.
 
 Turning the body turns all beyond it, with its mass and its compliance; a shop has such choices as holders or shims.
 """

@@ -1,4 +1,4 @@
-"""What production identification estimate, as figures, sentences, pictures and plain values."""
+"""Result of production identification, as figures, sentences, pictures and plain values."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ class Produced:
 
     @property
     def is_better(self) -> bool:
-        """Whether what was found predicts stretches that were not used better than the cell file does."""
+        """Return whether what was found predicts stretches that were not used better than the cell file does."""
         mean, before = self.estimate.held_out.mean()
         return mean < before
 
     @property
     def is_proposed(self) -> bool:
-        """Whether the constants are proposed in place of the stated ones."""
+        """Return whether the constants are proposed in place of the stated ones."""
         return self.estimate.difference.is_significant and self.is_better
 
 

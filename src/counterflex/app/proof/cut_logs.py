@@ -1,4 +1,4 @@
-"""What a program sweeps, and what a run swept, each stretch with its tool; and what a program leaves of columns."""
+"""Sweeps of a program and of a run, each stretch with its tool; and the columns that a program leaves."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def top_of(cell: Cell, *paths: Float) -> float:
 
 
 def log_of_path(path: ToolPath, cell: Cell, top_m: float) -> CutLog:
-    """What the program sweeps, each stretch with its tool."""
+    """Return what the program sweeps, each stretch with its tool."""
     axis = path.axis_part if cell.tool_turns else _upright(len(path))
     return _log(path.p_part_tcp, axis, mounted_tools(path), np.zeros(len(path), bool), cell, top_m)
 
 
 def log_of_run(machined: Run, path: ToolPath, cell: Cell, top_m: float) -> CutLog:
-    """What a run swept; stretches of air are left out of it.
+    """Return what a run swept; stretches of air are left out of it.
 
     Raises:
         InputError: The tool turned, and the record does not say how.
@@ -58,7 +58,7 @@ def log_of_run(machined: Run, path: ToolPath, cell: Cell, top_m: float) -> CutLo
 
 
 def undisturbed_columns(path: ToolPath, cell: Cell) -> ColumnStock:
-    """What a program with a tool that turns would leave of the blank if nothing bent."""
+    """Return what a program with a tool that turns would leave of the blank if nothing bent."""
     columns, top = ColumnStock.of(cell.stock()), top_of(cell)
     mounted = mounted_tools(path)
     changes = np.flatnonzero(np.diff(mounted[1:])) + 1

@@ -24,9 +24,8 @@ from counterflex.cutting.tridexel.surface import surface as surface_of
 from counterflex.evaluate.feature_finding import Feature, find_features
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
-from counterflex.evaluate.summary import SeedResult, Variant, summary
+from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
-from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_deviation, turned_surface
 from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
@@ -40,7 +39,7 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What runs are judged against."""
+    """Reference that runs are judged against."""
 
     job: Job
     cell: Cell  # Where it is machined

@@ -42,8 +42,7 @@ from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.evaluate.summary import SeedResult, summary
-from counterflex.evaluate.truth_level import TruthLevel
+from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.run_file import write_run

@@ -133,7 +133,7 @@ def _variant(item: Judged) -> VariantData:
 
 
 def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine, ...]:
-    """What the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
+    """Return what the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
     cutting = deviation.cutting
     if not np.any(deviation.across[cutting]):
         return ()

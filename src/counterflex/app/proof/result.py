@@ -1,4 +1,4 @@
-"""What a proven compensation is: plan, truths, runs as machined, and how they were judged."""
+"""Result of a proven compensation: plan, truths, runs as machined, and their judgement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What the job found."""
+    """Result of the job."""
 
     reference: Reference
     plan: Plan  # What the planner decided, knowing the cell file

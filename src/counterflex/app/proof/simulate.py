@@ -236,7 +236,7 @@ def kept(folder: Path, name: str) -> Path:
 
 
 def reading_of(folder: Path) -> Reading:
-    """How the programs of a run were read."""
+    """Return how the programs of a run were read."""
     parameters = folder / PARAMETERS
     return Reading(parameters=parameters if parameters.is_file() else None, complete=False)
 

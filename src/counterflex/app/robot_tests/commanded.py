@@ -1,4 +1,4 @@
-"""What was commanded: poses or a path, from a table of points or from the program that ran."""
+"""Commanded poses or a commanded path, from a table of points or from the program that ran."""
 
 from __future__ import annotations
 

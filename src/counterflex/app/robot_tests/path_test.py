@@ -15,9 +15,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S, PERCENT, UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.corners import Corner, corners
 from counterflex.evaluate.iso9283.path_cycles import REACH_M, Cycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import PathFigures, crossings, path_figures
+from counterflex.evaluate.iso9283.path_figures import Corner, PathFigures, corners, crossings, path_figures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_velocity
 from counterflex.geometry import pose
 

@@ -37,7 +37,7 @@ _SETTLINGS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """What one file gives."""
+    """Attained poses of one file."""
 
     poses: list[PoseCycles]  # Of every commanded pose
     settling: list[list[Settled]]  # Of every pose, its approaches where the log shows them

@@ -17,11 +17,10 @@ from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import flange_sensor
 from counterflex.geometry import pose
-from counterflex.plan.ahead import arm_share, arrival
 from counterflex.plan.inputs import feed_runs, part_compliance
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import Plan, across
-from counterflex.plan.play_compensation import play_compensation
+from counterflex.plan.play_compensation import arm_share, arrival, play_compensation
 from counterflex.plan.static_correction import APPROACH_S, within
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.loop import Loop

@@ -7,7 +7,8 @@ from typing import Any
 
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs.tracker_exports.formats import OWN, lines_of
-from counterflex.protocols.tracker.forwarder import PoseForwarder
+from counterflex.protocols.system.forwarder import Forwarder
+from counterflex.protocols.tracker.telegram import write_pose
 
 
 def forward(
@@ -39,7 +40,7 @@ def forward(
     """
     reader = lines_of(form, where)
     sequence = skipped = 0
-    sender = PoseForwarder(peer)
+    sender = Forwarder(peer, "poses")
     try:
         for line in lines:
             ready = reader.ready
@@ -54,7 +55,7 @@ def forward(
                 continue
             if measured is not None:
                 sequence += 1
-                sender.send(measured)
+                sender.send(write_pose(measured))
     finally:
         sender.close()
     if not reader.ready:

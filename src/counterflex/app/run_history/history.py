@@ -11,7 +11,7 @@ from counterflex.app.run_history.logged_run import read_runs
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.progress import Progress, silent
-from counterflex.evaluate.run_trend import trend
+from counterflex.evaluate.run_curves import trend
 from counterflex.files.summary_file import write_summary
 
 TRENDS: Final[dict[str, tuple[str, str, Callable[[dict[str, Any]], float | None]]]] = {

@@ -116,19 +116,11 @@ class LiveSettings:
     touched: Path | None = None
 
 
-@dataclass(frozen=True)
-class Addresses:
-    """Where a started cell can be reached: UDP and HTTP address of its force sensor, or None."""
-
-    force: tuple[str, int] | None
-    force_http: tuple[str, int] | None
-
-
 def run(
     settings: LiveSettings,
     out: str | Path,
     *,
-    started: Callable[[Addresses], None] = lambda _: None,
+    started: Callable[[ForceDevice | None], None] = lambda _: None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Run the cell until its program has ended, its controller has stopped, or the sensor program has gone.
@@ -138,7 +130,7 @@ def run(
     Args:
         settings: See :class:`LiveSettings`.
         out: Folder.
-        started: Told the addresses before the first telegram is sent.
+        started: Told the force sensor before the first telegram is sent.
         progress: Progress callback, fraction 0 to 1.
 
     Returns:
@@ -204,7 +196,7 @@ def run(
     begin = time.perf_counter()
     try:
         with atomic.atomic_folder(out) as staging:
-            started(Addresses(device.address if device else None, device.http_address if device else None))
+            started(device)
             server.meet()
             why = server.run(progress=progress)
             record = live.record()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_MIN, MS
 from counterflex.files.fault_file import short_fault
+from counterflex.files.logs.wrench_log import read_wrench_log
 from counterflex.files.scenario_file import (
     ControllerTable,
+    ForceSensorTable,
     NetworkTable,
     Scenario,
     TargetTable,
@@ -21,6 +24,7 @@ from counterflex.geometry import pose
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.devices.pose_source import CircleTarget, PoseSource, SquareTarget, StandingTarget
 from counterflex.twin.devices.robot_server import Timing
+from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 from counterflex.twin.network.faults import Fault, FaultSchedule
 from counterflex.twin.network.impairment import Burst, Impairment, Stall
 
@@ -59,6 +63,14 @@ def matrix(pose_mm_deg: Sequence[float]) -> Float:
     """Pose (4, 4) in m of x, y, z in mm and a, b, c in deg."""
     values = np.array(pose_mm_deg)
     return pose.from_xyz_zyx(values[:3] * MM, values[3:] * DEG)
+
+
+def load(table: ForceSensorTable, record: Path | None, seed: int) -> NoisyWrench:
+    """What a force sensor alone shows: a record, or a constant load with a sine, and noise."""
+    source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
+    if record is not None:
+        source = RecordedWrench(*read_wrench_log(record), repeat=table.repeat)
+    return NoisyWrench(source, table.noise_n, table.noise_nm, seed)
 
 
 def target(table: TargetTable) -> PoseSource:

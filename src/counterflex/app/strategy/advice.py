@@ -29,8 +29,7 @@ from counterflex.plan.inputs import Setting
 from counterflex.plan.relative_motion import hand_poses, part_carried, tool_carried
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, depth_used
-from counterflex.plan.strategy.resonance import Swing, swing_of
+from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
 from counterflex.robot.elasticity.compliance import cartesian_compliance
@@ -50,7 +49,7 @@ _ROBOT_FOUND: Final = 0.06
 
 @dataclass(frozen=True)
 class Operation:
-    """What is asked for; None leaves it to the program and the advisor."""
+    """Operation that is asked for; None leaves it to the program and the advisor."""
 
     tool: int | None = None
     ae_m: Range | None = None  # Range of the radial width of cut
@@ -150,7 +149,7 @@ def _steady_along(
 
 
 def doubt_of(cell: Cell, operation: Operation) -> Doubt:
-    """What is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
+    """Return what is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
     recipes = {entry.recipe for entry in cell.tables.identified}
     stiff = _ROBOT_FOUND if "stiffness" in recipes else STATED
     if "cutting" in recipes and operation.material is None:

@@ -1,4 +1,4 @@
-"""What ``plan strategy`` prints of an advice: every choice with its engagement, force, error and use of limits."""
+"""Table of an advice of ``plan strategy``: every choice with its engagement, force, error and use of limits."""
 
 from __future__ import annotations
 

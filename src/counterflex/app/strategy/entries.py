@@ -1,4 +1,4 @@
-"""Where the cuts of a program begin and end, by the engagement of the stock simulation, and which move softens each."""
+"""Begin and end of the cuts of a program, by the engagement of the stock simulation, and the move that softens each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WORDS: Final = frozenset("GXYZFIJKN")
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """Where a cut begins or ends."""
+    """Begin or end of a cut."""
 
     # Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets a ramp,
     # ``run-up`` a longer way through the air)
@@ -231,7 +231,7 @@ def _ending(program: Program, rows: _Rows, group: list[int], k: int, radius: flo
 
 
 def _refusal(program: Program, motions: list[int]) -> str:
-    """Why lines cannot be edited; empty where they can."""
+    """Return why lines cannot be edited; empty where they can."""
     for k in motions:
         block = program.blocks[program.motions[k].block]
         if not block.single or block.cycle or block.motion_count != 1 or not _plain(block):

@@ -112,11 +112,7 @@ def _entries(job: Job, cell: Cell, moves: Moves) -> list[Entry]:
 def _written(
     job: Job, cell: Cell, entries: list[Entry], moves: Moves, target: Path, reading: Reading
 ) -> tuple[list[Entry], Job]:
-    """Write the program, and leave out moves until the part is the same.
-
-    Raises:
-        ProgramError: None can be written without changing the part.
-    """
+    """Write the program, and leave out moves until the part is the same."""
     surface = undisturbed(job, cell)
     for _ in range(len(entries) + 1):
         open_ones = [entry for entry in entries if not entry.refusal]
@@ -140,7 +136,7 @@ def _written(
 
 
 def _difference(surface: HeightMap, again: Job, cell: Cell) -> tuple[Float | None, str]:
-    """Where a program leaves another part than a surface, and how; None where it is the same."""
+    """Return where a program leaves another part than a surface, and how; None where it is the same."""
     path = again.path
     try:
         with faults_in(again):

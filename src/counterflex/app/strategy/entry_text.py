@@ -21,7 +21,7 @@ _CLEAR_M = 0.5 * MM
 
 @dataclass(frozen=True)
 class Moves:
-    """What moves are asked for."""
+    """Moves that are asked for."""
 
     radius_m: float | None = None  # Of the arcs; None is the radius of the cutter
     angle_rad: float = 0.5 * np.pi

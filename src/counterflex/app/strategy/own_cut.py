@@ -41,7 +41,7 @@ class Along:
 
 @dataclass(frozen=True, eq=False)
 class OwnCut:
-    """What a program does along a wall."""
+    """Cut of a program along a wall."""
 
     cuts: SideCuts
     tool: int

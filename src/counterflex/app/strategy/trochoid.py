@@ -35,7 +35,7 @@ READING, WRITING, CHECKING = "reading the program", "writing the loops", "cuttin
 
 @dataclass(frozen=True)
 class Trochoid:
-    """What is asked for."""
+    """Trochoid that is asked for."""
 
     tool: int | None = None  # Number of the smaller tool; None keeps the program's, for a slot wider than it
     width_m: float | None = None  # Of the slot; None is the diameter of the program's tool
@@ -248,7 +248,7 @@ def run(
 
 
 def _summary(job: Job, before: Cut, again: Job, after: Cut, result: Rewritten, cell: Cell) -> dict[str, Any]:
-    """What the cut of both programs shows, in shop units."""
+    """Return what the cut of both programs shows, in shop units."""
     replaced = _engagement(again, after)
     length = np.linalg.norm(np.diff(again.path.p_part_tcp, axis=0, prepend=again.path.p_part_tcp[:1]), axis=1)
     rows = np.flatnonzero(replaced > 0.0)

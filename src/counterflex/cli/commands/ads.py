@@ -12,21 +12,7 @@ from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import print_json, print_table
 
-_ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _ads.command("list")(list_)
-    _ads.command("read")(read)
-    _ads.command("write")(write)
-    _ads.command("forward")(forward)
-    _ads.callback()(_group)
-    app.add_typer(_ads, name="ads")
-
-
-def _group() -> None:
-    """A TwinCAT (Beckhoff ADS): check the connection, read, write, forward."""
+ads = typer.Typer(no_args_is_help=True, help="A TwinCAT (Beckhoff ADS): check the connection, read, write, forward.")
 
 
 def list_(
@@ -114,3 +100,9 @@ def forward(
     typer.echo(
         f"{result['sent']} datagrams sent, {result['unusable']} not usable; {result['failed_readings']} readings failed"
     )
+
+
+ads.command("list")(list_)
+ads.command("read")(read)
+ads.command("write")(write)
+ads.command("forward")(forward)

@@ -14,15 +14,10 @@ from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 _METHODS = ("uncompensated", "catalogue", "identified", "corrected", "online")
-group = typer.Typer(help="A part that any laboratory can mill, measure and compare.", no_args_is_help=True)
+benchmark_part = typer.Typer(help="A part that any laboratory can mill, measure and compare.", no_args_is_help=True)
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.add_typer(group, name="benchmark-part")
-
-
-@group.command()
+@benchmark_part.command()
 def write(out: Out) -> None:
     """Write the benchmark part: program, drawing, tolerances.
 
@@ -36,7 +31,7 @@ def write(out: Out) -> None:
     say_written(out, f"wrote {out}: {', '.join(part.write(out))}")
 
 
-@group.command()
+@benchmark_part.command()
 def judge(
     cell: CellFile,
     scan: Annotated[Path, option("--scan", "Scan of the part, as for `inspect`.", arguments.file, "FILE")],
@@ -97,7 +92,7 @@ def judge(
     say_written(out, f"wrote {out}: result.json, deviations.parquet, report.html, summary.json")
 
 
-@group.command()
+@benchmark_part.command()
 def compare(
     results: Annotated[list[Path], argument("Files result.json of judge.", arguments.file, "RESULT...")],
     as_json: Annotated[bool, option("--json", "Print the comparison as JSON.")] = False,

@@ -16,11 +16,6 @@ from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(campaign)
-
-
 def campaign(
     out: Annotated[Path, option("--out", "Folder for the results.", arguments.output_folder, "DIR")],
     program: Annotated[

@@ -14,11 +14,6 @@ from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(convert)
-
-
 def convert(
     program: Program,
     cell: CellFile,
@@ -56,7 +51,7 @@ def convert(
 
     Example: `counterflex convert part.ngc --to krl --cell cell.toml --out out`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.app import conversion as job
     from counterflex.app.inputs import Reading
 

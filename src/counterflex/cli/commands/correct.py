@@ -16,11 +16,6 @@ from counterflex.core.units import UM
 _SHOWN = 6
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(correct)
-
-
 def correct(
     program: Program,
     cell: CellFile,
@@ -71,8 +66,7 @@ def correct(
     Example: `counterflex correct part.ngc --cell cell.toml --plan out --scan part1 --out out2`
     """
     keep_inputs(out, program, cell, plan, *scan)
-    if apply is not None:
-        keep_inputs(apply, program, cell, option="--apply")
+    keep_inputs(apply, program, cell, option="--apply")
     from counterflex.app.correction import correct as job
 
     with progress_bar(f"correcting {program.name}") as progress:

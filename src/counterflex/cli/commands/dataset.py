@@ -11,14 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_json, print_table
 
-_dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _dataset.command("check")(check)
-    _dataset.command("channels")(channels)
-    app.add_typer(_dataset, name="dataset")
+dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
 
 
 def check(
@@ -97,3 +90,7 @@ def _ends(counts: tuple[int, ...]) -> list[str]:
     if len(counts) > 2 and counts == tuple(range(counts[0], counts[-1] + 1)):
         return [f"{counts[0]} to {counts[-1]}"]
     return [str(count) for count in counts]
+
+
+dataset.command("check")(check)
+dataset.command("channels")(channels)

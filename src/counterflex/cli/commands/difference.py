@@ -16,12 +16,7 @@ from counterflex.programs.language import BY_ENDING
 _ORDERS = ("change", "line")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command(name="diff")(difference)
-
-
-def difference(
+def diff(
     before: Annotated[Path, argument("Program.", arguments.file, "BEFORE")],
     after: Annotated[Path, argument("The same program, compensated.", arguments.file, "AFTER")],
     by: Annotated[

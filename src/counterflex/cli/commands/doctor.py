@@ -12,11 +12,6 @@ from counterflex.cli.arguments import option
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(doctor)
-
-
 def doctor(
     seconds: Annotated[
         float, option("--seconds", "How long to measure; less than 4 is too short for a verdict.", min=0.1)

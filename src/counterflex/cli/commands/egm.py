@@ -13,14 +13,7 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
-_egm = typer.Typer(no_args_is_help=True, help="ABB EGM set-ups: check a RAPID program, or generate one for a cell.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _egm.command("check")(check)
-    _egm.command("make")(make)
-    app.add_typer(_egm, name="egm")
+egm = typer.Typer(no_args_is_help=True, help="ABB EGM set-ups: check a RAPID program, or generate one for a cell.")
 
 
 def check(
@@ -79,3 +72,7 @@ def make(
         typer.echo(warning)
     typer.echo(f"wrote {out}: {', '.join([*summary['files'], 'README.txt', 'summary.json'])}")
     typer.echo("not tried on a controller: read README.txt first")
+
+
+egm.command("check")(check)
+egm.command("make")(make)

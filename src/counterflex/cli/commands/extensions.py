@@ -16,11 +16,6 @@ COMMANDS: Final[Registry[FunctionType]] = Registry("counterflex.commands", "comm
 """Commands of other packages: by the word that calls it, the function that adds it to the command line."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(extensions)
-
-
 def extensions(as_json: Annotated[bool, option("--json", "Print JSON.")] = False) -> None:
     """List recipes, force laws, force sensors, languages, robots, materials, commands that packages add, and our own.
 

@@ -15,18 +15,7 @@ from counterflex.core.errors import InputError
 
 _SETTLED: Final = 5.0
 """Change of a strain from half as many bricks above which more are advised, %."""
-_holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _holder.command("design")(design)
-    _holder.callback()(_group)
-    app.add_typer(_holder, name="holder")
-
-
-def _group() -> None:
-    """Design a spindle holder that senses the cutting force by strain."""
+holder = typer.Typer(no_args_is_help=True, help="Design a spindle holder that senses the cutting force by strain.")
 
 
 def design(
@@ -84,7 +73,7 @@ def design(
     """
     if mounting is not None and cell is None:
         raise InputError("--mounting needs the cell that the spindle is mounted in", hint="Give --cell CELL")
-    keep_inputs(out, holder, *([] if cell is None else [cell]))
+    keep_inputs(out, holder, cell)
     from counterflex.app import holder_design as job
     from counterflex.app.holder_in_robot import Spindle
     from counterflex.app.placement.spindle_mounting import Mounting
@@ -156,3 +145,6 @@ def _show(summary: dict[str, Any]) -> None:
             f"spindle {angle}: {spindle['force_n']:g} N radial bend the arm by a median of {row['median_um']} um "
             f"({row['least_um']} to {row['most_um']}, {row['reached']} places)"
         )
+
+
+holder.command("design")(design)

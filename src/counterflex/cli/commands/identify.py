@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, argument, option, pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
@@ -43,11 +41,6 @@ def _recipe(param: arguments.Param, value: Any) -> Any:
             hint="counterflex production RUN... --plan PLAN --cell CELL --out DIR",
         )
     return arguments.one_of(RECIPES, "recipe", HISTORY)(param, value)
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command(help=_HELP)(identify)
 
 
 def identify(
@@ -108,6 +101,9 @@ def identify(
         print_json(job.plain(result))
     else:
         show_result(result, out)
+
+
+identify.__doc__ = _HELP
 
 
 def _history(folders: list[Path], as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""What ``identify`` prints."""
+"""Tables that ``identify`` prints."""
 
 from __future__ import annotations
 

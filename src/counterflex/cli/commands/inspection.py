@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.inspection_tables import show
@@ -27,11 +25,6 @@ def datum_faces(param: arguments.Param, value: str | None) -> str | None:
     if value is not None:
         _one_face(param, [name.strip() for name in value.split(",")])
     return value
-
-
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(inspect)
 
 
 def inspect(

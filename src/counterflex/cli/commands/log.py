@@ -14,23 +14,13 @@ from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import print_json, print_table, progress_bar
 from counterflex.core.next_command import next_command
 
-_log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
+log = typer.Typer(no_args_is_help=True, help="What online runs logged: show, replay, export, repair, compare.")
 _SHOWN = 20
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
 Folder = Annotated[Path, argument("Folder of the run log.", arguments.folder, "DIR")]
 AsJson = Annotated[bool, option("--json", "Print JSON instead of tables.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _log.command("show")(show)
-    _log.command("replay")(replay)
-    _log.command("export")(log_export.export)
-    _log.command("repair")(repair)
-    run_history.register(_log)
-    app.add_typer(_log, name="log")
 
 
 def show(
@@ -119,7 +109,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
 
 
 def _show_actions(actions: list[dict[str, Any]]) -> None:
-    """What operators did, and what came of it."""
+    """Print what operators did, and what came of it."""
     if actions:
         print_table(
             "Operator",
@@ -214,7 +204,7 @@ def show_process(figures: dict[str, Any]) -> None:
 
 
 def _others(counts: dict[str, int], listed: int) -> str:
-    """What a table of the first events leaves out."""
+    """Return what a table of the first events leaves out."""
     total = sum(counts.values())
     if total <= _SHOWN:
         return ""
@@ -327,3 +317,11 @@ def repair(folder: Folder) -> None:
     for line in missing.lines():
         typer.echo(line)
     _end(incomplete=missing.incomplete)
+
+
+log.command("show")(show)
+log.command("replay")(replay)
+log.command("export")(log_export.export)
+log.command("repair")(repair)
+for command in (run_history.history, run_history.compare, run_history.page):
+    log.command()(command)

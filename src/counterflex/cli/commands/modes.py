@@ -12,11 +12,6 @@ from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(modes)
-
-
 def modes(
     cell: Annotated[Path, argument("Cell file (.toml).", arguments.file, "CELL")],
     joints_deg: Annotated[
@@ -64,8 +59,7 @@ def modes(
 
     Example: `counterflex modes cell.toml --joints 0,-90,110,0,40,0`
     """
-    if out is not None:
-        keep_inputs(out, cell, *([] if tap_test is None else [tap_test]))
+    keep_inputs(out, cell, tap_test)
     from counterflex.app import modes as job
 
     with progress_bar(f"modes of {cell.name}") as progress:
@@ -83,8 +77,7 @@ def modes(
         print_json(summary)
         return
     _show(summary)
-    if out is not None:
-        say_written(out, f"wrote {out}: summary.json, report.html")
+    say_written(out, f"wrote {out}: summary.json, report.html")
 
 
 def _show(summary: dict[str, Any]) -> None:

@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING, robot_dialects
 _ORDER: Final = ("fail", "warning", "ok")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(preflight)
-
-
 def preflight(
     program: Annotated[Path, argument("Program file.", arguments.file, "PROGRAM")],
     cell: CellFile,
@@ -60,8 +55,7 @@ def preflight(
 
     Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
-    if out is not None:
-        keep_inputs(out, cell, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, cell, program, parameters)
     from counterflex.app import preflight as job
     from counterflex.app.inputs import Reading
 

@@ -21,11 +21,6 @@ _WEAR_WORDS = {
 }
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(production)
-
-
 def production(
     runs: Annotated[list[Path], argument("Folders of run logs, as run writes them.", arguments.folder, "RUN...")],
     cell: CellFile,
@@ -53,8 +48,7 @@ def production(
     Example: `counterflex production run-log --cell cell.toml --plan plan.parquet --out wear`
     """
     keep_inputs(out, cell, *plan)
-    if apply is not None:
-        keep_inputs(apply, cell, *plan, option="--apply")
+    keep_inputs(apply, cell, *plan, option="--apply")
     chosen = pairs(settings or [])
     from counterflex.app.production import production as job
 

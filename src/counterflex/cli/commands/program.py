@@ -55,12 +55,6 @@ WithoutEnd = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(path)
-    app.command()(compensate)
-
-
 def path(
     program: Program,
     csv: Annotated[
@@ -86,8 +80,7 @@ def path(
     Example: `counterflex path part.ngc --csv path.csv`
     """
     inputs = [program, *(file for file in (cell, parameters) if file is not None)]
-    if csv is not None:
-        keep_inputs(csv, *inputs, option="--csv")
+    keep_inputs(csv, *inputs, option="--csv")
     from counterflex.app.inputs import Reading
     from counterflex.app.motion_list import listed
     from counterflex.programs.listing import listing, write_listing
@@ -151,7 +144,7 @@ def compensate(
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.files.scenario_file import read_scenario
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
@@ -190,7 +183,7 @@ def compensate(
 
 
 def _show_feed(lowered: dict[str, Any]) -> None:
-    """What a lower feed brought, what it cost, and where it was not enough."""
+    """Print what a lower feed brought, what it cost, and where it was not enough."""
     if lowered["lines"]:
         print_table(
             f"Feed for tolerance, error by the {MODEL}",
@@ -214,7 +207,7 @@ def _show_feed(lowered: dict[str, Any]) -> None:
 
 
 def _show_limits(limited: dict[str, Any]) -> None:
-    """Where the feed was lowered for spindle, tool and robot, and which limit binds."""
+    """Print where the feed was lowered for spindle, tool and robot, and which limit binds."""
     if limited["lines"]:
         print_table(
             "Feed within limits",
@@ -234,7 +227,7 @@ def _show_limits(limited: dict[str, Any]) -> None:
 
 
 def _written_rows(written: dict[str, Any]) -> list[list[str]]:
-    """How much longer the program got, and how far its path is from the planned one."""
+    """Return how much longer the program got, and how far its path is from the planned one."""
     before, after, bound = written["lines_in"], written["lines_out"], written["tolerance_um"]
     error = written.get("largest_written_error_um", written.get("largest_position_error_um", 0.0))
     line = written.get("largest_position_error_line", 0)

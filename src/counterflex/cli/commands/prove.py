@@ -44,17 +44,6 @@ Workers = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(demo)
-    app.command()(truth)
-    app.command()(simulate)
-    app.command()(evaluate)
-    app.command()(mesh)
-    app.command()(report)
-    app.command()(prove)
-
-
 def truth(
     cell: Annotated[Path, argument("The cell file.", arguments.file, "CELL")],
     out: Annotated[Path, option("--out", "Truth file to write.", arguments.output_file, "FILE")],
@@ -102,7 +91,7 @@ def simulate(
 
     Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
     """
-    keep_inputs(out, *(path for path in (program, cell, truth, original, parameters) if path is not None))
+    keep_inputs(out, program, cell, truth, original, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import simulate as job
 
@@ -134,8 +123,7 @@ def evaluate(
 
     Example: `counterflex evaluate run-before run-after --out out`
     """
-    if out is not None:
-        keep_folders(out, *folders)
+    keep_folders(out, *folders)
     from counterflex.app.proof import evaluate as job
 
     with progress_bar("judging"):
@@ -227,7 +215,7 @@ def prove(
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
     numbers = arguments.seeds(seeds)
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of

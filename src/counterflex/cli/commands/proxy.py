@@ -13,11 +13,6 @@ from counterflex.cli.arguments import address, option
 from counterflex.cli.scenario import Layers
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(proxy)
-
-
 def proxy(
     listen: Annotated[
         str, option("--listen", "Where the side that begins sends to.", arguments.host_port, "HOST:PORT")

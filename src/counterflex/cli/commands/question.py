@@ -20,19 +20,6 @@ Target = Annotated[
     str, argument("A robot of the catalogue, or a cell file (.toml).", arguments.robot_or_cell, "ROBOT|CELL")
 ]
 
-_cell = typer.Typer(no_args_is_help=True, help="Write, check and explain cell files.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(robots)
-    app.command()(pose)
-    app.command()(deflection)
-    _cell.command("check")(cell_check)
-    _cell.command("example")(cell_example)
-    _cell.command("import")(cell_import)
-    app.add_typer(_cell, name="cell")
-
 
 def robots(
     name: Annotated[
@@ -293,7 +280,7 @@ def cell_check(
 
 
 def _show_unknowns(unknowns: dict[str, Any]) -> None:
-    """What is not known, by what it leaves, and what to measure first."""
+    """Print what is not known, by what it leaves, and what to measure first."""
     print_table(
         f"Not known, by what it leaves uncorrected {unknowns['where']}",
         ["unknown", "known from", "leaves mm", "90 % of cells, mm", "measure"],
@@ -316,7 +303,7 @@ def _show_unknowns(unknowns: dict[str, Any]) -> None:
 
 
 def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
-    """How many values the data see, and how many stayed as they were known before."""
+    """Return how many values the data see, and how many stayed as they were known before."""
     unseen = sum(value["seen"] == "prior" for value in values)
     return str(len(values) - unseen), str(unseen)
 
@@ -352,3 +339,9 @@ def cell_example(
                 "plan placement", out.with_name("groove.ngc"), cell=out.with_stem(f"{out.stem}-small"), out="placed"
             )
         )
+
+
+cell = typer.Typer(no_args_is_help=True, help="Write, check and explain cell files.")
+cell.command("check")(cell_check)
+cell.command("example")(cell_example)
+cell.command("import")(cell_import)

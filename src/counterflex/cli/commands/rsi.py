@@ -13,17 +13,9 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
-_rsi = typer.Typer(
+rsi = typer.Typer(
     no_args_is_help=True, help="KUKA RSI set-ups: check one, generate one for a cell, tune axis corrections."
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _rsi.command("check")(check)
-    _rsi.command("make")(make)
-    _rsi.command("tune")(tune)
-    app.add_typer(_rsi, name="rsi")
 
 
 def check(
@@ -87,7 +79,7 @@ def make(
 
     Example: `counterflex rsi make --cell cell.toml --out robot`
     """
-    keep_inputs(out, cell, *([] if program is None else [program]))
+    keep_inputs(out, cell, program)
     from counterflex.app.robot_folder import SETUPS
 
     summary = SETUPS["rsi"].make(out, cell=cell, program=program, host=host, port=port, sentype=sentype)
@@ -119,8 +111,7 @@ def tune(
     from counterflex.files.cell.cell import read_cell
 
     read = read_cell(cell)
-    if apply is not None:
-        keep_inputs(apply, cell, option="--apply")
+    keep_inputs(apply, cell, option="--apply")
     axes = job.tune(read)
     rows = job.shown(axes)
     if apply is not None:
@@ -140,3 +131,8 @@ def tune(
             typer.echo(f"axis {row['axis']}: {row['refused']}")
     if apply is not None:
         typer.echo(f"wrote {apply}")
+
+
+rsi.command("check")(check)
+rsi.command("make")(make)
+rsi.command("tune")(tune)

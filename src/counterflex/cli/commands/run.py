@@ -21,11 +21,6 @@ Rsi = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command()(run)
-
-
 def register_twin(twin: typer.Typer) -> None:
     """Add the commands of the simulated cell."""
     twin.command("cell")(cell)
@@ -85,7 +80,7 @@ def run(
 
     trial = read_scenario(scenario or (), ("run", "force_sensor", "strain", "tracker"))
     sensor, program, lockstep = trial.force_sensor, trial.run.program, trial.run.lockstep
-    keep_inputs(out, cell, *(path for path in (rsi, plan, program) if path is not None))
+    keep_inputs(out, cell, rsi, plan, program)
     robot = one_link(rsi, egm)
     from counterflex.app.run import run as job
     from counterflex.app.run.session import RunSettings
@@ -146,7 +141,7 @@ def run(
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:
-    """What a run was, for people."""
+    """Print what a run was, for people."""
     from counterflex.protocols.session.comparison import summary_lines
 
     print_table(
@@ -201,11 +196,12 @@ def cell(
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "strain", "tracker"))
-    keep_inputs(out, *(path for path in (program, cell, truth, rsi, original, parameters) if path is not None))
+    keep_inputs(out, program, cell, truth, rsi, original, parameters)
     robot = one_link(rsi, egm)
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job
     from counterflex.app.simulated_cell import scenario as shown
+    from counterflex.twin.devices.force_device import ForceDevice
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
     force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)
@@ -236,11 +232,10 @@ def cell(
         answer=shown.path_answer(trial.controller),
     )
 
-    def started(where: job.Addresses) -> None:
-        if where.force and where.force_http and not (force_port and sensor.http_port):  # else the caller knows it
-            typer.echo(
-                f"force sensor at {where.force[0]}:{where.force[1]}, scaling at port {where.force_http[1]}", err=True
-            )
+    def started(device: ForceDevice | None) -> None:
+        udp, http = (None, None) if device is None else (device.address, device.http_address)
+        if udp and http and not (force_port and sensor.http_port):  # else the caller knows it
+            typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
 
     with progress_bar(f"milling {program.name}") as progress:
         summary = job.run(settings, out, started=started, progress=progress)

@@ -13,11 +13,6 @@ from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(thermal)
-
-
 def thermal(
     touches: Annotated[
         Path,
@@ -54,8 +49,7 @@ def thermal(
     from counterflex.app import thermal as job
     from counterflex.core.units import UM
 
-    if out is not None:
-        keep_inputs(out, touches, *([] if model is None else [model]))
+    keep_inputs(out, touches, model)
     x, y, z = numbers(axis, "--axis", 3) or (0.0, 0.0, -1.0)
     per_kelvin_m = None if um_per_k is None else um_per_k * UM
     summary = job.run(job.ThermalSettings(touches, (x, y, z), limit_um * UM, per_kelvin_m, model), out)

@@ -14,18 +14,7 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Format
 from counterflex.core import file_content
 
-_tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _tracker.command("bridge")(bridge)
-    _tracker.callback()(_group)
-    app.add_typer(_tracker, name="tracker")
-
-
-def _group() -> None:
-    """Laser trackers: bring their measurements to the loop."""
+tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
 
 
 def bridge(
@@ -61,3 +50,6 @@ def bridge(
         print_json(summary)
     else:
         typer.echo(f"{summary['sent']} datagrams sent, {summary['left_out']} lines skipped")
+
+
+tracker.command("bridge")(bridge)

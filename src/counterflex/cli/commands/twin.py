@@ -10,35 +10,17 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, argument, option
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.commands.proxy import register as register_proxy
+from counterflex.cli.commands.proxy import proxy
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.run import register_twin
-from counterflex.cli.commands.simulated.egm import register as register_egm
+from counterflex.cli.commands.simulated.egm import egm
 from counterflex.cli.commands.simulated.instruments import register as register_fakes
-from counterflex.cli.commands.simulated.rsi import register as register_rsi
+from counterflex.cli.commands.simulated.rsi import rsi
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
-_twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _twin.command("measure")(measure)
-    _twin.command("track")(track)
-    _twin.command("scenarios")(scenarios)
-    register_twin(_twin)
-    register_rsi(_twin)
-    register_fakes(_twin)
-    register_egm(_twin)
-    register_proxy(_twin)
-    _twin.callback()(_group)
-    app.add_typer(_twin, name="twin")
-
-
-def _group() -> None:
-    """The simulated cell: measure on it, or run it with its protocols."""
+twin = typer.Typer(no_args_is_help=True, help="The simulated cell: measure on it, or run it with its protocols.")
 
 
 def measure(
@@ -118,3 +100,13 @@ def scenarios(
         print_json(titles)
         return
     print_table("Scenarios", ["name", "what it sets"], [[item, title] for item, title in titles.items()])
+
+
+twin.command("measure")(measure)
+twin.command("track")(track)
+twin.command("scenarios")(scenarios)
+register_twin(twin)
+twin.command()(rsi)
+register_fakes(twin)
+twin.command()(egm)
+twin.command()(proxy)

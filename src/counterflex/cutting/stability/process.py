@@ -212,11 +212,7 @@ def mean_chip_of_arcs(arcs: Float, feed_m: float) -> float:
 def process_of_arcs(arcs: Float, law: ForceLaw, feed_m: float, teeth: int) -> Process:
     """The process of arcs of engagement, the slopes taken at the mean chip thickness of the engaged edge.
 
-    Args:
-        arcs: (m, 4), see :class:`Process`.
-        law: The force law.
-        feed_m: Feed per tooth, m, > 0.
-        teeth: Number of teeth.
+    ``arcs``: (m, 4), see :class:`Process`; ``feed_m``: feed per tooth, m, > 0; ``teeth``: number of teeth.
 
     Raises:
         InputError: Nothing is engaged.

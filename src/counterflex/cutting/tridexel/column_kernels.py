@@ -47,7 +47,6 @@ _PIECES: Final = 10.0
 """Pieces of what is taken out of a column in a radius of the cutter across its axis."""
 _STEEP: Final = 0.25
 """Cosine of the tilt below which a motion is looked at column by column, with both ends of the tool."""
-_UPRIGHT: Final = 1.0 - 1.0e-13
 _BARE = np.float32(1.0e-9)
 
 

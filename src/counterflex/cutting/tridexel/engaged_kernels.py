@@ -16,7 +16,6 @@ from counterflex.core.jit import kernel
 from counterflex.cutting.tridexel.lattice_kernels import GROUP, Tiles, tile_of
 from counterflex.cutting.tridexel.swept_solid import stretch
 
-Whole = Any
 Real = Any
 _ROOM: Final = 256
 """Stretches of sweeps along one line that are held apart; beyond, they are joined by their hull."""

@@ -32,7 +32,6 @@ _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _SMALL = np.float32(1.0e-20)
-_FLOOR = np.float32(1.0e-6)
 _PARALLEL = np.float32(1.0e-11)
 """Squared sine of the tilt up to which a column runs along the axis: less than 0.2 um off in 50 mm."""
 _ENDLESS = np.float32(10.0)

@@ -11,12 +11,12 @@ sweep. A column whose material ends below the tool's end face is passed by with 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from counterflex.core.arrays import Float, Float32
+from counterflex.core.arrays import Float, Float1, Float2, Float32
 from counterflex.core.jit import bundle, kernel
 from counterflex.core.units import MM
 from counterflex.cutting.booking_kernels import BINS
@@ -44,9 +44,9 @@ _STEEP: Final = 0.2
 class StepColumns(NamedTuple):
     """Columns as the kernel takes them: ends (layers, ny, nx), stretches (ny, nx), first centre, side, highest end."""
 
-    low: Float32
-    high: Float32
-    held: UInt8
+    low: Annotated[Float32, "float32[:, :, ::1]"]
+    high: Annotated[Float32, "float32[:, :, ::1]"]
+    held: Annotated[UInt8, "uint8[:, ::1]"]
     x0: float
     y0: float
     cell: float
@@ -60,33 +60,16 @@ class StepSpace(NamedTuple):
     about, tool axis in the middle of the step.
     """
 
-    shape: Float
-    radii: Float
-    unit_width: Float
-    motion: Float
-    work: Float
-    piece: Float
+    shape: Float1
+    radii: Float1
+    unit_width: Float1
+    motion: Float1
+    work: Float1
+    piece: Float2
 
 
-STEP_COLUMNS: Final = bundle(
-    StepColumns,
-    low="float32[:, :, ::1]",
-    high="float32[:, :, ::1]",
-    held="uint8[:, ::1]",
-    x0="float64",
-    y0="float64",
-    cell="float64",
-    top="float64",
-)
-STEP_SPACE: Final = bundle(
-    StepSpace,
-    shape="float64[::1]",
-    radii="float64[::1]",
-    unit_width="float64[::1]",
-    motion="float64[::1]",
-    work="float64[::1]",
-    piece="float64[:, ::1]",
-)
+STEP_COLUMNS: Final = bundle(StepColumns)
+STEP_SPACE: Final = bundle(StepSpace)
 
 
 def step_columns(stock: ColumnStock) -> StepColumns:

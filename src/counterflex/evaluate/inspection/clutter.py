@@ -64,12 +64,7 @@ def without(cloud: Cloud, rows: Bool) -> Cloud:
 
 
 def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
-    """The pose in which a scan shows most of the nominal part; None where no pose shows enough or two show as much.
-
-    Args:
-        cloud: The scan, m, its own frame.
-        part: The nominal part.
-    """
+    """The pose in which a scan shows most of the nominal part; None where no pose shows enough or two show as much."""
     usable = np.flatnonzero(np.isfinite(cloud.normals).all(axis=1))
     some = usable[:: max(1, len(usable) // _POINTS)]
     if len(some) < 100:

@@ -78,11 +78,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: floa
     the 24 that mirror), the extent of the scan is laid on the near, the far and the middle of the part's; the best are
     refined by ICP (point to plane) on the whole part, and scored again.
 
-    Args:
-        cloud: The scan, m, its own frame.
-        part: The nominal part.
-        where: For the error.
-        ball_radius_m: Where the points are centres of a probe's ball: its radius, m.
+    ``ball_radius_m``: where the points are centres of a probe's ball: its radius, m.
 
     Raises:
         InputError: The scan is mirrored, of another size, of another part, or fits in two poses about as well.

@@ -35,7 +35,7 @@ class Nearest:
         deviation_m: (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of
             no nominal surface within reach that looks its way.
         normals: (n, 3) outward unit normals of the nominal surface.
-        face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.part_deviations.FACES`).
+        face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.inspected_part.FACES`).
         near: (n,) whether a nominal surface is within reach at all, whichever way it looks.
     """
 

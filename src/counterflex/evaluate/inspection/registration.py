@@ -87,13 +87,8 @@ def register(
     planes, ``r = n . p - d``. The covariance is that of residuals in patches of 8 mm, each patch as one
     (sandwich estimator): flatness of the faces and errors common to neighbouring points count fully.
 
-    Args:
-        cloud: The scan, m, its own frame.
-        part: The nominal part.
-        T_start: (4, 4) about the pose of the scan in the part.
-        names: Datum faces.
-        where: For the error.
-        ball_radius_m: Where the points are centres of a probe's ball: its radius, m; None: not known.
+    ``T_start``: (4, 4) about the pose of the scan in the part. ``names``: datum faces. ``ball_radius_m``: where the
+    points are centres of a probe's ball: its radius, m; None: not known.
 
     Raises:
         InputError: Too few points on the faces, freedoms that they leave open, faces that do not fit, wrong scale.

@@ -136,10 +136,7 @@ def common_offset(rows: PartDeviations, centre: Float, fitted: Bool | bool) -> f
     scan was in the part frame), and with an offset common to all faces. It counts where it is larger than 0.2 mm and
     what it leaves is less than a third.
 
-    Args:
-        rows: Deviations.
-        centre: (3,) m, about which turns are counted.
-        fitted: Whether the pose was fitted.
+    ``centre``: (3,) m, about which turns are counted; ``fitted``: whether the pose was fitted.
     """
     if len(rows) < 12:
         return None

@@ -187,10 +187,7 @@ class TurnFigures:
 def turn_figures(turn: Turn, nominal_radius_m: float | None, *, nominal_centre: bool) -> TurnFigures:
     """G and F of one turn.
 
-    Args:
-        turn: A whole turn.
-        nominal_radius_m: Or None.
-        nominal_centre: The turns were counted about the nominal centre.
+    ``nominal_radius_m``: or None; ``nominal_centre``: the turns were counted about the nominal centre.
 
     Source: ISO 230-4:2005, 3.4 and 3.5 (F about the centre of the instrument or the least-squares centre).
     """

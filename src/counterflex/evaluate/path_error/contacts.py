@@ -57,10 +57,7 @@ class Nodes:
     def at_rows(self, values: Float, path: ToolPath, seen: Bool) -> Float:
         """Values at all rows of a path; before the first and behind the last node of a run that is seen, its value.
 
-        Args:
-            values: (k, c) at the nodes.
-            path: n rows.
-            seen: (k,) nodes that count; a run without one has zeros.
+        ``values``: (k, c) at the nodes. ``seen``: (k,) nodes that count; a run without one has zeros.
 
         Returns:
             (n, c); zero on rapids.

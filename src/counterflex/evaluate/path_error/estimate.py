@@ -19,9 +19,18 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
-from counterflex.evaluate.path_error.band_solver import Gathered, Observations, Solved, solved, values_of
+from counterflex.evaluate.path_error.band_solver import (
+    NARROW_M,
+    WIDE_M,
+    WIDTH,
+    Gathered,
+    Observations,
+    Prior,
+    Solved,
+    solved,
+    values_of,
+)
 from counterflex.evaluate.path_error.contacts import Contacts, Nodes
-from counterflex.evaluate.path_error.prior import NARROW_M, WIDE_M, WIDTH, Prior
 
 PATCH_M: Final = 2.0 * MM
 _LEAST: Final = 4
@@ -122,11 +131,7 @@ class PathError:
 def path_error(part: PartDeviations, nodes: Nodes, contacts: Contacts, *, progress: Progress = silent) -> PathError:
     """Find the error of the path.
 
-    Args:
-        part: Deviations, in the axes of the path.
-        nodes: Of the path.
-        contacts: Of the part's places with it.
-        progress: Progress callback, fraction 0 to 1.
+    ``part``: deviations, in the axes of the path.
 
     Raises:
         InputError: Too few places of the part were made by the program.

@@ -18,9 +18,8 @@ import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.path_error.band_solver import Gathered, Observations, solved
+from counterflex.evaluate.path_error.band_solver import WIDTH, Gathered, Observations, Prior, solved
 from counterflex.evaluate.path_error.contacts import Nodes
-from counterflex.evaluate.path_error.prior import WIDTH, Prior
 
 NOTHING: Final = "no constant"
 ALIKE: Final = 3.0

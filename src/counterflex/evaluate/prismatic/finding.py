@@ -116,10 +116,7 @@ def stands_out(feature: object) -> bool:
 def find_prismatic(surface: NominalSurface, taken_walls: Bool, taken_floors: Bool) -> tuple[PrismaticFeature, ...]:
     """Find the features of a surface.
 
-    Args:
-        surface: Of the undisturbed part.
-        taken_walls: (m,) wall points of other features.
-        taken_floors: (ny, nx) floor cells of other features.
+    ``taken_walls``: (m,) wall points of other features; ``taken_floors``: (ny, nx) floor cells of other features.
     """
     segments = wall_segments(surface, taken_walls)
     flat = surface.floor & (surface.normal_z > _FLAT) & surface.kept

@@ -28,11 +28,7 @@ def measure_prismatic(
 ) -> list[Row]:
     """Rows of one feature.
 
-    Args:
-        feature: Found on the surface.
-        surface: Of the undisturbed part.
-        parts: By name.
-        smallest_radius_m: Of the tools.
+    ``feature``: found on the surface; ``parts``: by name.
     """
     inset = _INSET * smallest_radius_m
     rows: list[Row] = []

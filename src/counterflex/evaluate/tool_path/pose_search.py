@@ -99,11 +99,7 @@ def places(path: Curve, feed: Float, log: Curve) -> list[Place]:
 def searched(path: Curve, feed: Float, log: Curve, where: str) -> Place:
     """The pose of a log of the whole path in any pose.
 
-    Args:
-        path: Of the program, with its rapids.
-        feed: (m,) 1 where it feeds.
-        log: As logged, m, its own frame.
-        where: For errors.
+    ``path``: of the program, with its rapids; ``feed``: (m,) 1 where it feeds; ``log``: as logged, m, its own frame.
 
     Raises:
         InputError: It is mirrored, in another unit, of half a path or of another program, or fits in two poses.

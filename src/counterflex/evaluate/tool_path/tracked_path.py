@@ -13,8 +13,14 @@ import scipy
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.contact import contact_runs, entry_exit
-from counterflex.evaluate.path_deviation import LOST_M, SPACING_M, PathDeviation, path_deviation
+from counterflex.evaluate.path_deviation import (
+    LOST_M,
+    SPACING_M,
+    PathDeviation,
+    contact_runs,
+    entry_exit,
+    path_deviation,
+)
 from counterflex.evaluate.tool_path.curve import begin_on, curve_of, within
 from counterflex.evaluate.tool_path.pose_search import LEAST_SHARE
 from counterflex.evaluate.tool_path.readings import ToolReadings

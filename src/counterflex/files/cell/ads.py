@@ -80,7 +80,7 @@ class AdsParameterTable(Table):
 
 
 class AdsTable(Table):
-    """Where a TwinCAT is and which of its symbols are what."""
+    """Address of a TwinCAT and its symbols."""
 
     net_id: str
     host: Annotated[str, Field(min_length=1)]

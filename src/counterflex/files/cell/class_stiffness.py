@@ -20,7 +20,7 @@ _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
 
 @dataclass(frozen=True)
 class ClassStiffness:
-    """What a robot has been given by its class."""
+    """Stiffness that a robot has been given by its class."""
 
     axes: tuple[int, ...]  # Numbers 0..5 of the axes that nothing was known of
     prior: ClassPrior
@@ -53,7 +53,7 @@ def unknown_axes(robot: Robot, table: RobotTable) -> tuple[int, ...]:
 
 
 def prior_of(robot: Robot, table: RobotTable) -> ClassPrior:
-    """What the class of a robot says about its stiffness.
+    """Return what the class of a robot says about its stiffness.
 
     Raises:
         InputError: Its payload is not known, or no robot of its size has a published stiffness.

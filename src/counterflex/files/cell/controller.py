@@ -124,7 +124,7 @@ class SpindleTable(_SpindleLanguages):  # type: ignore[misc]
     def functions(
         self, language: str, tool_data: dict[int, str] | None = None, where: str = "the cell file"
     ) -> MachineFunctions:
-        """What the writer of a language calls for every block.
+        """Return what the writer of a language calls for every block.
 
         Args:
             tool_data: What the controller calls the tool frame, by number of the tool.
@@ -192,7 +192,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 class ControllerTable(Table):
-    """What the robot controller does with a program."""
+    """Behaviour of the robot controller on a program."""
 
     cycle_ms: Annotated[float, Field(ge=0.1, le=1000.0)] = 12.0
     blending_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.5

@@ -17,7 +17,7 @@ GUIDANCE_MS = 4
 
 
 class EgmTable(Table):
-    """Which of EGM's two ways is used, and with which settings on the controller."""
+    """Way of EGM that is used, and its settings on the controller."""
 
     mode: Literal["path", "pose"] = "path"
     port: Annotated[int, Field(ge=1, le=65535)] = 6510

@@ -57,7 +57,7 @@ class MonitorTable(Table):
     def settings(
         self, online: OnlineSettings, exponent: float, inertia_kg: float = 0.0, ring_s: float = 0.0
     ) -> MonitorSettings:
-        """What the monitor is told.
+        """Return what the monitor is told.
 
         Args:
             online: Settings of the loop that it belongs to.
@@ -103,7 +103,7 @@ class MonitorTable(Table):
 
 
 class OverrideTable(Table):
-    """How the speed of the robot program may be changed by the loop."""
+    """Change of the speed of the robot program by the loop."""
 
     tolerance_um: Annotated[float, Field(gt=0.0, le=10_000.0)] = 50.0
     least: Annotated[float, Field(ge=0.05, le=1.0)] = 0.3

@@ -13,8 +13,7 @@ from counterflex.files.schema import Table
 from counterflex.runtime.axis_gains import AXES, AxisGains
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import FusionTuning
-from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
-from counterflex.runtime.plausibility.limits import Plausibility
+from counterflex.runtime.plausibility.limits import AxisTolerance, Plausibility
 from counterflex.runtime.settings import (
     Delays,
     ForceMode,
@@ -40,7 +39,7 @@ Age: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
 class PairTable(Table):
-    """What the filter of two sensors is told beside their own tables."""
+    """Settings of the filter of two sensors beside their own tables."""
 
     sensor_noise_n: Force = 3.0
     sensor_zero_n: Force = 1.0
@@ -113,7 +112,7 @@ Percent = Annotated[float, Field(gt=0.0, le=100.0)]
 
 
 class OnlineTable(Table):
-    """Which signals correct, through which filters, within which limits."""
+    """Signals that correct, their filters and limits."""
 
     protocol: str | None = None
     link: dict[str, bool | int | float | str] = Field(default_factory=dict)
@@ -271,8 +270,7 @@ class OnlineTable(Table):
         gain, proportional, notch = self.tracker_gain, 0.0, (1.0, 0.0, 0.0, 0.0, 0.0)
         ahead: tuple[float, ...] = (0.0,) * 8
         if self.tracker == "designed":
-            from counterflex.runtime.design.feed_forward import lag_filter
-            from counterflex.runtime.design.tracker import DesignGoals, design
+            from counterflex.runtime.design.tracker import DesignGoals, design, lag_filter
 
             ahead = tuple(float(b) for b in lag_filter(delays, period_s, mode))
             goals = DesignGoals(self.phase_margin_deg * DEG, 10.0 ** (self.gain_margin_db / 20.0))
@@ -311,7 +309,7 @@ class OnlineTable(Table):
 
 
 def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | None) -> TrackerPlant:
-    """What the tracker sees of a correction, from identified delays.
+    """Return what the tracker sees of a correction, from identified delays.
 
     Args:
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.

@@ -17,9 +17,9 @@ from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
-from counterflex.plan.damping import ASSUMED_DAMPING, Damping
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
+from counterflex.plan.lowest_mode import ASSUMED_DAMPING, Damping
 from counterflex.plan.preflight.row import Bounds
 from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
@@ -34,7 +34,7 @@ CableAngle = Annotated[float, Field(gt=0.0, le=3600.0)]
 
 
 class PostureTable(Table):
-    """Which of the arm's postures is used, and the free rotation about the tool axis."""
+    """Posture of the arm, and the free rotation about the tool axis."""
 
     shoulder: Literal["front", "back"] = "front"
     elbow: Literal["up", "down"] = "up"
@@ -62,7 +62,7 @@ class PostureTable(Table):
 
     @property
     def turning(self) -> ToolRotation | None:
-        """How the tool turns about its axis along the program; None where it does not."""
+        """Return how the tool turns about its axis along the program; None where it does not."""
         if not self.turning_mm_deg:
             return None
         places, angles = zip(*self.turning_mm_deg, strict=True)
@@ -85,7 +85,7 @@ class PostureTable(Table):
 
 
 class DynamicsTable(Table):
-    """How the robot answers in time: its lowest mode, and how a correction must be shaped to act like the force."""
+    """Dynamics of the robot: its lowest mode, and how a correction must be shaped to act like the force."""
 
     mode_hz: Annotated[float, Field(gt=0.0, le=1e4)] | None = None
     damping_ratio: Annotated[float, Field(gt=0.0, lt=2.0)] | None = None
@@ -118,7 +118,7 @@ class DynamicsTable(Table):
 
     @property
     def shaping(self) -> Shaping:
-        """How corrections are shaped in time."""
+        """Return how corrections are shaped in time."""
         return Shaping(smoothing_s=self.correction_smoothing_ms * MS, lead_s=self.correction_lead_ms * MS)
 
 
@@ -139,7 +139,7 @@ class LimitsTable(Table):
     reversal_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] = 50.0
 
     def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
-        """What a preflight compares with; speeds and accelerations of the catalogue where the file has none.
+        """Return what a preflight compares with; speeds and accelerations of the catalogue where the file has none.
 
         Args:
             controller: Table ``[controller]``.

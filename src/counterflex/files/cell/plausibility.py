@@ -322,7 +322,7 @@ def _unlike_axes(table: Any, path: str = "") -> Iterator[Unusual]:
 
 
 def _place(key: str) -> str:
-    """What components belong together: the table, and the keys that say one place in it."""
+    """Return what components belong together: the table, and the keys that say one place in it."""
     table, _, last = key.rpartition(".")
     stem = re.sub(r"\[\d+\]", "", last)
     if stem.startswith("box"):

@@ -224,7 +224,7 @@ def axis_2_height(robot: Robot) -> float:
 
 
 class RobotTable(Table):
-    """Which robot: by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
+    """Robot by catalogue name, by own geometry, by Denavit-Hartenberg rows, or from a URDF file."""
 
     catalog: str | None = None
     geometry: OpwTable | None = None

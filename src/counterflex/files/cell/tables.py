@@ -269,7 +269,7 @@ class PartTable(PoseTable):
 
 
 def _on_one_line(points: tuple[Vector, ...]) -> bool:
-    """Whether all points lie within 1 mm of one line."""
+    """Return whether all points lie within 1 mm of one line."""
     spread = np.array(points) - np.mean(points, axis=0)
     return bool(np.linalg.svd(spread, compute_uv=False)[1] < 1.0)
 

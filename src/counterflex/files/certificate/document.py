@@ -18,7 +18,7 @@ _MOST_BYTES: Final = 64 * 2**20
 
 @dataclass(frozen=True)
 class Item:
-    """What was calibrated."""
+    """Item that was calibrated."""
 
     name: str
     identifications: tuple[str, ...]

@@ -57,7 +57,7 @@ def text_of(element: Any) -> str:
 
 
 def content(element: Any) -> str:
-    """What a ``name`` or ``description`` says: English where there is more than one language."""
+    """Return what a ``name`` or ``description`` says: English where there is more than one language."""
     if element is None:
         return ""
     contents = [one for one in element if local(one) == "content"]
@@ -206,7 +206,7 @@ def _standard(form: Any) -> str:
 
 
 def _region(element: Any) -> str:
-    """What is not read of an uncertainty for several dimensions at once; empty where there is none."""
+    """Return what is not read of an uncertainty for several dimensions at once; empty where there is none."""
     form = next((local(one) for one in element if "Region" in local(one) or "Multivariate" in local(one)), "")
     return f"uncertainty as {form} is not read" if form else ""
 

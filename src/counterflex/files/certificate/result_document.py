@@ -30,7 +30,7 @@ _FORBIDDEN: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0
 
 @dataclass(frozen=True)
 class About:
-    """Who states the results, of what."""
+    """Laboratory and person that state the results, and the item."""
 
     number: str
     laboratory: str

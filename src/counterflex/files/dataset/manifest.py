@@ -60,7 +60,7 @@ class FileTable(Table):
 
 
 class RowsTable(Table):
-    """Which rows are taken."""
+    """Rows that are taken."""
 
     first_line: Line = 0
     last_line: Annotated[int, Field(ge=1)] | None = None
@@ -69,7 +69,7 @@ class RowsTable(Table):
 
 
 class ChannelTable(Table):
-    """Where one channel's numbers stand and what they mean."""
+    """Place and meaning of one channel's numbers."""
 
     columns: tuple[Any, ...] = ()
     constant: tuple[float, ...] | None = None

@@ -40,7 +40,7 @@ def matrices(convention: str, numbers: Float) -> Float:
 
 
 def faulty(convention: str, numbers: Float) -> tuple[Bool, str]:
-    """Which rows are no rotations, and what is wrong with the first of them."""
+    """Return which rows are no rotations, and what is wrong with the first of them."""
     if convention in ("quat_wxyz", "quat_xyzw"):
         bad = np.abs(np.linalg.norm(numbers, axis=1) - 1.0) > TOLERANCE
         return bad, "the quaternion does not have length 1"

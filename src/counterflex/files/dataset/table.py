@@ -130,7 +130,7 @@ class TextTable:
         return [str(cell) for cell in self.columns[place]]
 
     def place_of(self, column: int, row: int) -> str:
-        """Where a cell stands, for messages."""
+        """Return where a cell stands, for messages."""
         return f"{self.path}:{int(self.lines[row])}: column '{self.header[column]}'"
 
     def _fault(self, place: int, row: int, cell: str) -> FileFormatError:
@@ -286,7 +286,7 @@ def _text(path: Path, how: FileTable, data: bytes) -> TextTable:
 
 
 def _other_separator(how: FileTable, names: Sequence[str]) -> str | None:
-    """What to write where a header of one cell holds the mark of another separator."""
+    """Return what to write where a header of one cell holds the mark of another separator."""
     marks = [mark for mark in (";", "\t", ",", "|") if mark in names[0] and mark != how.separator]
     if len(names) > 1 or not marks:
         return None
@@ -331,5 +331,5 @@ def _names(path: Path, how: FileTable, header: list[str] | None, rows: list[list
 
 
 def _counts_up(cells: Sequence[str]) -> bool:
-    """Whether numbers are those of columns, 0, 1, 2 or 1, 2, 3, and so names."""
+    """Return whether numbers are those of columns, 0, 1, 2 or 1, 2, 3, and so names."""
     return len(cells) > 1 and any(all(cell == str(i + k) for i, cell in enumerate(cells)) for k in (0, 1))

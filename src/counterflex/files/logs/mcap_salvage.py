@@ -1,4 +1,4 @@
-"""What can be read of an MCAP file that was cut, overwritten or otherwise damaged: every sound record of it.
+"""Read every sound record of an MCAP file that was cut, overwritten or otherwise damaged.
 
 MCAP is a row of records: opcode (1 byte), length (8 bytes), content; messages stand in chunks that carry a CRC-32 of
 their content. Where a record is not sound, the next one is looked for: first where this one says that it ends, then at
@@ -95,7 +95,7 @@ class Damage:
 
 @dataclass(eq=False)
 class Salvaged:
-    """What was found."""
+    """Records that were found."""
 
     chunks: list[Chunk] = field(default_factory=list)  # In the order of the file
     records: list[Any] = field(default_factory=list)
@@ -238,7 +238,7 @@ def _chunk(begin: int, content: bytes) -> Chunk | None:
 
 
 def _chunk_within(data: bytes | mmap, begin: int, end: int) -> int | None:
-    """Where a sound chunk begins within a record without a checksum, after which no sound one follows.
+    """Return where a sound chunk begins within a record without a checksum, after which no sound one follows.
 
     A record from which bytes are missing may still read well, with the first bytes of the next one as its last.
     """
@@ -251,7 +251,7 @@ def _chunk_within(data: bytes | mmap, begin: int, end: int) -> int | None:
 
 
 def _next(data: bytes | mmap, at: int) -> int | None:
-    """Where the next sound record begins behind a place at which there is none."""
+    """Return where the next sound record begins behind a place at which there is none."""
     extent = _extent(data, at)
     if extent is not None and (_sound(data, extent[1]) is not None or data[extent[1] :] == MAGIC):
         return extent[1]

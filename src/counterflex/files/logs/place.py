@@ -1,4 +1,4 @@
-"""Whether the files that a run log was and is written to are still where they were begun, so that they are found."""
+"""Check that the files that a run log was and is written to are still where they were begun, so that they are found."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def _may_be_there(path: Path) -> bool:
 
 
 def trouble_message(number: int) -> str:
-    """What the number of a trouble means: of the system's error, or :data:`GONE`; empty for 0."""
+    """Return what the number of a trouble means: of the system's error, or :data:`GONE`; empty for 0."""
     if number == 0:
         return ""
     return _REMOVED_TEXT if number == GONE else os.strerror(number)

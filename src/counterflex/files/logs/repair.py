@@ -38,7 +38,7 @@ _BARE: Final = {"format": KIND, "version": VERSION}
 
 @dataclass(frozen=True)
 class Repaired:
-    """What was done with a segment."""
+    """Repair of a segment."""
 
     name: str
     kept: str  # Name under which the original is kept; empty where nothing was done
@@ -129,7 +129,7 @@ def repair_segment(
 
 
 def _is_locked(file: Path) -> bool | None:
-    """Whether a process that lives holds the file; None: nobody can say."""
+    """Return whether a process that lives holds the file; None: nobody can say."""
     try:
         handle = os.open(file, os.O_RDWR)
     except OSError:

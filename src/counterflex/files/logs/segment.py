@@ -1,4 +1,4 @@
-"""What a segment of a run log is made of (``counterflex-run-log``, version 2): its head, records and states in MCAP."""
+"""Parts of a segment of a run log (``counterflex-run-log``, version 2): its head, records and states in MCAP."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def read_metadata(record: Metadata) -> dict[str, Any] | None:
 
 
 def read_actions(salvaged: Salvaged) -> list[dict[str, Any]]:
-    """What operators did during a segment, in the order in which it was written; what is damaged is left out."""
+    """Return what operators did during a segment, in the order in which it was written; what is damaged is left out."""
     out = []
     for record in salvaged.records:
         if isinstance(record, Metadata) and record.name == ACTION:
@@ -118,7 +118,7 @@ def read_actions(salvaged: Salvaged) -> list[dict[str, Any]]:
 
 
 def read_about(salvaged: Salvaged) -> dict[str, Any]:
-    """What the run was made of: the first copy whose checksum is right; logs of before had one copy without."""
+    """Return what the run was made of: the first copy whose checksum is right; logs of before had one copy without."""
     for record in salvaged.records:
         if isinstance(record, Metadata) and record.name == ABOUT:
             values = dict(record.metadata)
@@ -146,7 +146,7 @@ def require_ours(channel: Channel | None, where: str) -> None:
 
 
 def unreadable_reason(salvaged: Salvaged, size: int) -> tuple[str, str]:
-    """What a file is of which not one record can be read, and what to do.
+    """Return what a file is of which not one record can be read, and what to do.
 
     Args:
         size: Of the file, bytes.

@@ -48,7 +48,7 @@ _MOST_BYTES: Final = 16 << 20
 
 @dataclass(frozen=True, eq=False)
 class Indexed:
-    """What the index of a file leads to."""
+    """Places that the index of a file leads to."""
 
     metadata: list[Metadata]  # In the order of the file; of what the run was made of one copy
     messages: dict[int, int]
@@ -86,7 +86,7 @@ def indexed(stream: BinaryIO, count: Callable[[int], None]) -> Indexed | None:
 
 
 def _without_copies(index: list[MetadataIndex]) -> list[MetadataIndex]:
-    """What the run was made of is written again and again, as long each time: its first copy will do."""
+    """Return what the run was made of is written again and again, as long each time: its first copy will do."""
     seen: set[tuple[str, int]] = set()
     out = []
     for one in index:

@@ -19,6 +19,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, NS
+from counterflex.files.small_table import number
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
 from counterflex.twin.devices.pose_source import TrackerLog
@@ -93,22 +94,22 @@ class TrackerLines:
         if not 0 <= time_ns < 1 << 64 or not 0 <= status < 1 << 32:
             raise FileFormatError("time or status out of range", where=where, value=(time_ns, status), limit=">= 0")
         if self._spherical:
-            distance, azimuth, zenith = (_number(row[name], where) for name in SPHERICAL)
+            distance, azimuth, zenith = (number(row[name], where) for name in SPHERICAL)
             if distance < 0.0:
                 raise FileFormatError("the distance is negative", where=where, value=distance, limit=">= 0 mm")
             p = spherical_point(distance * MM, azimuth * DEG, zenith * DEG)
         else:
-            p = np.array([_number(row[name], where) for name in CARTESIAN]) * MM
+            p = np.array([number(row[name], where) for name in CARTESIAN]) * MM
         R = np.eye(3)
         if self._oriented:
-            quat = np.array([_number(row[name], where) for name in ORIENTATION])
+            quat = np.array([number(row[name], where) for name in ORIENTATION])
             size = math.hypot(*quat.tolist())
             if abs(size - 1.0) > _UNIT:
                 raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)
             R = rotation.from_quat_wxyz(quat / size)
         else:
             status |= NO_ORIENTATION
-        sigma = _number(row["sigma_mm"], where) if "sigma_mm" in row else 0.0
+        sigma = number(row["sigma_mm"], where) if "sigma_mm" in row else 0.0
         if sigma < 0.0:
             raise FileFormatError("a standard deviation is negative", where=where, value=sigma, limit=">= 0")
         return TrackerPose(sequence & 0xFFFFFFFF, time_ns, status, 0, pose.make(R, p), sigma * MM)
@@ -172,18 +173,8 @@ def log_text(time_s: Float, Ts_tracker_target: Float, sigma_m: float) -> str:
     return "\n".join([head, *(f"{line},{sigma}" for line in lines)]) + "\n"
 
 
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
-    return value
-
-
 def _nanoseconds(text: str, where: str) -> int:
-    value = _number(text, where) / NS
+    value = number(text, where) / NS
     if not math.isfinite(value):
         raise FileFormatError("time or status out of range", where=where, value=text.strip(), limit="< 2^64 ns")
     return round(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.small_table import read_rows
+from counterflex.files.small_table import number, read_rows
 
 COLUMNS: Final = ("time_s", "fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
@@ -38,20 +37,10 @@ def read_wrench_log(path: str | Path) -> tuple[Float, Float]:
     for line, row in table[1:]:
         if len(row) != len(COLUMNS):
             raise FileFormatError("values in a line", where=f"{file}:{line}", value=len(row), limit=len(COLUMNS))
-        rows.append([_number(row[k], f"{file}:{line}") for k in order])
+        rows.append([number(row[k], f"{file}:{line}") for k in order])
         if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
             raise FileFormatError("time does not go on", where=f"{file}:{line}", value=rows[-1][0])
     if len(rows) < 2:
         raise FileFormatError("fewer than two rows", where=str(file), value=len(rows), limit=">= 2")
     values = np.array(rows)
     return values[:, 0], values[:, 1:]
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
-    return value

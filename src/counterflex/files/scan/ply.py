@@ -28,7 +28,7 @@ _ROWS: Final = 1 << 20
 
 @dataclass(frozen=True)
 class Header:
-    """What a PLY file announces."""
+    """Announcements of a PLY file."""
 
     text: bool
     order: str  # Byte order, ``<`` or ``>``

@@ -28,7 +28,7 @@ _TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), (
 
 
 def is_binary_stl(path: Path) -> bool:
-    """Whether the size of a file is that of a binary STL with the count of triangles in it, or almost."""
+    """Return whether the size of a file is that of a binary STL with the count of triangles in it, or almost."""
     with path.open("rb") as stream:
         head = stream.read(_STL_HEAD)
     if len(head) < _STL_HEAD or path.suffix.lower() != ".stl":
@@ -215,7 +215,7 @@ _NAMES: Final = {"MM": "mm", "CM": "cm", "M": "m", "INCH": "inch"}
 
 
 def is_dmis(head: bytes) -> bool:
-    """Whether a text begins like DMIS: its words stand before a slash."""
+    """Return whether a text begins like DMIS: its words stand before a slash."""
     return (
         re.search(rb"^\s*(DMISMN|DMISMD|FILNAM|UNITS|FA\s*\(|F\s*\()[^\n]*[/=]", head, re.MULTILINE | re.IGNORECASE)
         is not None

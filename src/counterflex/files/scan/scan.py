@@ -91,7 +91,7 @@ class PointStore:
         return self
 
     def scan(self, unit_m: float | None = None, ball_radius: float = 0.0) -> Scan:
-        """What was taken. Raises FileFormatError: there is no valid point."""
+        """Return what was taken. Raises FileFormatError: there is no valid point."""
         if self._origin is None:
             raise FileFormatError(
                 "the file holds no valid point",

@@ -34,7 +34,7 @@ _MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the points stand in the lines."""
+    """Places of the points in the lines."""
 
     skipped: int  # Lines before the first row
     columns: int

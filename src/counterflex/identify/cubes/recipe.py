@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -10,25 +11,127 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import in_parts
-from counterflex.core.units import URAD
+from counterflex.core.units import MM, UM, URAD
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cubes import TITLE
-from counterflex.identify.cubes import proposal as cube_proposal
-from counterflex.identify.cubes.pairs import SCALE, CubeMotions, block, read_cubes
+from counterflex.identify.cubes.pairs import BASE, SCALE, CubeMotions, block, read_cubes
 from counterflex.identify.data.alternative_readings import row_mistakes, sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.choice import candidates_of, choose, expected_sigma, prior_information
+from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry import compliances
 from counterflex.identify.geometry.compliances import DIRECTIONS, bearing_of, springs
 from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
+from counterflex.identify.pulls.proposal import APPROACH_RAD
+from counterflex.identify.pulls.pulls import AGAIN, HISTORIES, Pulls
 from counterflex.identify.recipe import Figure, Identification, Inputs, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
-from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.elasticity.chain import ElasticChain, frames
+
+PROPOSED: Final[Mapping[str, float | int | str | bool]] = {
+    "force_n": 750.0,
+    "moment_nm": 300.0,
+    "sensor_um": 0.3,
+    "history": AGAIN,
+    "seed": 0,
+}
+"""Options of the proposal: cable force, pure moment by a bar and two cables (0 for none), standard deviation of an
+averaged triangulation sensor, how loaded readings are taken, seed of the candidate poses."""
+_BASELINE_M: Final = 70.0 * MM
+_POSES: Final = 24
+_FORCES = ((1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1))
+
+
+def pairs_of(chain: ElasticChain) -> tuple[str, ...]:
+    """Every elastic or driven body against the one before: ``base/axis1``, ``axis1/axis2``, ..."""
+    names = [BASE] + [
+        name for i, name in enumerate(chain.names) if chain.joint[i] >= 0 or np.any(chain.compliance[i] > 0.0)
+    ]
+    return tuple(f"{a}/{b}" for a, b in itertools.pairwise(names))
+
+
+def propose_cubes(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
+    """Choose poses and loads for the least determinant of the covariance; all pairs are read under each load.
+
+    ``settings``: See :data:`PROPOSED`, and those of :mod:`counterflex.identify.geometry.compliances`. Raises
+    InputError: no load, no sensor noise, or no such history. Raises ReachError: hardly any pose can be measured.
+    """
+    options = {**PROPOSED, **settings}
+    force, moment, history = float(options["force_n"]), float(options["moment_nm"]), str(options["history"])
+    sigma = float(options["sensor_um"]) * UM
+    if count < 1 or not force > 0.0 or moment < 0.0 or not sigma > 0.0 or history not in HISTORIES:
+        raise InputError(
+            "cannot propose such loads",
+            value=f"{count} loads of {force:g} N, {moment:g} N m, {history}",
+            limit=f"at least 1, above 0 N, {', '.join(HISTORIES)}",
+        )
+    chain = cell.chain
+    rng = np.random.default_rng(int(options["seed"]))
+    q = measurable(cell, max(_POSES, count), rng, around_part=0.3)
+    none = np.zeros(3)
+    kinds = [np.concatenate([force * np.array(f, dtype=np.float64), none]) for f in _FORCES]
+    if moment > 0.0:
+        kinds += [np.concatenate([none, moment * axis]) for axis in np.eye(3)]
+    load = np.tile(np.array(kinds), (len(q), 1))
+    poses = np.repeat(q, len(kinds), axis=0)
+    motions = _motions(chain, poses, load, sigma, history)
+    plan = layout(chain, springs(chain, options), [], bearing_m=bearing_of(options))
+    information = candidates_of(plan.parameters, [block(chain, plan, motions)])
+    chosen = choose(information.jacobian, min(count, len(poses)), prior_information(plan.parameters), passes=1)
+    order = np.sort(chosen.indices)
+    columns = {f"q{i + 1}_rad": poses[order, i] for i in range(6)}
+    columns |= {f"f{c}_n": load[order, i] for i, c in enumerate("xyz")}
+    columns |= {f"m{c}_nm": load[order, 3 + i] for i, c in enumerate("xyz")}
+    return Proposal(
+        recipe="cubes",
+        kind="cubes",
+        columns=columns,
+        expected=expected_sigma(plan.parameters, chosen.covariance),
+        units=plan.parameters.units,
+        remarks=(
+            f"Fix a cube on each of {', '.join(pairs_of(chain))} and measure where it sits with the tracker.",
+            "Read six triangulation sensors at each cube before and under every load; average their readings.",
+            f"Force by a cable over a pulley and a weight ({force:g} N); moment by a bar and two cables "
+            f"({moment:g} N m).",
+        ),
+        settings={"pairs": list(pairs_of(chain)), "history": history},
+    )
+
+
+def _motions(chain: ElasticChain, q: Float, load: Float, sigma: float, history: str) -> CubeMotions:
+    """All pairs under every load; cubes at the frames of their bodies."""
+    pairs = pairs_of(chain)
+    n, k = len(q), len(pairs)
+    row, pair = np.repeat(np.arange(n), k), np.tile(np.arange(k), n)
+    known = (BASE, *chain.names)
+    ends = np.array([[known.index(name) for name in p.split("/")] for p in pairs])
+    Ts = frames(chain, q)
+    centre = Ts[row, ends[pair, 1] - 1, :3, 3]
+    noise = np.array([1.0] * 3 + [np.sqrt(2.0) / _BASELINE_M] * 3) * 2.0 * sigma
+    pulls = Pulls(
+        name="candidates",
+        q=q[row],
+        w_tcp_base=load[row],
+        w_sigma=np.zeros((n * k, 6)),
+        d=np.zeros((n * k, 6)),
+        d_sigma=np.tile(noise, (n * k, 1)),
+        in_tracker=False,
+        p_tcp_measured=np.zeros(3),
+        approach=np.full((n * k, 6), APPROACH_RAD),
+        history=history,
+        group=row.astype(np.int64),
+        line=row.astype(np.int64),
+        where="candidates",
+    )
+    none = np.zeros((len(pulls), 6))
+    return CubeMotions(pulls, ends[pair, 0], ends[pair, 1] - 1, centre, pairs, pair.astype(np.int64), none, none)
+
 
 SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     **compliances.SETTINGS,
@@ -37,12 +140,12 @@ SETTINGS: Final[Mapping[str, float | int | str | bool]] = {
     "scale_sigma": SCALE,
     "folds": 5,
     "as_stated": False,
-    **cube_proposal.SETTINGS,
+    **PROPOSED,
 }
 """Options: those of :mod:`.geometry.compliances` (with a wide prior, because cubes see single elements, and
 the element ``sensor`` known from its data sheet where the cell has one of that name); ``scale_sigma``, how true the
 sensors of a cube show its motion; ``folds``; ``as_stated``; and
-those of :mod:`counterflex.identify.cubes.proposal`."""
+those of :data:`PROPOSED`."""
 
 _READING_ROWS: Final = 30  # rows that other readings of the data are tried on
 
@@ -192,8 +295,8 @@ def _score(chain: ElasticChain, plan: Layout) -> Any:
 
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
-    """Poses and loads; see :func:`counterflex.identify.cubes.proposal.propose_cubes`."""
-    return cube_proposal.propose_cubes(cell, count, cube_options(cell.chain, settings))
+    """Poses and loads; see :func:`propose_cubes`."""
+    return propose_cubes(cell, count, cube_options(cell.chain, settings))
 
 
 RECIPE: Final = Recipe(

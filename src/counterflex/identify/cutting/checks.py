@@ -1,4 +1,4 @@
-"""Whether test cuts say something else than their manifest: signs, axes, units of force, feed, speed and depth.
+"""Check test cuts against their manifest: signs, axes, units of force, feed, speed and depth.
 
 The means of the cuts are fitted by a quick fit that trusts no force better than 5 %, as stated and as otherwise read;
 see :mod:`counterflex.identify.data.manifest_checks`.
@@ -120,7 +120,7 @@ def _trusted(data: Dataset, name: str) -> Dataset:
 
 
 def readings(cell: CellModel, data: Dataset) -> tuple[Reading, ...]:
-    """What else test cuts could mean."""
+    """Other readings of test cuts."""
     name = next((n for n in FORCES if data.has(n)), FORCES[0])
     out = [
         *sign_mistakes(data, name),

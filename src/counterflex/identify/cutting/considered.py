@@ -1,4 +1,4 @@
-"""What is the same in all test cuts and is not fitted: the force sensor's scale and cross-talk, wear, runout.
+"""Effects that all test cuts share and no fit finds: the force sensor's scale and cross-talk, wear, runout.
 
 A sensor that shows 2 % of the cutting force along its axial direction shows it in every cut: it passes for another
 axial constant, and no residual and no cut left out tells. The standard deviations of such quantities go through the fit
@@ -51,7 +51,7 @@ GAUGE_M = 20.0 * UM
 
 
 class PlannedMove(Protocol):
-    """What is used of a proposed motion; see :class:`counterflex.identify.cutting.proposal.Move`."""
+    """Part of a proposed motion that is used; see :class:`counterflex.identify.cutting.proposal.Move`."""
 
     @property
     def blank(self) -> int:
@@ -75,7 +75,7 @@ class PlannedMove(Protocol):
 
     @property
     def piece(self) -> bool:
-        """Whether it is a test piece."""
+        """Return whether it is a test piece."""
 
 
 def planned_pieces(cutter: Cutter, moves: Sequence[PlannedMove], gauged: bool) -> Pieces:
@@ -144,7 +144,7 @@ _LARGEST: Final = 5.0  # feeds per tooth; the answer no longer grows beyond
 
 @dataclass(frozen=True)
 class TurnForce:
-    """What repeats once per turn in a settled piece of a cut.
+    """Force that repeats once per turn in a settled piece of a cut.
 
     Attributes:
         amplitude_n: Length of the complex amplitude of the force across the tool axis.
@@ -241,7 +241,7 @@ _STEPS: Final = 384
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """How true a force sensor is, as standard deviations.
+    """Accuracy of a force sensor, as standard deviations.
 
     Attributes:
         scale: Of the scale of each axis, share of the reading.

@@ -29,7 +29,7 @@ _BATCHES = 8
 
 @dataclass(frozen=True, eq=False)
 class Zero:
-    """What the sensor showed in air.
+    """Reading of the sensor in air.
 
     Attributes:
         value: (n, k) zero at every row of the cut.

@@ -1,4 +1,4 @@
-"""What the cutting recipe tells: figures, sentences and pictures."""
+"""Figures, sentences and pictures of the cutting recipe."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ ONE_WAY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What was taken to be the same in all cuts.
+    """Effects taken to be the same in all cuts.
 
     Attributes:
         sensor: The force sensor.
@@ -263,7 +263,7 @@ def _with_sigma(fit: Fit, place: int, name: str, text: str, unit: float) -> list
 
 
 def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
-    """What was assumed, what the cuts cannot see, what to measure next."""
+    """Remarks: what was assumed, what the cuts cannot see, what to measure next."""
     fit, cuts = chosen.fit, chosen.cuts
     low, high = chosen.range_m
     out = [

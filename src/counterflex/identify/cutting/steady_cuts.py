@@ -43,7 +43,7 @@ _GAP = 3.0
 
 @dataclass(frozen=True)
 class Cutting:
-    """How settled parts are found.
+    """Settings by which settled parts are found.
 
     Attributes:
         trim_diameters: Distance left out beside entries, exits and steps, in cutter diameters.

@@ -1,4 +1,4 @@
-"""What an identification says about a cell, in SI; :mod:`counterflex.files.cell.update` writes it into a cell file."""
+"""Changes to a cell by an identification, in SI; :mod:`counterflex.files.cell.update` writes them into a cell file."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ Nature = Literal["scalars", "joints", "point", "vector", "wrench", "twist", "rot
 
 @dataclass(frozen=True)
 class ChannelKind:
-    """What a channel name stands for.
+    """Meaning of a channel name.
 
     Attributes:
         text: In words, with frame and sign.
@@ -41,7 +41,7 @@ class ChannelKind:
 
     @property
     def allowed(self) -> tuple[int, ...]:
-        """How many components a dataset may have."""
+        """Numbers of components that a dataset may have."""
         return self.counts or (len(self.components),)
 
     def si_units(self, count: int) -> tuple[str, ...]:
@@ -322,7 +322,7 @@ SETTINGS: Final[dict[str, str]] = {
 
 
 def channel_kind(name: str, where: str = "") -> ChannelKind:
-    """What a channel name stands for.
+    """Meaning of a channel name.
 
     Raises:
         InputError: It is no canonical name.

@@ -95,7 +95,7 @@ class Dataset:
         return len(self.group)
 
     def has(self, name: str) -> bool:
-        """Whether a channel is there."""
+        """Return whether a channel is there."""
         return name in self.channels
 
     def channel(self, name: str) -> Channel:
@@ -126,7 +126,7 @@ class Dataset:
         return replace(self, channels=channels, group=self.group[mask], line=self.line[mask])
 
     def place(self, row: int) -> str:
-        """Where a row stands, for messages."""
+        """Place of a row, for messages."""
         return f"{self.file or self.where or self.name}:{int(self.line[row])}"
 
 

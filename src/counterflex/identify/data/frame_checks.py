@@ -1,4 +1,4 @@
-"""What a measuring frame can be wrong about: geometry that sees too little, beams that miss, signs, swapped sensors."""
+"""Check a measuring frame: geometry that sees too little, beams that miss, signs, swapped sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the data say something else than their manifest: mistakes that a fit would otherwise swallow.
+"""Check data against their manifest: mistakes that a fit would otherwise hide.
 
 A sign turned round, mm for m, swapped columns or a left-handed frame leave a fit with large residuals or with values
 far from anything known before. Every other reading of the data
@@ -42,7 +42,7 @@ ROWS: Final = 60
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How badly a quick fit explains a dataset.
+    """Misfit of a quick fit to a dataset.
 
     Attributes:
         rows: (n,) size of each row's weighted residual, per root of the number of components.

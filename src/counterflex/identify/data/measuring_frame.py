@@ -62,7 +62,7 @@ class SensorFrame:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the tool moved, by the sensors.
+    """Motion of the tool by the sensors.
 
     Attributes:
         d: (n, 6) or (n, 3) m (and rad), displacement of the reference point (and rotation vector), axes of the sensors.

@@ -140,7 +140,7 @@ def _suspicions(estimate: Delay) -> Iterator[tuple[str, str]]:
 
 
 def _negative(estimate: Delay, names: list[str]) -> bool:
-    """Whether the springs together are negative beyond doubt."""
+    """Return whether the springs together are negative beyond doubt."""
     values = np.array([estimate.fit.value(n) for n in names])
     sigma = np.array([estimate.fit.sigma_of(n) for n in names])
     weight = 1.0 / np.maximum(sigma, 1e-300) ** 2

@@ -88,13 +88,13 @@ class Pair:
 
     @property
     def same_clock(self) -> bool:
-        """Whether one clock stamped both."""
+        """Return whether one clock stamped both."""
         return self.reference.clock == self.answer.clock
 
 
 @dataclass(frozen=True, eq=False)
 class Delay:
-    """What was found about a pair.
+    """Result for a pair.
 
     Attributes:
         fit: With standard deviations that allow for correlated residuals.

@@ -1,4 +1,4 @@
-"""Which channels of a record follow which: the pairs whose delay is looked for."""
+"""Pairs of channels of a record, one following the other, whose delay is looked for."""
 
 from __future__ import annotations
 

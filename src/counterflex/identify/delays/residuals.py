@@ -46,7 +46,7 @@ class Basis:
 
 @dataclass(frozen=True)
 class Places:
-    """Where the parameters of one pair of channels stand among all.
+    """Places of the parameters of one pair of channels among all.
 
     Attributes:
         delay: (m,) of each component; the same place where one delay is common.

@@ -1,1 +1,1 @@
-"""Which measurements to take: candidates, optimal choice, order, line of sight."""
+"""Design of measurements: candidates, optimal choice, order, line of sight."""

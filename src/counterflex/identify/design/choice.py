@@ -21,6 +21,32 @@ from counterflex.core.progress import Progress, silent
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 
+
+def greedy(J: Float, count: int, fixed: int = 0) -> tuple[Int, Float]:
+    """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
+
+    ``J``: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1. ``fixed``: So many of the first
+    rows are taken whatever they bring, before all others. Returns (count,) rows and the (f, f) covariance they give
+    together with the priors. Raises InputError: more than there are.
+    """
+    n, k, f = J.shape
+    if count > n:
+        raise InputError("measurements to choose", value=count, limit=f"at most the {n} candidates")
+    C = np.eye(f)
+    remaining = np.ones(n, dtype=np.bool_)
+    chosen = []
+    for place in range(count):
+        S = np.eye(k) + J @ C @ np.swapaxes(J, 1, 2)
+        gain = np.where(remaining, np.linalg.slogdet(S)[1], -np.inf)
+        best = place if place < fixed else int(np.argmax(gain))
+        CJ = C @ J[best].T
+        C = C - CJ @ np.linalg.solve(S[best], CJ.T)
+        C = 0.5 * (C + C.T)
+        remaining[best] = False
+        chosen.append(best)
+    return np.array(chosen, dtype=np.int64), C
+
+
 VAGUE: Final = 1e-6
 """Information that stands for no prior: a standard deviation of 1000 ordinary changes."""
 PASSES: Final = 3
@@ -184,7 +210,7 @@ class _Weighing:
         return out
 
     def cost(self) -> float:
-        """What is to be small: log det C or trace(L C L^T)."""
+        """Criterion to be minimised: log det C or trace(L C L^T)."""
         if self.target is None:
             return float(-2.0 * np.sum(np.log(np.diag(self.root))))
         return float(np.sum(scipy.linalg.solve_triangular(self.root, self.target.T, lower=True) ** 2))

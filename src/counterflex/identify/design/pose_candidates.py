@@ -27,7 +27,7 @@ NEAR_M: Final = 0.25
 
 
 def seen(chain: ElasticChain, q: Float, p_base_tracker: Float, p_tcp_target: Float) -> Bool:
-    """Which poses let the tracker see its target.
+    """Mask of the poses in which the tracker sees its target.
 
     Args:
         chain: The arm; its bodies are the lines between the origins of its frames up to the flange.

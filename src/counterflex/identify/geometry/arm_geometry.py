@@ -56,7 +56,7 @@ class PeriodicTerm:
 
 @dataclass(frozen=True, eq=False)
 class ArmLayout:
-    """Where the parameters of the arm stand among all parameters.
+    """Places of the parameters of the arm among all parameters.
 
     Attributes:
         displaced: Places (6,) of the displacement behind a segment, or of ``base`` and ``tcp``; -1 stays as known.
@@ -87,7 +87,7 @@ class ArmLayout:
 
 
 class _Frames(NamedTuple):
-    """Where an arm is at the values of its parameters.
+    """Frames of an arm at the values of its parameters.
 
     Attributes:
         drives: Frames (m, 4, 4) behind every drive.

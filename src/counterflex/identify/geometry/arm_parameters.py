@@ -28,7 +28,7 @@ TORSION: Final = 5e-5
 
 @dataclass(frozen=True)
 class ArmPriors:
-    """What is known about an arm before it is measured: standard deviations.
+    """Standard deviations of an arm before it is measured.
 
     Attributes:
         length_m: Of each displacement.
@@ -123,7 +123,7 @@ def with_lost_motion(model: ArmModel, axes: Sequence[int], prior_rad: float) -> 
 
 
 def sag_of(chain: ElasticChain, requested: str) -> Sag:
-    """How own weight is treated.
+    """Treatment of own weight.
 
     ``requested``: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses,
     and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others. Raises InputError: another

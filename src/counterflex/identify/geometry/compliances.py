@@ -79,7 +79,7 @@ _OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Which directions of which elements are parameters, in the order of the parameters.
+    """Directions of elements that are parameters, in the order of the parameters.
 
     Attributes:
         segment: (k,) index of the element in the chain.
@@ -106,7 +106,7 @@ class Springs:
         return out
 
     def changes(self, chain: ElasticChain, values: Float) -> tuple[ElementCompliance, ...]:
-        """What goes into the cell file: every element with a free parameter, whole."""
+        """Changes to the cell file: every element with a free parameter, whole."""
         whole = self.compliance(chain, np.where(values < _RIGID, 0.0, values))
         touched = sorted({int(s) for s, p in zip(self.segment, self.parameters, strict=True) if p.free})
         return tuple(ElementCompliance(chain.names[i], whole[i]) for i in touched)

@@ -1,4 +1,4 @@
-"""What a geometric calibration takes as known of the sag, and what that may be off by: compliances, and where they act.
+"""Uncertainty of the sag that a geometric calibration takes as known: compliances, and where they act.
 
 Weight bends the same arm in the same way in all poses. A compliance that is off by a tenth, or an element that turns
 10 mm beside where it is thought to, passes for a displacement of the geometry in part, which no residual shows: its

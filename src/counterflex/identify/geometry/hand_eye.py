@@ -1,4 +1,4 @@
-"""Where the tracker stands and where its target sits, from robot poses, by least squares over all of them.
+"""Place of the tracker and of its target, from robot poses, by least squares over all of them.
 
 Robot poses ``A_i = T_base_tcp`` and measured ``B_i = T_tracker_target`` obey ``A_i X = Z B_i``: ``X = T_tcp_target``
 and ``Z = T_base_tracker``. Several linear starts are refined by Gauss-Newton, and the one that leaves least is taken:

@@ -22,7 +22,7 @@ _SAG_KEYS: Final = ("axis2_by_link2_mrad", "axis2_by_link3_mrad", "axis3_by_link
 
 
 def known_drive_errors(cell: CellModel) -> DriveErrors:
-    """What the cell file says; nothing where it has no such table."""
+    """Read the cell file; nothing where it has no such table."""
     table: Mapping[str, Any] = cell.tables.get(TABLE) or {}
     return DriveErrors(
         tuple(
@@ -88,7 +88,7 @@ _LEAST = 1e-4  # um or urad: what a table shows of a standard deviation at least
 
 @dataclass(frozen=True, eq=False)
 class KnownFrames:
-    """What a cell file says about the tracker.
+    """Tracker and target by the cell file.
 
     Attributes:
         T_base_tracker: (4, 4).

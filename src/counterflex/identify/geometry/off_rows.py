@@ -100,7 +100,7 @@ class OffRows:
         )
 
     def remedy(self) -> str:
-        """What to look for, and what to write into the manifest."""
+        """Advice: what to look for, and what to write into the manifest."""
         first, last, line = int(self.rows[0]), int(self.rows[-1]), self.data.line
         if first == 0 and last + 1 < len(line):
             keep = f"first_line = {int(line[last + 1])} under [rows]"

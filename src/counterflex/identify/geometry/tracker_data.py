@@ -87,7 +87,7 @@ def arm_of(cell: CellModel, d: Dataset) -> ArmGeometry | GivenPoses:
 
 
 def has_orientation(d: Dataset) -> bool:
-    """Whether the target's orientation was measured."""
+    """Return whether the target's orientation was measured."""
     return d.has(ORIENTATION)
 
 
@@ -114,12 +114,12 @@ def tracker_residuals(
 
 
 def measured_of(d: Dataset) -> Float:
-    """What the tracker saw: poses (m, 4, 4) T_tracker_target, or points (m, 3) p_tracker_target."""
+    """Readings of the tracker: poses (m, 4, 4) T_tracker_target, or points (m, 3) p_tracker_target."""
     return pose.make(d.values(ORIENTATION), d.values(POINT)) if has_orientation(d) else d.values(POINT)
 
 
 def fixes_target(cell: CellModel, d: Dataset) -> bool:
-    """Whether poses turn enough that they tell the target's whole offset on the tool."""
+    """Return whether poses turn enough that they tell the target's whole offset on the tool."""
     return len(d) >= FEWEST and len(open_offsets(arm_of(cell, d).poses(np.zeros(0)))) == 0
 
 
@@ -232,7 +232,7 @@ def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> 
 
 
 def readings_of(d: Dataset) -> tuple[Reading, ...]:
-    """What else a table of tracker poses or points may mean."""
+    """Other readings of a table of tracker poses or points."""
     channel = "q" if d.has("q") else "p_base_flange"
     out = [
         *unit_mistakes(d, channel),

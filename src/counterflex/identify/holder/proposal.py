@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.design.greedy import greedy
+from counterflex.identify.design.choice import greedy
 from counterflex.identify.holder.residuals import DRAWING_SHARE, parameters, readings
 from counterflex.identify.recipe import Proposal
 from counterflex.sensing.strain_holder import Gauge, HolderBeam, StrainHolder, sight, tool_matrix

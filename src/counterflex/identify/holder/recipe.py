@@ -279,7 +279,7 @@ def _remarks(identified: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings
 
 
 def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> Float:
-    """What the calibration leaves uncertain of a force, by direction: cross-talk off the diagonal.
+    """Uncertainty of a force after the calibration, by direction: cross-talk off the diagonal.
 
     ``var f_i = sum over bridges of (M dS [e_j; p x e_j])_i`` for a force of 1 N along j.
 

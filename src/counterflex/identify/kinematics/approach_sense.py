@@ -108,7 +108,7 @@ def seen_axes(places: Mapping[int, int], fit: Fit) -> tuple[int, ...]:
 
 
 def better(with_lost: HeldOut, without: HeldOut) -> tuple[bool, str]:
-    """Whether poses held out are predicted better beyond chance, pose by pose, and the sentence that says it."""
+    """Return whether poses held out are predicted better beyond chance, pose by pose, and the sentence that says it."""
     rows = {
         (int(b), int(r)): float(e)
         for b, r, e, g in zip(without.block, without.row, without.identified, without.gross, strict=True)
@@ -176,7 +176,7 @@ def play_remarks(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
 
 
 def describe(places: Mapping[int, int], fit: Fit, axes: Sequence[int]) -> str:
-    """What was found, axis by axis, with the ends of the 95 % interval."""
+    """Describe the result, axis by axis, with the ends of the 95 % interval."""
     return "; ".join(
         f"axis {a + 1} loses +-{fit.values[places[a]] / URAD:.1f} urad "
         f"({_ends(float(fit.values[places[a]]), float(fit.sigma[places[a]]))})"

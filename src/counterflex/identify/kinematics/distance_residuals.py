@@ -174,7 +174,7 @@ class DistanceResiduals:
 
 
 def find_anchor(p: Float, length: Float, where: str) -> Float:
-    """Where the fixed end of a ball bar is, from the places of the other end.
+    """Place of the fixed end of a ball bar, from the places of the other end.
 
     ``|p_i - a|^2 = L_i^2`` less its mean over all rows is linear in a; the solution is refined by a few Gauss-Newton
     steps. A first estimate: the errors of the robot are in it.

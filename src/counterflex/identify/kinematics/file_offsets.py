@@ -1,4 +1,4 @@
-"""Whether one file's tracker or target stands elsewhere than the others': one constant pose that its errors share.
+"""Find a file whose tracker or target stands elsewhere than the others': one constant pose that its errors share.
 
 A tracker that was moved between two sessions, a target put back a little differently, an adapter of another length:
 every row of that file is off by one and the same pose, which a fit would spread over the arm and the other files. Each
@@ -65,7 +65,7 @@ class FileOffset:
         )
 
     def remedy(self) -> str:
-        """What to write into its manifest."""
+        """Text for its manifest."""
         names = " and ".join(f'{frame} = "a name of its own"' for frame in self.frame.split(" and "))
         return f"write {names} under [settings] of its manifest"
 

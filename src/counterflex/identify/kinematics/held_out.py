@@ -1,4 +1,4 @@
-"""How a geometric calibration is judged: separate data, folds of the postures, whole regions, whole files."""
+"""Judge a geometric calibration: by separate data, folds of the postures, whole regions, whole files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.progress import Progress, in_parts, share_of, silent
 from counterflex.core.units import MM, URAD
+from counterflex.identify.data.data_checks import regions
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.shared_rows import regions
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.approach_sense import CHANNEL, PRIOR_RAD, SEEN, in_order, senses

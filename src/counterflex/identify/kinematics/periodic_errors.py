@@ -1,4 +1,4 @@
-"""Which periodic errors of the drives the data hold: a few of many orders, taken one by one, decided on data not used.
+"""Choose periodic errors of the drives: a few of many orders, taken one by one, decided on data not used.
 
 Around a fit of the geometry everything is linear to first order. Of all harmonics of all axes up to :data:`HIGHEST`
 (gears of robots turn some 100 times per turn of the axis and err once or twice in each) that one is taken which lowers

@@ -1,4 +1,4 @@
-"""What to measure for the geometry: poses that make its parameters observable, in an order that keeps travel short."""
+"""Propose poses for the geometry: its parameters become observable, the order keeps travel short."""
 
 from __future__ import annotations
 

@@ -37,8 +37,6 @@ from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, pla
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import approach_remarks, held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
-from counterflex.identify.kinematics.prior_evidence import OPTIONS as PRIORS
-from counterflex.identify.kinematics.prior_evidence import widened
 from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.report import figures, headline, pictures, remarks
 from counterflex.identify.kinematics.setup import (
@@ -52,7 +50,8 @@ from counterflex.identify.kinematics.setup import (
     set_up,
     tool_of,
 )
-from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, with_lost, with_turns
+from counterflex.identify.kinematics.stages import OPTIONS as PRIORS
+from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, widened, with_lost, with_turns
 from counterflex.identify.recipe import Identification, Inputs, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
@@ -187,7 +186,7 @@ def _option(options: Mapping[str, Any], key: str, allowed: Sequence[str]) -> str
 
 
 def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
-    """Whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
+    """Return whether what own weight turns axes 2 and 3 by is looked for, and kept where held-out poses bear it out."""
     return options["sag"] == "auto" and sag_of(cell.nominal_chain, "auto") == "axes"
 
 

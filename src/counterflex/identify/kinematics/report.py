@@ -1,4 +1,4 @@
-"""What a geometric calibration tells its user: figures, remarks, pictures."""
+"""Figures, remarks and pictures of a geometric calibration."""
 
 from __future__ import annotations
 

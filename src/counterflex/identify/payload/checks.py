@@ -58,7 +58,7 @@ def _with(data: Dataset, change: Callable[[Float], Float]) -> Dataset:
     return replace(data, channels={**data.channels, CHANNEL: replace(old, values=change(old.values))})
 
 
-def check(
+def check_units(
     data: Dataset, sensor: FlangeSensor, block_of: Callable[[Dataset], SensorReadings], *, as_stated: bool
 ) -> tuple[str, ...]:
     """Refuse data that fit far better when read another way.

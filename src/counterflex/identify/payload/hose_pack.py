@@ -1,4 +1,4 @@
-"""Which functions of which rotation stand for the hose pack: chosen by the error on orientations not used.
+"""Choose functions and rotation that model the hose pack, by the error on orientations not used.
 
 A hose between two bodies acts on the outer one by how the two stand to each other; its weight, which acts by how they
 stand in the hall, is part of the weight. So beside functions of the sensor's rotation in the base, which take any rest
@@ -79,7 +79,7 @@ _ARM: Final = slice(2, 4)
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """What was chosen.
+    """Chosen model of the rest.
 
     Attributes:
         degree: Of the functions, 0 is none.

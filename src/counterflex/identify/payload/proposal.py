@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.design.greedy import greedy
+from counterflex.identify.design.choice import greedy
 from counterflex.identify.payload.data import readings, sensor_before
 from counterflex.identify.payload.hose_pack import ROWS_PER_FUNCTION, degrees_of
 from counterflex.identify.payload.residuals import Effects, Knowledge, parameters

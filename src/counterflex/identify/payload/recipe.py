@@ -16,8 +16,7 @@ from counterflex.identify.data.changes import BodyMass, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload import TITLE
-from counterflex.identify.payload import checks as payload_checks
-from counterflex.identify.payload import weight as payload_weight
+from counterflex.identify.payload.checks import check_units
 from counterflex.identify.payload.data import (
     ALIKE_RAD,
     KINDS,
@@ -56,6 +55,7 @@ from counterflex.identify.payload.residuals import (
     seg_frame_com,
     sensor_of,
 )
+from counterflex.identify.payload.weight import check_axes, check_rest
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, score_separate
@@ -122,8 +122,8 @@ def identify(inputs: Inputs) -> Identification:
     parts = in_parts(progress, _work(trials))
     remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     for i, d in enumerate((*data, *holdout)):
-        remarks += payload_weight.check(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
-        remarks += payload_checks.check(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        remarks += check_axes(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        remarks += check_units(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
         parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
     before = _at(sensor, reference_c)
     known = replace(
@@ -157,7 +157,7 @@ def identify(inputs: Inputs) -> Identification:
     blocks = blocks_in(rest.hose_from)
     fit = solve(chosen, blocks)
     fit = with_jackknife(with_groups_once(fit, blocks), blocks, parts_of_groups(blocks))
-    remarks += payload_weight.check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
+    remarks += check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
     unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
     if unseen:
         force = score_separate(

@@ -37,7 +37,7 @@ _HOUR = 60.0 * MINUTE
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known before: one standard deviation each.
+    """Prior knowledge: one standard deviation each.
 
     Attributes:
         bias_n: Force with no load.
@@ -72,7 +72,7 @@ class Knowledge:
 
 @dataclass(frozen=True)
 class Effects:
-    """Which effects the data can tell apart from the rest.
+    """Effects that the data can tell apart from the rest.
 
     Attributes:
         degree: Of the orientation-dependent offset, 0 to 2.

@@ -1,4 +1,4 @@
-"""What the plain weight says about the axes of a wrench, before any rest that goes by orientation is looked for.
+"""Check the axes of a wrench by the plain weight, before any rest that depends on orientation is looked for.
 
 Zero, weight and centre of gravity alone, ``f = b + m gamma + (m rho) x gamma``, ``moment = b' + (m c) x gamma`` with
 ``gamma`` gravity in sensor axes and rho a small mounting rotation, are linear in b, b', m, m rho, m c. The same fit is
@@ -58,7 +58,7 @@ class Plain:
 
     @property
     def hangs(self) -> bool:
-        """Whether there is a weight, and it hangs down."""
+        """Return whether there is a weight, and it hangs down."""
         return self.mass_kg > SURE * self.sigma_kg
 
 
@@ -89,7 +89,7 @@ def plain_weight(block: SensorReadings) -> Plain:
 
 
 def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
-    """What else the rotations and axes of a file may mean."""
+    """Other readings of the rotations and axes of a file."""
     base = axes_of(data) == "base"
 
     def turned(back: bool, sign: float) -> Callable[[Dataset], Dataset]:
@@ -137,7 +137,7 @@ def _both(first: Reading, then: Callable[[Dataset], Dataset]) -> Callable[[Datas
     return lambda d: then(first.change(d))
 
 
-def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, ...]:
+def check_axes(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, ...]:
     """Refuse a wrench whose plain weight says that its axes are others than stated.
 
     Another reading is named where it makes the residual of the plain weight :data:`RATIO` times smaller (F test), or

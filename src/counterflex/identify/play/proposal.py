@@ -1,4 +1,4 @@
-"""Which reversals to measure: for every axis balanced and loaded poses, slow and slower, far from the axis."""
+"""Choose reversals to measure: for every axis balanced and loaded poses, slow and slower, far from the axis."""
 
 from __future__ import annotations
 

@@ -270,7 +270,7 @@ def _named(fit: Fit, axis: int, friction: tuple[float, float], withheld: bool) -
 
 
 def _about(name: str, key: str) -> bool:
-    """Whether a parameter is the half band, or one of friction and its slip."""
+    """Return whether a parameter is the half band, or one of friction and its slip."""
     constant = name.split(".")[1]
     return constant.startswith(key) or (key == "friction" and constant.startswith("slip"))
 

@@ -1,4 +1,4 @@
-"""Where on its plan a run was, and how late its force came: the log's place by path, the rest by correlation.
+"""Place of a run on its plan and delay of its force: the log's place by path, the rest by correlation.
 
 The place is that of the commanded pose on the points that the program sent, found as the loop finds it. The tool is
 behind its command, and the sensor's reading behind the force: the sum of both is one delay, found at each entry and

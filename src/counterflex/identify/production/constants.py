@@ -39,7 +39,7 @@ _FREE: Final = {"directions": NAMES[:3], "exponents": NAMES[:6], "all": NAMES}
 
 @dataclass(frozen=True)
 class Condition:
-    """What the data can tell apart of a set of constants.
+    """Condition of a set of constants in the data.
 
     Attributes:
         level: Of :data:`LEVELS`.
@@ -53,7 +53,7 @@ class Condition:
 
     @property
     def is_enough(self) -> bool:
-        """Whether all of them can be told apart."""
+        """Return whether all of them can be told apart."""
         return self.index <= MOST_INDEX
 
 
@@ -74,7 +74,7 @@ class Difference:
 
     @property
     def is_significant(self) -> bool:
-        """Whether the stated values are wrong by more than chance."""
+        """Return whether the stated values are wrong by more than chance."""
         return self.chance < SIGNIFICANT
 
 

@@ -33,7 +33,7 @@ _LEVEL_M: Final = 0.5 * MM
 
 @dataclass(frozen=True)
 class Choice:
-    """Which stretches are taken.
+    """Choice of stretches.
 
     Attributes:
         trim_diameters: Distance left out behind an entry and before an exit, in cutter diameters.
@@ -99,7 +99,7 @@ class Stretches:
 
 @dataclass(frozen=True, eq=False)
 class RunCut:
-    """What one run gave with one tool.
+    """Cut of one run with one tool.
 
     Attributes:
         stretches: The steady stretches.

@@ -1,4 +1,4 @@
-"""What pulls can be wrong about: work that no passive arm does, signs, units, swapped columns, other axes."""
+"""Check pulls: work that no passive arm does, signs, units, swapped columns, other axes."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def check_worth(unexplained_percent: float, where: str) -> None:
 
 
 def readings(chain: ElasticChain, data: Dataset) -> tuple[Reading, ...]:
-    """What else a dataset of pulls could mean: signs, units, columns, rows, axes of the flange or the tool."""
+    """Other readings of a dataset of pulls: signs, units, columns, rows, axes of the flange or the tool."""
     load = "w_tcp_base" if data.has("w_tcp_base") else "f_tcp_base"
     moved = "d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target"
     out: list[Reading] = []

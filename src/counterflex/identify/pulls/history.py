@@ -1,4 +1,4 @@
-"""What play and dry friction of the axes add to a pull, and what of it remains uncertain.
+"""Motion that play and dry friction of the axes add to a pull, and its uncertainty.
 
 A pull from rest meets the friction of the axes: part of the load is held by it, so the arm looks stiffer, by an amount
 that depends on where each axis came from. Two remedies: approach the pose again the same way under load, so that the

@@ -1,4 +1,4 @@
-"""Which pulls to take: poses and cable directions that make the predicted deflection of the tool certain."""
+"""Choose pulls: poses and cable directions that make the predicted deflection of the tool certain."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def read_load(chain: ElasticChain, data: Dataset) -> tuple[Float, Float, Float]:
 
 
 def read_path(data: Dataset) -> tuple[str, Float | None]:
-    """How the axes moved between the readings: history, and approach (n, 6) rad or None.
+    """Motion of the axes between the readings: history, and approach (n, 6) rad or None.
 
     Raises FileFormatError: there is no such history, or it lacks the approach.
     """

@@ -1,4 +1,4 @@
-"""Which loads to hang on and cut off, and where, so that every motor yields."""
+"""Choose loads to hang on and cut off, and poses, so that every motor yields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit found: values with standard deviations, what is seen and what is not, outliers, why it stopped."""
+"""Result of a fit: values with standard deviations, what is seen and what is not, outliers, why it stopped."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ RowError = Callable[[Residuals, Float], Float]
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """How rows are dealt to the folds that hold them out.
+    """Dealing of rows to the folds that hold them out.
 
     Attributes:
         seed: Of the dealing.

@@ -64,7 +64,7 @@ class Parameter:
 
     @property
     def has_prior(self) -> bool:
-        """Whether something is known beforehand."""
+        """Return whether something is known beforehand."""
         return bool(np.isfinite(self.prior_sigma))
 
     @property

@@ -167,7 +167,7 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class Stop:
-    """When the solver stops.
+    """Limits at which the solver stops.
 
     Attributes:
         tolerance: Relative change of cost, step or gradient at which the inner solver rests.
@@ -296,7 +296,7 @@ def _believed_more(factors: Sequence[float], share: float) -> list[float]:
 
 
 def _priors_too_tight(problem: Stacked, state: _State, share: float) -> bool:
-    """Whether believing the data more would make their residuals much smaller, by the tangent at the solution.
+    """Return whether believing the data more would make their residuals much smaller, by the tangent at the solution.
 
     Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
     hold because the residuals are large.

@@ -34,7 +34,7 @@ _GOOD: Final = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Where an inner fit came to rest.
+    """Values at which an inner fit came to rest.
 
     Attributes:
         x: (f,) values.

@@ -100,7 +100,7 @@ def with_displacements(
 
 
 def summary(data: Dataset) -> dict[str, Any] | None:
-    """What the sensors of a dataset say by themselves, without a cell; None where it has none.
+    """Summary of the sensors of a dataset, without a cell; None where it has none.
 
     Returns:
         ``sensors``, ``spare``, ``condition``, ``least_mm``, ``mean_mm``, ``largest_mm`` of the displacement of the

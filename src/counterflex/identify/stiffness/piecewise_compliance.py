@@ -121,7 +121,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseSearch:
-    """What the search ended with.
+    """Result of the search.
 
     Attributes:
         regions: Kept ones, in the order found.

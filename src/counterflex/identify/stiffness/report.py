@@ -74,7 +74,7 @@ def sizes(held_out: HeldOut, measured: Sequence[Float]) -> Float:
 
 
 def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held_out: HeldOut) -> tuple[Figure, ...]:
-    """What else is worth a number."""
+    """Further figures."""
     gaps = []
     for p in pulls:
         every = max(1, len(p) // _ROWS)
@@ -105,7 +105,7 @@ def remarks(
     pulls: Sequence[Pulls],
     pieces: PiecewiseSearch | None,
 ) -> tuple[str, ...]:
-    """What the data determine and what not, which rows are doubtful, what was assumed."""
+    """Remarks: what the data determine and what not, which rows are doubtful, what was assumed."""
     out = [*_determined(plan, fit, held_out), COUNTED["stiffness"].text, *fit.hidden, *_doubtful(fit, pulls)]
     unknown = [p.name for p in pulls if not p.history]
     if unknown and chain.play is not None:

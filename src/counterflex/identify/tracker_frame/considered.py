@@ -1,4 +1,4 @@
-"""What the place of a tracker takes as known, the same in all readings: its scale, its rest, where the arm stands.
+"""Uncertainty that all readings of a tracker share: its scale, its rest, where the arm stands.
 
 No residual shows these. A scale of lengths that is off by 5 in a million moves a tracker 4.5 m away by 22 um along its
 line of sight; a tracker that wanders by less than a test can tell stands elsewhere at the end; an arm that stands
@@ -169,7 +169,7 @@ def sigma_at(fit: Fit, tracker: PlacedFrame, p_base: Float) -> Float:
 
 
 def unrest(block: FiducialResiduals, measured: Float, sigma: Float, time_s: Float | None, x: Float) -> Float:
-    """How the tracker may have moved between rounds of fiducials that are fitted as one.
+    """Possible motion of the tracker between rounds of fiducials that are fitted as one.
 
     The frame found is that of the mean of the rounds, the one in use that of the last: what the rounds show of a
     motion, noise or not, is what they cannot exclude.

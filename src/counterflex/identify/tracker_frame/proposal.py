@@ -1,4 +1,4 @@
-"""What to measure for the tracker's frame: poses that turn the target about all axes, or fiducials around the robot."""
+"""Propose measurements for the tracker's frame: poses that turn the target about all axes, or fiducials around it."""
 
 from __future__ import annotations
 

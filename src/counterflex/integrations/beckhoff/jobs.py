@@ -28,10 +28,17 @@ from counterflex.integrations.beckhoff.link.link import (
     DeviceSymbol,
     Reading,
 )
-from counterflex.protocols.strain.forwarder import StrainForwarder
-from counterflex.protocols.tracker.forwarder import PoseForwarder
-from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
-from counterflex.sensing.bridge import strain_of_voltage
+from counterflex.protocols.strain.telegram import StrainSample, write_strain
+from counterflex.protocols.system.forwarder import Forwarder
+from counterflex.protocols.tracker.telegram import (
+    BEAM_BROKEN,
+    INACCURATE,
+    NO_ORIENTATION,
+    TrackerPose,
+    spherical_point,
+    write_pose,
+)
+from counterflex.sensing.strain_holder import strain_of_voltage
 
 _PATIENCE: float = 10.0
 _UNIT: float = 1e-3
@@ -274,13 +281,13 @@ class _PoseSender:
     """Readings of a tracker as pose datagrams."""
 
     def __init__(self, peer: tuple[str, int]) -> None:
-        self._forwarder = PoseForwarder(peer)
+        self._forwarder = Forwarder(peer, "poses")
         self.close = self._forwarder.close
 
     def take(self, reading: Reading) -> tuple[bool, bool]:
         """Whether it was sent, and can be used."""
         measured = tracker_pose(reading.values, reading.number, reading.time_ns)
-        self._forwarder.send(measured)
+        self._forwarder.send(write_pose(measured))
         return True, not measured.status & (BEAM_BROKEN | INACCURATE)
 
 
@@ -288,7 +295,7 @@ class _StrainSender:
     """Readings of strain terminals as strain datagrams."""
 
     def __init__(self, peer: tuple[str, int], table: AdsTable, poisson_ratio: float) -> None:
-        self._forwarder = StrainForwarder(peer)
+        self._forwarder = Forwarder(peer, "strains")
         self._table, self._poisson_ratio, self._before = table, poisson_ratio, -1
         self.close = self._forwarder.close
 
@@ -301,7 +308,8 @@ class _StrainSender:
             return False, True
         self._before = time_ns
         strain = strains_of(self._table, self._poisson_ratio, values)
-        self._forwarder.send(time_ns, values.get(HOLDER_TEMPERATURE, math.nan), strain)
+        sequence, temperature_c = (self._forwarder.sent + 1) & 0xFFFFFFFF, values.get(HOLDER_TEMPERATURE, math.nan)
+        self._forwarder.send(write_strain(StrainSample(sequence, time_ns, 0, temperature_c, strain)))
         return True, bool(np.all(np.isfinite(strain)))
 
 

@@ -22,7 +22,7 @@ from counterflex.integrations.kuka.link.config import read_config
 from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.robot.elasticity.chain import forward
 from counterflex.twin.devices.exact_robot import ControlledRobot, StandingRobot, Standstill
-from counterflex.twin.plant.motor_currents import MotorCurrents
+from counterflex.twin.plant.drives import MotorCurrents
 
 
 def rsi_context(table: RsiTable) -> RsiContext:

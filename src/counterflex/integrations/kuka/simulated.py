@@ -23,7 +23,7 @@ from counterflex.integrations.kuka.link.kernel import MISSING, OK
 from counterflex.integrations.kuka.link.telegram import answer_reader, robot_writer
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
-from counterflex.twin.plant.motor_currents import MotorCurrents
+from counterflex.twin.plant.drives import MotorCurrents
 
 _TYPE: Final = re.compile(rb"<Sen\s+Type\s*=\s*[\"']([^\"']*)[\"']")
 FREE: Final = 0

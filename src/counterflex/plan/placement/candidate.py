@@ -215,10 +215,7 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
 def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
     """Deflection at rest and error in the power mean, m, and the least damping ratio in the cut (NaN: not known).
 
-    Args:
-        site: The program.
-        robot: Robot and place of the part.
-        q: (m, 6) rad along the thinned path.
+    ``robot``: robot and place of the part; ``q``: (m, 6) rad along the thinned path.
     """
     angles = np.ascontiguousarray(q)
     relative, fed = robot.relative_motion(angles), np.nan

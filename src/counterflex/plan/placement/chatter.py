@@ -17,9 +17,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import coordinates
 from counterflex.plan.inputs import Setting
+from counterflex.plan.lowest_mode import Damping
 from counterflex.plan.stability.criterion import least_damping
 from counterflex.plan.stability.robot_modes import drawn_modes
 from counterflex.plan.stability.stretches import Stretch
@@ -79,11 +79,8 @@ class Feeding:
 def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw) -> Feeding:
     """What feeds swings along a thinned path.
 
-    Args:
-        stretches: Of the whole path.
-        rows: (m,) rows of the whole path that the thinned one has, rising.
-        setting: Tools; a mode of a tap test; damping.
-        law: Of the material.
+    ``rows``: (m,) rows of the whole path that the thinned one has, rising. ``setting``: tools; a mode of a tap test;
+    damping.
     """
     strongest: dict[tuple[int, int], tuple[float, int, Float, float]] = {}
     for piece in stretches:

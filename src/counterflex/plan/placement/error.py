@@ -22,7 +22,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
-from counterflex.plan.damping import ASSUMED_DAMPING
+from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.posture.cut_path import CutPath
 from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.plan.posture.survey_kernel import POWER

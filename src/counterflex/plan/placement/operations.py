@@ -135,10 +135,7 @@ def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float
 def sites_of(task: Task, operations: Sequence[Operation], stretches: Sequence[Stretch]) -> list[OperationSite]:
     """Return the operations of a task as sites of their own.
 
-    Args:
-        task: The whole program.
-        operations: Of it.
-        stretches: What it cuts, for the criterion of chatter.
+    ``operations``: of it; ``stretches``: what it cuts, for the criterion of chatter.
     """
     out = []
     for number, one in enumerate(operations):

@@ -77,9 +77,6 @@ class Judged:
 
         Asked for is a damping ratio of 0 with the robot's own damping as it was stated; where no candidate has it, what
         the present place has; where no candidate has that either, the largest that was found.
-
-        Args:
-            present: The present place and its posture.
         """
         values = [c.least_damping for c in self.candidates if not c.refused and not np.isnan(c.least_damping)]
         if not values:
@@ -136,13 +133,8 @@ def search(
 ) -> Judged:
     """Judge ``count`` poses of the part: Sobol points over the region, differential evolution, Nelder-Mead at the end.
 
-    Args:
-        site: The program.
-        region: Where the part may stand.
-        seen: Where a candidate (4 + k,) puts things.
-        count: Candidates; rounded up to whole generations of :data:`POPULATION`.
-        seed: Of the search.
-        progress: Progress callback, fraction 0 to 1.
+    ``region``: where the part may stand. ``seen``: where a candidate (4 + k,) puts things. ``count``: candidates;
+    rounded up to whole generations of :data:`POPULATION`.
     """
     low, high = np.array(region.low), np.array(region.high)
     free = high > low

@@ -42,10 +42,7 @@ class TooFast:
 def too_fast(path: ToolPath, robot: RobotHere, q: Float) -> TooFast | None:
     """The worst acceleration of an axis at feed; None where all can be reached, or no limits are known.
 
-    Args:
-        path: n points.
-        robot: With the limits.
-        q: (n, 6) rad.
+    ``robot``: with the limits; ``q``: (n, 6) rad.
     """
     limits = robot.joint_accelerations_rad_s2
     if limits is None:
@@ -65,11 +62,7 @@ def too_fast(path: ToolPath, robot: RobotHere, q: Float) -> TooFast | None:
 def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: int) -> Bool:
     """Postures held all along in which an axis is too slow for one point.
 
-    Args:
-        path: n points.
-        robot: With limits.
-        rotations_rad: (r,) rad about the tool axis.
-        point: Row of the path.
+    ``robot``: with limits; ``rotations_rad``: (r,) rad about the tool axis; ``point``: Row of the path.
 
     Returns:
         (r, 8); False for postures that do not reach the point or those beside it.

@@ -81,11 +81,8 @@ def _carried_away(body: Body, T_base_before: Float) -> Body:
 def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bool:
     """Postures that come too close.
 
-    Args:
-        q: (m, r, 8, 6) rad at stations; NaN where a posture is not possible.
-        rows: (m,) rows of the path that the stations are.
-        robot: Robot, tool and place of the part.
-        around: What must not touch.
+    ``q``: (m, r, 8, 6) rad at stations; NaN where a posture is not possible. ``rows``: (m,) rows of the path that the
+    stations are.
 
     Returns:
         (r, 8) too close at one of :data:`PLACES` stations; False where no posture is possible.
@@ -132,11 +129,7 @@ def kept(
 ) -> tuple[Closest | None, float]:
     """The pair that is too close as :func:`worst` has it, and the clearance of the path.
 
-    Args:
-        q: (n, 6) rad at every point.
-        robot: Robot, tool and place of the part.
-        around: What must not touch.
-        standing: Part and floor where external axes move them; None: they stand.
+    ``q``: (n, 6) rad at every point. ``standing``: part and floor where external axes move them; None: they stand.
 
     Returns:
         The pair, None where none is too close; the smallest distance of bodies that must keep one (all but tools), m,

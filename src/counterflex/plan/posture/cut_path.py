@@ -14,7 +14,6 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.plan.undisturbed_cut import UndisturbedCut
 
 Surface = Literal["both", "wall", "floor"]
-SURFACES: Final[tuple[Surface, ...]] = ("both", "wall", "floor")
 """Which machined surface must be true: the wall beside the feed, the floor below the tool, or both."""
 _PARALLEL: Final = 1e-6
 

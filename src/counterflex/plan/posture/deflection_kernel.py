@@ -14,8 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
-from counterflex.robot.elasticity.kernels.regions import growth_at
-from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig
+from counterflex.robot.elasticity.kernels.scalar import chain_pass, growth_at, joint_trig
 
 
 @kernel("float64(Chain, float64[:, ::1], float64[::1], float64[::1], float64[::1])", Chain=CHAIN)

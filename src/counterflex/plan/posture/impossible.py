@@ -64,12 +64,7 @@ def require_possible(survey: Survey, task: Task) -> None:
 def no_way(passed: Int, rows: Int, task: Task, survey: Survey, *, turns: bool) -> ReachError:
     """Every point has a posture, but none leads from the first point to the last.
 
-    Args:
-        passed: (8,) edges that each branch could pass.
-        rows: (m + 1,) stations.
-        task: The program.
-        survey: Of the path.
-        turns: The tool may turn about its axis.
+    ``passed``: (8,) edges that each branch could pass; ``rows``: (m + 1,) stations.
     """
     slot = int(np.argmax(passed))
     row = int(rows[min(passed[slot] + 1, len(rows) - 1)])
@@ -109,10 +104,7 @@ def too_slow(fast: TooFast, task: Task) -> ReachError:
 def in_the_way(close: Closest, around: Surroundings, task: Task) -> ReachError:
     """Every posture that leads through the path brings bodies too close to each other.
 
-    Args:
-        close: The pair, in the posture that would be best otherwise.
-        around: The bodies.
-        task: The program.
+    ``close``: the pair, in the posture that would be best otherwise.
     """
     first, second = (around.bodies[k] for k in (close.first, close.second))
     guessed = [body.name for body in (first, second) if body.assumed]

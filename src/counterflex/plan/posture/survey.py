@@ -184,12 +184,8 @@ def survey_path(
     A plain function of the path in its part frame with forces and normals, of where the part is, and of the robot with
     its end effector: another pose of the part or another mounting of the spindle is another ``robot``.
 
-    Args:
-        path: n points.
-        robot: Robot, tool and place of the part.
-        rotations_rad: (r,) rad, rotations about the tool axis that are tried.
-        rows: (m + 1,) stations, :func:`counterflex.plan.posture.cut_path.stations`.
-        progress: Progress callback, fraction 0 to 1.
+    ``rotations_rad``: (r,) rad, rotations about the tool axis that are tried; ``rows``: (m + 1,) stations,
+    :func:`counterflex.plan.posture.cut_path.stations`.
 
     Returns:
         Costs of all edges and angles at all stations.
@@ -222,9 +218,6 @@ def survey_path(
 
 def constant_costs(survey: Survey) -> Float:
     """Cost of a posture that stays as it is all along, deflection alone.
-
-    Args:
-        survey: Of a path.
 
     Returns:
         (r, 8) m: ``(sum weight size^POWER / sum weight)^(1/POWER)`` but for the division by the weights, which a caller

@@ -7,11 +7,11 @@ grid to the next; a deflection at a point within is weighed between the two by h
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Float, Float1, Float2, Float3, Float4, Int, Int2
 from counterflex.core.jit import bundle, kernel
 from counterflex.core.records import Record, Records
 from counterflex.plan.posture.branches_kernel import ARM, SLOTS, branch_angles
@@ -46,14 +46,14 @@ class Points(NamedTuple):
             axis the other way, load and directions with it, and the tip is a point of the part.
     """
 
-    p: Float
-    x: Float
-    z: Float
-    w: Float
-    normals: Float
-    weight: Float
-    fraction: Float
-    T_tcp_flange: Float
+    p: Float2
+    x: Float2
+    z: Float2
+    w: Float2
+    normals: Float3
+    weight: Float1
+    fraction: Float1
+    T_tcp_flange: Float3
     part_carried: int
 
 
@@ -68,10 +68,10 @@ class Grid(NamedTuple):
         wrist: Smallest ``|sin|`` of axis 5.
     """
 
-    arms: Records
-    cosine: Float
-    sine: Float
-    limits: Float
+    arms: Annotated[Records, (ARM,)]
+    cosine: Float1
+    sine: Float1
+    limits: Float2
     wrist: float
 
 
@@ -87,41 +87,16 @@ class Survey(NamedTuple):
         failed: (n, 5) postures by what they fail by.
     """
 
-    early: Float
-    late: Float
-    q: Float
-    least: Float
-    failed: Int
+    early: Float3
+    late: Float3
+    q: Float4
+    least: Float1
+    failed: Int2
 
 
-_POINTS = bundle(
-    Points,
-    p="float64[:, ::1]",
-    x="float64[:, ::1]",
-    z="float64[:, ::1]",
-    w="float64[:, ::1]",
-    normals="float64[:, :, ::1]",
-    weight="float64[::1]",
-    fraction="float64[::1]",
-    T_tcp_flange="float64[:, :, ::1]",
-    part_carried="int64",
-)
-_GRID = bundle(
-    Grid,
-    arms=(ARM,),
-    cosine="float64[::1]",
-    sine="float64[::1]",
-    limits="float64[:, ::1]",
-    wrist="float64",
-)
-_SURVEY = bundle(
-    Survey,
-    early="float64[:, :, ::1]",
-    late="float64[:, :, ::1]",
-    q="float64[:, :, :, ::1]",
-    least="float64[::1]",
-    failed="int64[:, ::1]",
-)
+_POINTS = bundle(Points)
+_GRID = bundle(Grid)
+_SURVEY = bundle(Survey)
 
 
 @kernel("int64(Arm, Grid, float64[::1])", Arm=ARM, Grid=_GRID)
@@ -159,13 +134,7 @@ def within(arm: Record, grid: Grid, q: Float) -> int:
 def flange_at(grid: Grid, points: Points, row: int, turn: int, R: Float, wrist: Float) -> None:
     """Flange and wrist of one point at one rotation.
 
-    Args:
-        grid: Rotations and tool.
-        points: The path.
-        row: Of the path.
-        turn: Of the rotations.
-        R: (9,) rotation of the flange in the base, written.
-        wrist: (3,) m, written.
+    ``R``: (9,) rotation of the flange in the base, written; ``wrist``: (3,) m, written.
     """
     T, c, s = points.T_tcp_flange[0], grid.cosine[turn], grid.sine[turn]
     if points.part_carried != 0:

@@ -8,11 +8,11 @@ turning) is known from the states of two stations alone, and the optimum is exac
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int
+from counterflex.core.arrays import Bool, Float, Float1, Float2, Float3, Int, Int1
 from counterflex.core.jit import bundle, kernel
 
 TURNS: Final = 3
@@ -39,14 +39,14 @@ class Edges(NamedTuple):
         steps: (m,) steps of the grid that the tool may turn: 0 or 1 in contact, any number in the air.
     """
 
-    early: Float
-    late: Float
-    q: Float
-    lost: Float
-    torque: Float
-    contact: Bool
-    duration: Float
-    steps: Int
+    early: Float2
+    late: Float2
+    q: Float3
+    lost: Float3
+    torque: Float3
+    contact: Annotated[Bool, "boolean[::1]"]
+    duration: Float1
+    steps: Int1
 
 
 class Rules(NamedTuple):
@@ -59,24 +59,14 @@ class Rules(NamedTuple):
         winding: Cost of axes 4 and 6 at the ends of their ranges, at every station.
     """
 
-    limits: Float
-    speed: Float
+    limits: Float2
+    speed: Float1
     turning: float
     winding: float
 
 
-_EDGES = bundle(
-    Edges,
-    early="float64[:, ::1]",
-    late="float64[:, ::1]",
-    q="float64[:, :, ::1]",
-    lost="float64[:, :, ::1]",
-    torque="float64[:, :, ::1]",
-    contact="boolean[::1]",
-    duration="float64[::1]",
-    steps="int64[::1]",
-)
-_RULES = bundle(Rules, limits="float64[:, ::1]", speed="float64[::1]", turning="float64", winding="float64")
+_EDGES = bundle(Edges)
+_RULES = bundle(Rules)
 
 
 @kernel("float64(Rules, float64[::1], int64, int64)", Rules=_RULES)

@@ -97,13 +97,8 @@ def best_way(
 ) -> tuple[Way | None, Int]:
     """The cheapest way through the postures, exact on the grid.
 
-    Args:
-        path: n points.
-        robot: Robot, tool and place of the part.
-        survey: Of the path.
-        rows: (m + 1,) stations.
-        steps: (m,) steps that the tool may turn, :func:`allowed_steps`.
-        weights: Of what costs beside the deflection.
+    ``rows``: (m + 1,) stations; ``steps``: (m,) steps that the tool may turn, :func:`allowed_steps`; ``weights``: of
+    what costs beside the deflection.
 
     Returns:
         The way, None where there is none; and (8,) edges that each branch could pass.

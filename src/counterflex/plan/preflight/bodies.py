@@ -224,10 +224,7 @@ def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapp
     behind the shortest stands the spindle, up to the foot of the perpendicular from the flange's centre on the tool
     axis; a bracket fills the way from there to the flange.
 
-    Args:
-        chain: Robot and end effector.
-        cutters: By tool number.
-        overhang_m: By tool number, where known.
+    ``overhang_m``: by tool number, where known.
     """
     T_tcp_flange = pose.inverse(chain.T_flange_tcp)
     flange = T_tcp_flange[:3, 3]

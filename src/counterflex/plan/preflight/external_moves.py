@@ -48,11 +48,7 @@ def standing_along(path: ToolPath, setting: Setting) -> Standing:
 def external_row(path: ToolPath, setting: Setting, stock: HeightMap, cutter_of: Callable[[int], Cutter | None]) -> Row:
     """Return where the tool is lowest over the blank while an external axis moves.
 
-    Args:
-        path: n rows.
-        setting: The cell.
-        stock: The blank.
-        cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
+    ``cutter_of``: gives the cutter of a tool number, None for one that the cell does not have.
     """
     if setting.places is None:
         return Row(CHECK, "ok", what="they stand in one place")

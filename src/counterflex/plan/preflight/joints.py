@@ -44,11 +44,7 @@ def limit_row(margin_rad: Float, least_rad: float) -> Row:
 
 
 def between_row(axes: ControllerAxes) -> Row:
-    """Return the row of the angle between the arms: it has limits of its own where axis 3 counts from the horizontal.
-
-    Args:
-        axes: Of the controller.
-    """
+    """Return the row of the angle between the arms; it has own limits where axis 3 counts from the horizontal."""
     check = "axis 3 against the upper arm"
     if not axes.coupled:
         return Row(check, "ok", what="the controller counts axis 3 from it")

@@ -54,11 +54,7 @@ class MachinedStock:
         return self._coarse.cell_m
 
     def cut_to(self, row: int) -> None:
-        """Cut the program up to a row; rows come in rising order.
-
-        Args:
-            row: Index.
-        """
+        """Cut the program up to a row; rows come in rising order."""
         if row <= self._done:
             return
         if self._turned is None:

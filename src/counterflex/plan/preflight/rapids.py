@@ -98,10 +98,7 @@ def flute_row(
 def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M, lines: Bool | None = None) -> ToolPath:
     """The same path with points between: a sampled path has those of feed motions only.
 
-    Args:
-        path: n rows.
-        step_m: Longest step of a rapid, > 0.
-        lines: (n,) rows to which a rapid goes along a line; None: all.
+    ``step_m``: longest step of a rapid, > 0. ``lines``: (n,) rows to which a rapid goes along a line; None: all.
     """
     step = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
     rapid = path.kind == RAPID if lines is None else (path.kind == RAPID) & lines

@@ -128,10 +128,7 @@ def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) 
 def event_row(check: str, events: list[Event], limit_m: float) -> Row:
     """Return the event with the largest lost motion at the tool; where no play is known its size is not looked at.
 
-    Args:
-        check: Name of the row.
-        events: Of one kind.
-        limit_m: Largest lost motion that may stay in the part.
+    ``events``: of one kind; ``limit_m``: largest lost motion that may stay in the part.
     """
     if not events:
         return Row(check, "ok", 0.0, limit_m, "m", what="none")

@@ -90,21 +90,14 @@ class Sweep:
     def take(self, row: int, distance_m: float, least_m: float) -> None:
         """Take what was found at a row.
 
-        Args:
-            row: It.
-            distance_m: Distance found there, or less.
-            least_m: Closer ones count.
+        ``distance_m``: distance found there, or less; ``least_m``: closer ones count.
         """
         for keys, bounds in zip(self._keys, self._bounds, strict=True):
             bounds[int(keys[row])] = (row, distance_m)
         self._until = self._behind(row, distance_m - least_m)
 
     def next_row(self, row: int) -> int:
-        """Return the first row behind a row that is not left out for what was found before it.
-
-        Args:
-            row: It.
-        """
+        """Return the first row behind a row that is not left out for what was found before it."""
         return max(row + 1, self._until)
 
     def _behind(self, row: int, free_m: float) -> int:
@@ -164,11 +157,7 @@ def sweep_of_joints(
 def sweep_of_flange(chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int) -> Sweep:
     """Return the sweep of bodies that the flange carries, by the motion of the tool centre point and its turning.
 
-    Args:
-        chain: The chain.
-        bodies: The bodies.
-        q: (n, 6) rad.
-        tool: (n,).
+    ``q``: (n, 6) rad; ``tool``: (n,).
     """
     parts = [frames(chain, q[k : k + _CHUNK])[:, -1] @ chain.T_last_tcp for k in range(0, len(q), _CHUNK)]
     T = np.concatenate(parts) if parts else np.empty((0, 4, 4))

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.units import DEG, MM
+from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
@@ -32,7 +32,6 @@ STEP_M: Final = 5.0 * MM
 """Longest step of any point of the robot between rows: that of rapids along a line."""
 _MOST: Final = 4000
 """Rows of one motion: an arm of 3 m that turns by a full turn has them."""
-_SAME_RAD: Final = 1.0 * DEG
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ from counterflex.cutting.stability.process import Process
 from counterflex.cutting.stability.response import Response, fitted_modes
 from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.damping import Damping
 from counterflex.plan.elastic_motion import postures
 from counterflex.plan.inputs import Setting, joint_angles
+from counterflex.plan.lowest_mode import Damping
 from counterflex.plan.stability.criterion import LARGEST, Limit, SharedLimits
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.stability.stretches import Stretch, stretches_of

@@ -4,7 +4,7 @@ Modes of the robot in the posture, directional matrix A of the engagement, tooth
 the depth at which the modes together swing for ever: by the low-frequency criterion where it holds (every mode turns
 by at most 0.3 rad within a tooth period and regeneration takes little of the modal mass), otherwise by the
 zeroth-order solution. A cut chatters where its factor is below 1, which is where :func:`least_damping` at its depth
-is below 0. The damping of the modes is that of :mod:`counterflex.plan.damping`.
+is below 0. The damping of the modes is that of :mod:`counterflex.plan.lowest_mode`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ A limit binds where a better choice would be allowed without it. The displacemen
 entry, exit, own weight and lost motion of the drives come on top.
 
 Tooth passing and runout (frequencies N n / 60 and n / 60) are kept off the modes of every posture along the cut: the
-magnification of a harmonic force (:mod:`counterflex.plan.strategy.resonance`) stays below :data:`MAGNIFIED`. Chatter of
+magnification of a harmonic force (:mod:`counterflex.plan.strategy.chatter`) stays below :data:`MAGNIFIED`. Chatter of
 the robot's own modes: :mod:`counterflex.plan.strategy.chatter`, by the constants and the damping as they are stated.
 """
 
@@ -25,8 +25,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
-from counterflex.plan.strategy.chatter import Standing, depth_used
-from counterflex.plan.strategy.resonance import Swing, worst
+from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, worst
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, peak_side_force, wrenches
 from counterflex.robot.elasticity.chain import ElasticChain
 

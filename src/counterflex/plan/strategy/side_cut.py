@@ -105,10 +105,6 @@ class SideCuts:
 def wrenches(cuts: SideCuts, law: ForceLaw) -> Float:
     """Mean wrench of each cut over a revolution, by the constants that make it.
 
-    Args:
-        cuts: The cuts.
-        law: The force law.
-
     Returns:
         (n, 3, 6) N, N m on the tool about its tip, feed frame: the parts of the cutting, radial and axial constants;
         their sum over the second axis is the whole.

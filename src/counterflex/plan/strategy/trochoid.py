@@ -53,10 +53,7 @@ class Loop:
 def immersions(width_m: float, tool_radius_m: float, step_m: float) -> Float:
     """Immersion along the half circle ahead, from the near wall to the far one.
 
-    Args:
-        width_m: Of the slot.
-        tool_radius_m: Of the tool.
-        step_m: From loop to loop, > 0.
+    ``step_m``: from loop to loop, > 0.
 
     Returns:
         (721,) rad at angles from -90 to 90 deg from the direction of the slot.
@@ -73,10 +70,7 @@ def immersions(width_m: float, tool_radius_m: float, step_m: float) -> Float:
 def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> Loop:
     """Loops whose engagement reaches a wanted angle and no more.
 
-    Args:
-        width_m: Of the slot.
-        tool_radius_m: Of the tool.
-        engagement_rad: Largest immersion, above 0, below 120 deg.
+    ``engagement_rad``: largest immersion, above 0, below 120 deg.
 
     Raises:
         InputError: The tool is as wide as the slot, or the angle is out of range.
@@ -122,11 +116,7 @@ class Piece:
 def pieces(start: Float, end: Float, loop: Loop, *, up: bool) -> list[Piece]:
     """The way of the tool's centre that replaces a straight slot, from its start to its end.
 
-    Args:
-        start: (2,) m.
-        end: (2,) m.
-        loop: The loops.
-        up: Turn clockwise (up-milling), not counter-clockwise.
+    ``start``: (2,) m; ``end``: (2,) m; ``up``: turn clockwise (up-milling), not counter-clockwise.
 
     Returns:
         Pieces; the last ends at ``end``.

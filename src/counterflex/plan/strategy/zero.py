@@ -33,11 +33,8 @@ def normal_force(cuts: SideCuts, law: ForceLaw) -> Float:
 def normal_errors(cuts: SideCuts, law: ForceLaw, compliance_part: Float, normal_part: Float) -> Float:
     """Displacement of the tool normal to the wall, by the constants that make it: ``n . C w``.
 
-    Args:
-        cuts: The cuts.
-        law: The force law.
-        compliance_part: (6, 6) at the tool tip, part axes.
-        normal_part: (3,) unit normal of the wall, out of the material.
+    ``compliance_part``: (6, 6) at the tool tip, part axes; ``normal_part``: (3,) unit normal of the wall, out of the
+    material.
 
     Returns:
         (n, 3) m, parts of the cutting, radial and axial constants; positive leaves material on the wall.
@@ -50,11 +47,7 @@ def normal_errors(cuts: SideCuts, law: ForceLaw, compliance_part: Float, normal_
 def zero_width(cutter: Cutter, ap_m: float, fz_m: float, value: Callable[[SideCuts], Float]) -> float | None:
     """Least radial width of cut in up-milling at which a value changes its sign.
 
-    Args:
-        cutter: The cutter.
-        ap_m: Axial depth.
-        fz_m: Feed per tooth.
-        value: Of cuts, (n,): for example their normal force.
+    ``ap_m``: axial depth; ``fz_m``: feed per tooth; ``value``: of cuts, (n,): for example their normal force.
 
     Returns:
         a_e in m, to 0.1 um; None where the value has one sign at every width up to the diameter.

@@ -20,8 +20,7 @@ from counterflex.cutting.tridexel.step_kernels import RIDGE_M, SPARE, step_colum
 from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import Motion
-from counterflex.plan.turning_cut.kernel import cut_turning_rows
-from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TurningTool
+from counterflex.plan.turning_cut.kernel import TURNING_STATE, TurningTool, cut_turning_rows
 
 ROWS_PER_CALL: Final = 500
 

@@ -12,12 +12,13 @@ force and moment are turned from the feed frame (x along the feed, y to its left
 from __future__ import annotations
 
 import math
+from typing import Final, NamedTuple
 
-from counterflex.core.arrays import Float
-from counterflex.core.jit import kernel
-from counterflex.core.records import Records
+from counterflex.core.arrays import Float, Float1, Float2, Float3
+from counterflex.core.jit import bundle, kernel
+from counterflex.core.records import Records, record
 from counterflex.cutting.mean_force import mean_wrench
-from counterflex.cutting.tridexel.step_kernels import STEP_COLUMNS, StepColumns, cut_step
+from counterflex.cutting.tridexel.step_kernels import STEP_COLUMNS, StepColumns, StepSpace, cut_step
 from counterflex.path.toolpath import FEED
 from counterflex.plan.bending_kernels import (
     AMPLITUDE,
@@ -31,7 +32,40 @@ from counterflex.plan.bending_kernels import (
 from counterflex.plan.cut_kernel import MOVING, engaged, step_length
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CutPath, CutRows
 from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
-from counterflex.plan.turning_cut.kernel_arrays import TURNING_STATE, TURNING_TOOL, TurningTool
+
+TURNING_STATE: Final = record(
+    displacement=(float, 6),
+    rate=(float, 6),
+    tip=(float, 3),
+    bend=float,
+    force=(float, 6),
+    height=float,
+    full=int,
+)
+"""As :data:`counterflex.plan.cut_kernel_arrays.STATE`, with the height on the cutter at the middle of what it cut last
+(m above the tip), and the row to go on with after the stock was given room; negative: the row that found none."""
+
+
+class TurningTool(NamedTuple):
+    """What cuts: cutter and weights of its mean force, and working space for them."""
+
+    flutes: float
+    space: StepSpace
+    terms: Float2
+    arc: Float3
+    levels: Float2
+    edges: Float1
+    depth: Float2
+    extra: Float1
+    wrench_feed: Float1
+    force: Float1
+    ends: Float2
+    space_wrench: Float1
+    thrust: Float1
+
+
+TURNING_TOOL: Final = bundle(TurningTool)
+
 
 _ANGLES = 24
 _RINGS = 6

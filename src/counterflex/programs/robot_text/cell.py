@@ -13,8 +13,12 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import rotation
 from counterflex.programs.program import Motion
-from counterflex.programs.robot_text.frame_limits import SAME_M, SAME_RAD
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
+
+SAME_M: Final = 0.01 * MM
+"""Frames whose origins are closer are the same: posts write three decimals."""
+SAME_RAD: Final = 0.005 * DEG
+
 
 _SAME_EXTERNAL: Final = 0.01
 

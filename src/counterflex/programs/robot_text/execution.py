@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -12,8 +12,31 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, RPM
 from counterflex.geometry.circle import angle_to, circle
-from counterflex.programs.program import Block, Modal, Motion, Word
+from counterflex.programs.gcode.read.flow import line_end, split_lines
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 from counterflex.programs.robot_text.process_words import ProcessWord
+
+UPRIGHT_RAD: Final = 5e-5
+"""A tool within this of z is along z: posts write three decimals of a degree, the tip is where it is commanded."""
+
+
+def tilted(Rs_part_tcp: Float) -> bool:
+    """Whether a tool frame (n, 3, 3) leaves the part's z anywhere."""
+    axes = -Rs_part_tcp[:, :, 2]
+    return bool(np.any(np.linalg.norm(axes[:, :2], axis=1) > UPRIGHT_RAD) or np.any(axes[:, 2] < 0.0))
+
+
+def with_axes(motions: Sequence[Motion], Rs_part_tcp: Float) -> Iterator[Motion]:
+    """The motions with the tool axis at their ends as I J K."""
+    axes = -Rs_part_tcp[:, :, 2]
+    before = axes[0] if len(axes) else None
+    for motion, axis in zip(motions, axes, strict=True):
+        if before is None:
+            return
+        start, end = (tuple(float(value) for value in one) for one in (before, axis))
+        yield replace(motion, abc_start=(start[0], start[1], start[2]), abc_end=(end[0], end[1], end[2]))
+        before = axis
+
 
 _LARGEST_RADIUS_M = 100.0
 
@@ -55,6 +78,28 @@ class Execution:
         """Return file and line of each motion by axes that is none of the path, see :class:`RobotProgram`."""
         blocks = [self._blocks[index] for index in self.by_axes if index < len(self._blocks)]
         return tuple(dict.fromkeys(block.where(name) for block in blocks if block.motion_count == 0))
+
+    def fields(self, name: str, text: str) -> dict[str, Any]:
+        """Return what every language says of a :class:`~counterflex.programs.robot_text.program.RobotProgram` alike.
+
+        Args:
+            name: Of the main file.
+            text: Of it.
+        """
+        rotations = np.array(self.rotations).reshape(-1, 3, 3)
+        leans = tilted(rotations)
+        lines = split_lines(text)
+        return {
+            "name": name,
+            "lines": (*lines, "") if text.endswith(("\n", "\r")) else lines,
+            "newline": line_end(text),
+            "blocks": tuple(self.blocks(TOOL_VECTOR if leans else 0)),
+            "motions": tuple(with_axes(self.motions, rotations) if leans else self.motions),
+            "Rs_part_tcp": rotations,
+            "acting": tuple(sorted(set(self.acting))),
+            "left_out": self.left_out(name),
+            "axes_deg": self.axes_deg,
+        }
 
     # ---- motions ---------------------------------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -19,7 +18,7 @@ from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import AFTER, BEFORE, edges_mm, numbers, scale_limit_mm
 from counterflex.report.inspection.path_figures import MeasuredPath, path_map, path_rows, path_series
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture, single_map_figure
-from counterflex.report.page import render
+from counterflex.report.page import feature_rows, render, signed
 
 _ENLARGED: Final = (1, 2, 5, 10, 20, 50, 100)
 _ROOM_M: Final = 2.0 * MM
@@ -28,7 +27,7 @@ _COLOURS: Final = {"part": AFTER, "before": BEFORE, "after": AFTER}
 
 
 def enlarged(section: Section) -> int:
-    """How many times larger than the part the deviations of a section are drawn: up to about 2 mm."""
+    """Return how many times larger than the part the deviations of a section are drawn: up to about 2 mm."""
     every = np.concatenate([np.zeros(1), *(np.abs(one.deviation_m) for one in section.profiles.values())])
     largest = float(np.percentile(every, 95.0))
     return max((k for k in _ENLARGED if k * largest <= _ROOM_M), default=1)
@@ -137,7 +136,7 @@ def inspection_page(data: InspectionData) -> str:
         coverage=_coverage_rows(data),
         features=_feature_rows(data),
         places=[
-            (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(_signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
+            (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
             for p in places
         ],
         sections=[(k, s.feature, f"{s.place_m / MM:.1f}", enlarged(s)) for k, s in enumerate(sections)],
@@ -196,9 +195,9 @@ def _figure_rows(data: InspectionData) -> list[dict[str, Any]]:
 
 
 def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
-    rows, previous = [], ""
+    rows = []
     for row in data.features:
-        cells = []
+        cells: list[dict[str, Any]] = []
         for name in data.deviations:
             if name not in row.worst_m:
                 cells.append({"value": "not found", "off": "", "sigma": "", "ok": False, "share": "0 % seen"})
@@ -206,25 +205,14 @@ def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
             cells.append(
                 {
                     "value": f"{row.worst_m[name] / MM:.3f}",
-                    "off": _signed((row.worst_m[name] - row.nominal_m) / MM),
+                    "off": signed((row.worst_m[name] - row.nominal_m) / MM),
                     "sigma": f"{2.0 * row.standard_deviation_m.get(name, 0.0) / UM:.0f}",
                     "ok": row.ok(name),
                     "share": f"{100.0 * row.measured_share[name]:.0f} % seen" if row.partly(name) else "",
                 }
             )
-        sign = "" if row.nominal_m == 0.0 else "±"
-        rows.append(
-            {
-                "feature": row.feature if row.feature != previous else "",
-                "quantity": row.quantity,
-                "nominal": f"{row.nominal_m / MM:.3f}",
-                "tolerance": f"{sign}{row.tolerance_m / MM:g}",
-                "source": row.tolerance_source,
-                "cells": cells,
-            }
-        )
-        previous = row.feature
-    return rows
+        rows.append(cells)
+    return feature_rows(data.features, rows)
 
 
 def _histogram(data: InspectionData, limit: float) -> dict[str, Any]:
@@ -254,7 +242,3 @@ def _histogram(data: InspectionData, limit: float) -> dict[str, Any]:
         "showlegend": len(traces) > 1,
     }
     return {"data": traces, "layout": layout, "narrow": {"xaxis.title.text": "deviation, mm", "margin.l": 52}}
-
-
-def _signed(value_mm: float) -> str:
-    return "n/a" if math.isnan(value_mm) else f"{value_mm:+.3f}".replace("-", "−")

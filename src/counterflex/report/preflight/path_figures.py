@@ -1,4 +1,4 @@
-"""What a robot does along a program: path speed, joint speeds and accelerations, distances of points, reversals."""
+"""Motion of a robot along a program: path speed, joint speeds and accelerations, distances of points, reversals."""
 
 from __future__ import annotations
 

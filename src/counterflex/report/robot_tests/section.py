@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
+from counterflex.report.data import Head
 from counterflex.report.page import render
 
 CYCLE_COLOURS: Final = ("#0369a1", "#c2410c", "#15803d", "#7c3aed", "#b45309", "#0f766e", "#be185d", "#4d7c0f")
@@ -23,18 +24,11 @@ class Section:
     rows: Sequence[Sequence[str]] = ()
 
 
-@dataclass(frozen=True)
-class _Head:
-    title: str
-    subtitle: str
-    created: str = field(default="")
-
-
 def test_page(
     title: str, subtitle: str, verdict: str, sections: Sequence[Section], figures: Mapping[str, dict[str, Any]]
 ) -> str:
     """The page, as HTML text."""
-    head = _Head(title, subtitle)
+    head = Head(title, subtitle)
     return render("robot_test.html.j2", dict(figures), [], data=head, verdict=verdict, sections=sections)
 
 
@@ -50,7 +44,7 @@ def shown(value: Mapping[str, Any] | float | None, digits: int = 1) -> str:
 
 
 def conditions(summary: Mapping[str, Any]) -> Section:
-    """How the figures were made."""
+    """Return how the figures were made."""
     rows = [
         ["files", ", ".join(summary["files"])],
         ["commanded", summary["commanded"]],

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.evaluate.run_curves import RunCurves
+from counterflex.report.data import Head
 from counterflex.report.page import render
 from counterflex.report.run_history.figures import curves_figure, trend_figure
 
@@ -58,14 +59,6 @@ class _Section:
     figure: str = ""
 
 
-@dataclass(frozen=True)
-class _Page:
-    title: str
-    subtitle: str
-    created: str = ""
-    notes: list[str] = field(default_factory=list)
-
-
 def history_page(summary: Mapping[str, Any]) -> str:
     """The page of all runs and of the trends over runs of the same program."""
     rows = []
@@ -105,7 +98,7 @@ def history_page(summary: Mapping[str, Any]) -> str:
         title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
         sections.append(_Section(title, lead, heads, trends, name if drawn is not None else ""))
     notes = [f"{one['folder']} cannot be read: {one['why']}" for one in summary["unreadable"]]
-    head = _Page("Runs", summary["folder"], notes=notes)
+    head = Head("Runs", summary["folder"], notes=notes)
     verdict = f"{len(summary['runs'])} runs of {len(summary['programs'])} known programs."
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
 
@@ -139,13 +132,13 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
     ]
     for one in runs:
         sections += _story(one)
-    head = _Page(title, subtitle, notes=notes)
+    head = Head(title, subtitle, notes=notes)
     verdict = " ".join(f"{one.name}: {one.verdict}" if len(runs) > 1 else one.verdict for one in runs)
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
 
 
 def _story(run: ShownRun) -> list[_Section]:
-    """What happened in a run, and what it was made of."""
+    """Return what happened in a run, and what it was made of."""
     out = []
     if run.incidents:
         keys = ("number", "time_s", "state", "cause")

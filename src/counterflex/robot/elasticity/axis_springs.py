@@ -35,11 +35,7 @@ def axis_deflections(chain: ElasticChain, q: Float, w_tcp_base: Float, axes: tup
 
     With springs ``k_i`` about the axes the TCP yields by ``sum_i J_i (J_i^T w) / k_i`` (linear, on the rigid geometry).
 
-    Args:
-        chain: Its rigid geometry.
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m.
-        axes: Numbers 0..5.
+    ``q``: (n, 6) rad; ``w_tcp_base``: (n, 6) N, N m; ``axes``: numbers 0..5.
 
     Returns:
         (n, axes, 3) N m2/rad, base axes: divided by k in N m/rad, m.

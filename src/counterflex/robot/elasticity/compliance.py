@@ -15,11 +15,9 @@ axis, deflection 1.9 mm median and 5.3 mm at most, TCP position, median / maximu
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from counterflex.core.arrays import Float, Int, batches
+from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.elasticity.chain import ElasticChain, frames, points, require_settled
 from counterflex.robot.elasticity.kernels.batch import (
@@ -30,8 +28,6 @@ from counterflex.robot.elasticity.kernels.batch import (
     compliance_threads,
     deflection_range,
     deflection_threads,
-    step_range,
-    step_threads,
 )
 
 LANES_FROM = 200_000  # points from which the lane-blocked kernels repay their longer compilation
@@ -194,57 +190,6 @@ def linear_gap(
     curved = deflection(chain, q, w_tcp_base, gravity=gravity, equilibrium=equilibrium)
     out: Float = curved - deflection(chain, q, w_tcp_base, nonlinear=False)
     return out
-
-
-@dataclass(frozen=True)
-class Corrections:
-    """Steps of many points; the arrays share their leading shape with the inputs.
-
-    Attributes:
-        deflection: (..., 6) loaded minus rigid pose at q, m and rad, base axes.
-        q_c: (..., 6) rad, angles whose deflected pose is the rigid pose of q.
-        residual: (..., 6) what is left of the deflection at q_c.
-        sigma: (...) distance from singularity, 1/sqrt(6) to 1 times the smallest singular value of J, 1 m as 1 rad.
-        status: (...) 0, or bits DAMPED, CLAMPED, REFUSED of :mod:`counterflex.robot.elasticity.kernels.step`.
-    """
-
-    deflection: Float
-    q_c: Float
-    residual: Float
-    sigma: Float
-    status: Int
-
-
-def corrections(chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False) -> Corrections:
-    """Deflection and corrected joint angles of many points: the online step, batched and threaded.
-
-    Args:
-        chain: The chain.
-        q: (..., 6) rad.
-        w_tcp_base: (..., 6) N, N m.
-        gravity: Add own weight and payload to the load, so that sag is part of the deflection and undone too.
-
-    Returns:
-        The steps. Points too close to a singularity have status REFUSED and ``q_c = q``.
-    """
-    q, w, lead = points(q, w_tcp_base)
-    out = np.empty((len(q), 19))
-    status = np.empty(len(q), dtype=np.int64)
-    if len(q) <= CHUNK:
-        step_range(chain.compact, q, w, int(gravity), out, status, 0, len(q))
-    elif len(q) >= LANES_FROM and not (gravity or chain.regions):
-        from counterflex.robot.elasticity.kernels.lanes_step import step_lanes
-
-        step_lanes(chain.compact, q, w, out, status)
-    else:
-        step_threads(chain.compact, q, w, int(gravity), out, status)
-    return Corrections(
-        deflection=out[:, :6].reshape(*lead, 6),
-        q_c=out[:, 6:12].reshape(*lead, 6),
-        residual=out[:, 12:18].reshape(*lead, 6),
-        sigma=out[:, 18].reshape(lead),
-        status=status.reshape(lead),
-    )
 
 
 def _plausible(deflections: Float) -> None:

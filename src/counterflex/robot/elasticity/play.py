@@ -279,10 +279,7 @@ def relaxed(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> F
 def at_tcp(chain: ElasticChain, q: Float, angle: Float) -> Float:
     """Displacement of the tool by small angles of the axes, ``J(q) angle``.
 
-    Args:
-        chain: The chain.
-        q: (n, 6) rad.
-        angle: (n, 6) rad.
+    ``q``: (n, 6) rad; ``angle``: (n, 6) rad.
 
     Returns:
         (n, 6) translation m, rotation vector rad, base axes.

@@ -104,13 +104,8 @@ def solve_pieces(
     branch, with the turns that the program states, else with those that are nearest to the end of the piece before. A
     piece of one row is no linear motion: it passes no singularity.
 
-    Args:
-        chain: The chain.
-        Ts_base_tcp: (n, 4, 4) m.
-        branch: Of the arm.
-        pieces: Where they begin.
-        enforce_limits: As :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
-        sigma_floor: Likewise.
+    ``Ts_base_tcp``: (n, 4, 4) m; ``pieces``: where they begin; ``enforce_limits``: as
+    :func:`~counterflex.robot.kinematics.inverse.inverse_path`.
 
     Raises:
         ReachError: Names the first row that fails.

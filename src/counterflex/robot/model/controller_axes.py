@@ -200,10 +200,7 @@ AS_MODEL: Final = ControllerAxes()
 def room(axes: ControllerAxes, joint_limits_rad: Float, q: Float) -> Float:
     """Distance of every axis from its nearer limit; negative outside.
 
-    Args:
-        axes: Of the controller.
-        joint_limits_rad: (6, 2) limits of the model's angles.
-        q: (..., 6) rad of the model.
+    ``joint_limits_rad``: (6, 2) limits of the model's angles; ``q``: (..., 6) rad of the model.
 
     Returns:
         (..., 6) rad. Where axis 3 is coupled, the smaller of the distances of the controller's axis and of the angle

@@ -54,10 +54,7 @@ class DhRow:
 def from_dh(name: str, rows: Sequence[DhRow], convention: Convention = "standard") -> Robot:
     """Build a robot from its DH rows.
 
-    Args:
-        name: Of the robot.
-        rows: Six, from the base outward.
-        convention: Of the rows, see the module.
+    ``rows``: six, from the base outward; ``convention``: of the rows, see the module.
 
     Returns:
         The robot; rigid, without closed-form inverse kinematics.

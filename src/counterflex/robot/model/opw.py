@@ -188,10 +188,7 @@ def extension(opw: Opw, Ts_base_flange: Float, *, back: bool = False) -> Float:
     With d the distance of the wrist centre from axis 2 in the arm's plane and ``k = hypot(a2, c3)``:
     ``min(c2 + k - d, d - |c2 - k|)``. Zero is the stretched or folded elbow, negative out of reach.
 
-    Args:
-        opw: Geometry.
-        Ts_base_flange: (..., 4, 4) m.
-        back: The arm reaches backward over its shoulder.
+    ``Ts_base_flange``: (..., 4, 4) m; ``back``: the arm reaches backward over its shoulder.
 
     Returns:
         (...) m.

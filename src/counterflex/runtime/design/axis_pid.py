@@ -87,10 +87,7 @@ def worst_margins(plants: tuple[TrackerPlant, ...], gains: AxisGains) -> tuple[M
 def step_error(plant: TrackerPlant, gains: AxisGains, *, seconds: float = _STEP_S) -> float:
     """``integral |r - y| dt`` after a step r = 1 of the angle wanted, s.
 
-    Args:
-        plant: The robot.
-        gains: Of the axis; all zero: the correction is sent as it is.
-        seconds: How long it is looked at.
+    ``gains``: of the axis; all zero: the correction is sent as it is. ``seconds``: how long it is looked at.
     """
     A, B, C = _closed(plant, gains)
     x, total = np.zeros(len(B)), 0.0

@@ -20,14 +20,9 @@ from counterflex.runtime.estimator.fusion_kernel import (
 )
 from counterflex.runtime.estimator.idle_torque import follow_idle, less_force
 from counterflex.runtime.primitives.causes import of_the_force
-from counterflex.runtime.primitives.frames import pose_deviation
+from counterflex.runtime.primitives.frames import lag, pose_deviation
 from counterflex.runtime.primitives.history import row_at, row_back
-from counterflex.runtime.primitives.lag_filters import lag
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause
 
 _FORCE_STALE, _FORCE_INVALID = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID)
@@ -38,7 +33,7 @@ _SPAN = 4
 """Cycles over which accelerations are taken."""
 
 
-@kernel("int64(Given, Settings, int64, int64, int64)", Given=GIVEN, Settings=SETTINGS)
+@kernel("int64(Given, Settings, int64, int64, int64)", **LOOP_TYPES)
 def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, planned: int) -> int:
     """Bits of Source that can be used in this cycle.
 
@@ -60,7 +55,7 @@ def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, pla
     return usable
 
 
-@kernel("boolean(Given)", Given=GIVEN)
+@kernel("boolean(Given)", **LOOP_TYPES)
 def currents_shown(given: Record) -> bool:
     """Whether motor currents came in this cycle, in use or not."""
     return bool(given.sources & _FROM_CURRENTS) and given.current_age == 0
@@ -77,29 +72,17 @@ def missing_cause(has: int, usable: int, soft: int) -> int:
     return 0
 
 
-@kernel("void(Past[::1], int64, int64, Settings, State)", Past=PAST, Settings=SETTINGS, State=STATE)
+@kernel("void(Past[::1], int64, int64, Settings, State)", **LOOP_TYPES)
 def answered(ring: Records, here: int, back: int, settings: Record, state: Record) -> None:
     """Correction in effect, one cycle on: what was sent ``back`` cycles ago through the robot's second-order lag.
 
-    Args:
-        ring: Past cycles.
-        here: Row of this cycle.
-        back: Cycles of dead time.
-        settings: Of the loop.
-        state: Of the step; changed.
+    ``back``: cycles of dead time.
     """
     sent = ring[row_back(here, back)]
     lag(sent.sent[:], settings.answer[:], state.answer_filter[:], state.in_effect[:])
 
 
-@kernel(
-    "void(Given, int64, Settings, float64[::1], State, Cycle, Result, float64)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, int64, Settings, float64[::1], State, Cycle, Result, float64)", **LOOP_TYPES)
 def _currents(
     given: Record,
     usable: int,
@@ -133,7 +116,7 @@ def _currents(
     result.surprise[2] = take_torque(fusion, torque, idle, known, jac, R, settings.torque_variance[:], gate)
 
 
-@kernel("float64(State)", State=STATE)
+@kernel("float64(State)", **LOOP_TYPES)
 def _swing_share(state: Record) -> float:
     """Swing of the arm by the deflection under the predicted force: by which share the force at the sensor swings."""
     square = 0.0
@@ -145,14 +128,7 @@ def _swing_share(state: Record) -> float:
     return min(1.0, state.swing / math.sqrt(square)) if square > 0.0 else 0.0
 
 
-@kernel(
-    "void(Given, int64, boolean, Settings, float64[::1], State, Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, int64, boolean, Settings, float64[::1], State, Cycle, Result)", **LOOP_TYPES)
 def estimate_loads(
     given: Record,
     usable: int,
@@ -203,19 +179,14 @@ def estimate_loads(
     fused_load(fusion, cycle.ahead[:], cycle.direction[:], settings.contained, cycle.used[:])
 
 
-@kernel("void(Settings, float64[::1], int64, Past[::1], State)", Settings=SETTINGS, Past=PAST, State=STATE)
+@kernel("void(Settings, float64[::1], int64, Past[::1], State)", **LOOP_TYPES)
 def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Record) -> None:
     """How far the arm may swing about where it should stand: ``|p''| / w^2`` of its lowest mode, dying out.
 
     Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
     error of the model.
 
-    Args:
-        settings: Of the loop.
-        bent: (18,) D of this cycle.
-        here: Row of this cycle.
-        ring: Past cycles; written.
-        state: Of the step; changed.
+    ``bent``: (18,) D of this cycle.
     """
     later, earlier = row_back(here, _SPAN), row_back(here, 2 * _SPAN)
     now, one, two = ring[here], ring[later], ring[earlier]
@@ -234,14 +205,7 @@ def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Recor
     now.swing = state.swing
 
 
-@kernel(
-    "void(Given, Settings, int64, boolean, int64, Past[::1], State, Result, float64[::1])",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    Past=PAST,
-    State=STATE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, int64, boolean, int64, Past[::1], State, Result, float64[::1])", **LOOP_TYPES)
 def _take_sample(
     given: Record,
     settings: Record,
@@ -302,28 +266,14 @@ def _take_sample(
     result.surprise[1] = take_deviation(fusion, rest, bent, frame, first, without, spread, noise_turn, growth[8])
 
 
-@kernel(
-    "void(Given, Settings, float64[::1], State, Past[::1], Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, float64[::1], State, Past[::1], Cycle, Result)", **LOOP_TYPES)
 def estimate_deviation(
     given: Record, settings: Record, C: Float, state: Record, ring: Records, cycle: Record, result: Record
 ) -> None:
     """Remember this cycle, and take a tracker sample with what was known at its own time.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        C: (36,) compliance of the arm at the tip, base axes, by rows.
-        state: Of the step; changed.
-        ring: Past cycles; this one is written.
-        cycle: The deviation is written where there is a sample.
-        result: What is estimated is written.
+    ``C``: (36,) compliance of the arm at the tip, base axes, by rows; ``cycle``: the deviation is written where there
+    is a sample.
     """
     fusion = state.fusion
     bent = fusion.bent[:]

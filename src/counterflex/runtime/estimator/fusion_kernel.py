@@ -31,13 +31,13 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.estimator.force import LEAST_FORCE_N
-from counterflex.runtime.state.memory import FUSION
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 N: Final = 9
 """Numbers of the state."""
 
 
-@kernel("float64(Fusion, float64, float64, float64)", Fusion=FUSION)
+@kernel("float64(Fusion, float64, float64, float64)", **LOOP_TYPES)
 def update(fusion: Record, y: float, variance: float, gate: float) -> float:
     """Take one scalar ``y = H x + noise`` with the row H that stands in ``fusion``.
 
@@ -82,7 +82,7 @@ def update(fusion: Record, y: float, variance: float, gate: float) -> float:
     return normalised
 
 
-@kernel("void(Fusion, float64[::1], float64[::1], float64, float64)", Fusion=FUSION)
+@kernel("void(Fusion, float64[::1], float64[::1], float64, float64)", **LOOP_TYPES)
 def drift(fusion: Record, growth: Float, largest: Float, turn_growth: float, turn_largest: float) -> None:
     """One cycle without a measurement: variances grow, not beyond what was not known at the start.
 
@@ -120,7 +120,7 @@ def shares(w: Float, frame: Float, out: Float) -> None:
             out[6 * d + k] = part * w[k]
 
 
-@kernel("void(Fusion, float64[::1], float64[::1], float64, float64[::1])", Fusion=FUSION)
+@kernel("void(Fusion, float64[::1], float64[::1], float64, float64[::1])", **LOOP_TYPES)
 def fused_load(fusion: Record, w: Float, frame: Float, without: float, out: Float) -> None:
     """Wrench whose deflection is the expected one: ``sum_d (k_d + a_d - without) w_d``.
 
@@ -146,7 +146,7 @@ def fused_load(fusion: Record, w: Float, frame: Float, without: float, out: Floa
             out[k] += factor * part * w[k]
 
 
-@kernel("void(Fusion, float64[::1], float64[::1])", Fusion=FUSION)
+@kernel("void(Fusion, float64[::1], float64[::1])", **LOOP_TYPES)
 def bend(fusion: Record, C: Float, R_base_part: Float) -> None:
     """Deflection D of the three wrenches that stand in its place: ``R^T C R w``, part axes.
 
@@ -178,7 +178,7 @@ def bend(fusion: Record, C: Float, R_base_part: Float) -> None:
 
 @kernel(
     "float64(Fusion, float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64, float64)",
-    Fusion=FUSION,
+    **LOOP_TYPES,
 )
 def take_force(
     fusion: Record,
@@ -222,7 +222,7 @@ def take_force(
     return worst
 
 
-@kernel("float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64)", Fusion=FUSION)
+@kernel("float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64)", **LOOP_TYPES)
 def unexplained(fusion: Record, rest: Float, bent: Float, frame: Float, first: int, without: float) -> float:
     """Part of a deviation that the present estimate does not expect, m.
 
@@ -247,8 +247,7 @@ def unexplained(fusion: Record, rest: Float, bent: Float, frame: Float, first: i
 
 
 @kernel(
-    "float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64, float64, float64, float64)",
-    Fusion=FUSION,
+    "float64(Fusion, float64[::1], float64[::1], float64[::1], int64, float64, float64, float64, float64)", **LOOP_TYPES
 )
 def take_deviation(
     fusion: Record,
@@ -304,7 +303,7 @@ def take_deviation(
 
 @kernel(
     "float64(Fusion, float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1], float64)",
-    Fusion=FUSION,
+    **LOOP_TYPES,
 )
 def take_torque(
     fusion: Record,
@@ -349,7 +348,7 @@ def take_torque(
     return worst
 
 
-@kernel("float64(Fusion, float64[::1], float64[::1], int64)", Fusion=FUSION)
+@kernel("float64(Fusion, float64[::1], float64[::1], int64)", **LOOP_TYPES)
 def uncertainty(fusion: Record, bent: Float, frame: Float, first: int) -> float:
     """Standard deviation of the expected deviation in the direction in which it is largest, m.
 

@@ -14,7 +14,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 PRESLIDING_RAD: Final = 1e-4
 """Way over which dry friction builds up from nothing; twice as much turns it round. That of robots is shorter."""
@@ -23,14 +23,11 @@ _LEAST: Final = 25.0
 _MEMORY: Final = 125.0
 
 
-@kernel("float64(float64, State, int64)", inline=True, State=STATE)
+@kernel("float64(float64, State, int64)", inline=True, **LOOP_TYPES)
 def _presliding(q: float, state: Record, k: int) -> float:
     """Elastic part of the way of a sliding contact, -1 .. 1: ``z = clamp(z + dq / presliding)``.
 
-    Args:
-        q: Angle now, rad.
-        state: Of the step; changed.
-        k: Which: of the motors, then of the links.
+    ``q``: angle now, rad; ``k``: which: of the motors, then of the links.
     """
     if state.has_angles > 0.0:
         z = state.presliding[k] + (q - state.angles_before[k]) / PRESLIDING_RAD
@@ -58,7 +55,7 @@ def less_force(w: Float, jac: Float, R_base_part: Float, torque: Float) -> None:
                 torque[j] -= jac[6 * (3 * part + k) + j] * base
 
 
-@kernel("int64(float64[::1], float64[::1], float64[::1], boolean, State, float64[::1])", State=STATE)
+@kernel("int64(float64[::1], float64[::1], float64[::1], boolean, State, float64[::1])", **LOOP_TYPES)
 def follow_idle(motor: Float, link: Float, torque: Float, learn: bool, state: Record, idle: Float) -> int:
     """Learn the idle torques, and say which hold now.
 

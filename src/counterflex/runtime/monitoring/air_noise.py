@@ -19,9 +19,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.monitoring.records import MEMORY, SETTINGS
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.monitoring.records import MONITOR_TYPES
 
 IDLE_LEARNT: Final = 50
 """Cycles out of the cut after which what they showed is believed."""
@@ -42,15 +40,11 @@ def two_stages(stages: Float, value: float, keep: float) -> None:
     stages[1] = keep * stages[1] + (1.0 - keep) * stages[0]
 
 
-@kernel("void(Memory, Settings, Given, Result)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN, Result=RESULT)
+@kernel("void(Memory, Settings, Given, Result)", **MONITOR_TYPES)
 def follow_motion(m: Record, s: Record, given: Record, result: Record) -> None:
     """How strongly the tool was accelerated recently; changes place, velocity and acceleration.
 
-    Args:
-        m: MEMORY; changed.
-        s: SETTINGS.
-        given: Of the step; a telegram came.
-        result: Of the step.
+    ``m``: MEMORY; changed. ``given``: of the step; a telegram came.
     """
     time, keep = given.elapsed * s.period, s.keep**given.elapsed
     square = 0.0
@@ -65,14 +59,14 @@ def follow_motion(m: Record, s: Record, given: Record, result: Record) -> None:
     m.acceleration = max(math.sqrt(square), m.acceleration * math.exp(-time / SWING_S))
 
 
-@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("float64(Memory, Settings)", **MONITOR_TYPES)
 def noise(m: Record, s: Record) -> float:
     """Standard deviation of the filtered force while the tool moves evenly, N."""
     learnt = math.sqrt(m.idle) if m.idle_cycles >= IDLE_LEARNT else 0.0
     return float(max(s.noise, learnt))
 
 
-@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("float64(Memory, Settings)", **MONITOR_TYPES)
 def swing_mass(m: Record, s: Record) -> float:
     """Largest force that no cut needs by the recent acceleration, kg: ``3 k``."""
     mass = s.inertia_mass
@@ -81,21 +75,18 @@ def swing_mass(m: Record, s: Record) -> float:
     return float(CREST * mass)
 
 
-@kernel("float64(Memory, Settings)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("float64(Memory, Settings)", **MONITOR_TYPES)
 def quiet_force(m: Record, s: Record) -> float:
     """Largest filtered force that is no cut, N."""
     swing = swing_mass(m, s) * m.acceleration
     return float(s.noise_z * noise(m, s) + swing)
 
 
-@kernel("void(Memory, Settings, float64)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("void(Memory, Settings, float64)", **MONITOR_TYPES)
 def learn_quiet(m: Record, s: Record, force: float) -> None:
     """Take a cycle out of the cut.
 
-    Args:
-        m: MEMORY; changed.
-        s: SETTINGS.
-        force: Filtered size of the measured force, N.
+    ``m``: MEMORY; changed. ``force``: filtered size of the measured force, N.
     """
     moved = m.acceleration
     least = s.period / IDLE_S

@@ -9,10 +9,9 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.monitoring.air_noise import IDLE_LEARNT, IDLE_S
 from counterflex.runtime.monitoring.events import Event
-from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.records import MONITOR_TYPES
 from counterflex.runtime.monitoring.spindle_lines import NOTCH_S
 from counterflex.runtime.monitoring.wear import add_ratio, force_class, normal_of_student, trend
-from counterflex.runtime.state.given import GIVEN
 
 PEAK_S: Final = 0.4
 """How long a force counts for the vibration that comes from it. Behind an exit the notches of neighbouring lines ring
@@ -53,7 +52,7 @@ _LOW_CHATTER = int(Event.LOW_CHATTER)
 _LATCHED = (1 << _BREAKAGE) | (1 << _WEAR)
 
 
-@kernel("void(Memory, Settings, int64, float64, float64, int64)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("void(Memory, Settings, int64, float64, float64, int64)", **MONITOR_TYPES)
 def judge(m: Record, s: Record, event: int, value: float, limit: float, cycles: int) -> None:
     """One detector: value above limit for so many cycles in a row is an event; it may come again after a pause.
 
@@ -85,7 +84,7 @@ def judge(m: Record, s: Record, event: int, value: float, limit: float, cycles: 
             m.events &= ~bit
 
 
-@kernel("void(Memory, Settings, float64)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("void(Memory, Settings, float64)", **MONITOR_TYPES)
 def wear(m: Record, s: Record, moved: float) -> None:
     """Collect ratios by length of cut; judge the rise once sum and trend both say that there is one.
 
@@ -115,7 +114,7 @@ def wear(m: Record, s: Record, moved: float) -> None:
         r.value[_WEAR] = r.rise
 
 
-@kernel("float64(Memory, Given, int64)", Memory=MEMORY, Given=GIVEN)
+@kernel("float64(Memory, Given, int64)", **MONITOR_TYPES)
 def _in_tool(m: Record, given: Record, axis: int) -> float:
     """Filtered predicted force along an axis of the tool, N."""
     total = 0.0
@@ -124,7 +123,7 @@ def _in_tool(m: Record, given: Record, axis: int) -> float:
     return total
 
 
-@kernel("float64(Memory, Given)", Memory=MEMORY, Given=GIVEN)
+@kernel("float64(Memory, Given)", **MONITOR_TYPES)
 def _plan_change(m: Record, given: Record) -> float:
     """Difference of the planned force from that of the cut so far, as a share of it."""
     square = difference = 0.0
@@ -134,7 +133,7 @@ def _plan_change(m: Record, given: Record) -> float:
     return math.sqrt(difference / square) if square > 0.0 else math.inf
 
 
-@kernel("void(Memory, Settings, Given, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+@kernel("void(Memory, Settings, Given, float64, boolean)", **MONITOR_TYPES)
 def _learn_steady(m: Record, s: Record, given: Record, change: float, sound: bool) -> None:
     """Let the values of the steady cut follow; the change of the pattern only where it is known and sound."""
     past, share = m.reference, max(s.period / _SLOW_S, 1.0 / m.known_cycles)
@@ -149,13 +148,7 @@ def _learn_steady(m: Record, s: Record, given: Record, change: float, sound: boo
             past.force[k] += share * (_in_tool(m, given, k) - past.force[k])
 
 
-@kernel(
-    "void(Memory, Settings, Given, PlanRow, float64, boolean)",
-    Memory=MEMORY,
-    Settings=SETTINGS,
-    Given=GIVEN,
-    PlanRow=PLAN_ROW,
-)
+@kernel("void(Memory, Settings, Given, PlanRow, float64, boolean)", **MONITOR_TYPES)
 def breakage(m: Record, s: Record, given: Record, here: Record, noise: float, steady: bool) -> None:
     """A drop of the ratio against the steady cut so far, weighed by the change of the tooth-to-tooth pattern.
 
@@ -217,7 +210,7 @@ def breakage(m: Record, s: Record, given: Record, here: Record, noise: float, st
     _learn_steady(m, s, given, change, sound)
 
 
-@kernel("void(Memory, Settings, float64, boolean)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("void(Memory, Settings, float64, boolean)", **MONITOR_TYPES)
 def chatter(m: Record, s: Record, force: float, idle: bool) -> None:
     """Energy that does not turn with the spindle against that out of the cut, a share of the force, what is slower.
 
@@ -253,7 +246,7 @@ def chatter(m: Record, s: Record, force: float, idle: bool) -> None:
     judge(m, s, _CHATTER, fast.residual, limit, s.chatter_cycles)
 
 
-@kernel("void(Memory, Settings, Given, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+@kernel("void(Memory, Settings, Given, float64, boolean)", **MONITOR_TYPES)
 def low_chatter(m: Record, s: Record, given: Record, noise: float, steady: bool) -> None:
     """Slow vibration of the force that goes on and on where the plan is steady.
 

@@ -18,7 +18,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.monitoring.records import HARMONICS, MEMORY, SAMPLES, SETTINGS
+from counterflex.runtime.monitoring.records import HARMONICS, MONITOR_TYPES
 from counterflex.runtime.monitoring.spindle_lines import (
     FIRST_SLIP,
     LINES,
@@ -40,7 +40,7 @@ LEAST_RATE: Final = 10.0
 """Least sampling rate by the corner of the high-passes."""
 
 
-@kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", Samples=SAMPLES)
+@kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", **MONITOR_TYPES)
 def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float, gain: float, early: int) -> None:
     """One sample through high-passes and notches; the energies of the rest and of what lies about the corner.
 
@@ -76,12 +76,7 @@ def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: flo
         d.energy, d.slower_energy = energy, slower
 
 
-@kernel(
-    "void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])",
-    Settings=SETTINGS,
-    Memory=MEMORY,
-    entry=True,
-)
+@kernel("void(float64[:, ::1], int64, int64, float64, int64, Settings[::1], Memory[::1])", entry=True, **MONITOR_TYPES)
 def take_samples(
     samples: Float, count: int, number: int, turn_per_s: float, teeth: int, settings: Records, memories: Records
 ) -> None:

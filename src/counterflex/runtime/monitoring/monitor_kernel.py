@@ -29,16 +29,53 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.air_noise import follow_motion, learn_quiet, noise, quiet_force, two_stages
 from counterflex.runtime.monitoring.detectors import breakage, chatter, judge, low_chatter, wear
 from counterflex.runtime.monitoring.events import EVENTS, Event
-from counterflex.runtime.monitoring.feed_frame import feed_frame
-from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.records import MONITOR_TYPES
 from counterflex.runtime.monitoring.spindle_lines import estimate_folded
 from counterflex.runtime.monitoring.wear import new_tool
 from counterflex.runtime.primitives.causes import next_cause
-from counterflex.runtime.state.chosen import SETTINGS as LOOP_SETTINGS
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.planned import PLAN
-from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import Cause, State
+
+LEAST_SINE = 0.02
+"""Sine of the angle between feed and tool axis below which they give no direction across: plunging."""
+
+
+@kernel("void(float64, float64, float64, float64, float64, float64, float64[::1], float64[::1])")
+def feed_frame(vx: float, vy: float, vz: float, ax: float, ay: float, az: float, memory: Float, frame: Float) -> None:
+    """Right-handed axes of the feed: t along it, n = a x t across it, b = t x n.
+
+    On a level path b is the tool axis, and n points to the left of the feed seen from the spindle (the tool's z points
+    out of the spindle, so ``a`` is minus that). Where the feed runs along the tool, n is kept from before, made square
+    to the feed; a path that plunges and goes on has one continuous frame. Where nothing moves the last feed counts.
+
+    ``vx``: unit feed direction, part axes; zero where nothing moves. ``ax``: unit vector from the tool tip towards the
+    spindle. ``memory``: (6,) last t and n; zeros at the start. Changed. ``frame``: (9,) written: t, n, b by rows;
+    orthonormal.
+    """
+    if vx * vx + vy * vy + vz * vz < 0.25:
+        vx, vy, vz = memory[0], memory[1], memory[2]
+        if vx * vx + vy * vy + vz * vz < 0.25:
+            vx, vy, vz = 1.0, 0.0, 0.0
+    nx, ny, nz = ay * vz - az * vy, az * vx - ax * vz, ax * vy - ay * vx
+    size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if size < LEAST_SINE:
+        along = memory[3] * vx + memory[4] * vy + memory[5] * vz
+        nx, ny, nz = memory[3] - along * vx, memory[4] - along * vy, memory[5] - along * vz
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if size < 0.1:  # nothing from before, or the feed turned into it: any direction square to the feed
+            if abs(vx) <= abs(vy) and abs(vx) <= abs(vz):
+                nx, ny, nz = 1.0 - vx * vx, -vx * vy, -vx * vz
+            elif abs(vy) <= abs(vz):
+                nx, ny, nz = -vx * vy, 1.0 - vy * vy, -vy * vz
+            else:
+                nx, ny, nz = -vx * vz, -vy * vz, 1.0 - vz * vz
+            size = math.sqrt(nx * nx + ny * ny + nz * nz)
+    nx, ny, nz = nx / size, ny / size, nz / size
+    frame[0], frame[1], frame[2] = vx, vy, vz
+    frame[3], frame[4], frame[5] = nx, ny, nz
+    frame[6], frame[7], frame[8] = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx
+    for k in range(6):
+        memory[k] = frame[k]
+
 
 AIR_N: Final = 1.0
 """Largest predicted force that still is no cut."""
@@ -50,7 +87,7 @@ _FIRST_CAUSE = int(Cause.PROCESS_MISSING_CUT)
 _ARMED, _FAULT = int(State.ARMED), int(State.FAULT)
 
 
-@kernel("boolean(Given)", Given=GIVEN)
+@kernel("boolean(Given)", **MONITOR_TYPES)
 def _goes_on(given: Record) -> bool:
     """A telegram came, and its pose is numbers: feed and place can be judged."""
     good = given.elapsed > 0
@@ -59,7 +96,7 @@ def _goes_on(given: Record) -> bool:
     return bool(good)
 
 
-@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
+@kernel("boolean(Given, Settings)", **MONITOR_TYPES)
 def _is_read(given: Record, s: Record) -> bool:
     """The force is numbers and fresh."""
     good = given.force_age < s.stale_cycles
@@ -68,9 +105,7 @@ def _is_read(given: Record, s: Record) -> bool:
     return bool(good)
 
 
-@kernel(
-    "float64(Memory, Settings, PlanRow, PlanRow, float64, int64)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW
-)
+@kernel("float64(Memory, Settings, PlanRow, PlanRow, float64, int64)", **MONITOR_TYPES)
 def _progress(m: Record, s: Record, here: Record, there: Record, u: float, elapsed: int) -> float:
     """Way along the plan since the last cycle, m; follows its speed by the programmed one."""
     time = (1.0 - u) * here.time + u * there.time
@@ -89,9 +124,7 @@ def _progress(m: Record, s: Record, here: Record, there: Record, u: float, elaps
     return moved
 
 
-@kernel(
-    "void(Memory, Settings, PlanRow, PlanRow, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, PlanRow=PLAN_ROW
-)
+@kernel("void(Memory, Settings, PlanRow, PlanRow, float64, boolean)", **MONITOR_TYPES)
 def _expect(m: Record, s: Record, here: Record, there: Record, u: float, planned: bool) -> None:
     """Predicted force of this cycle and its bounds at the present speed."""
     now = m.now
@@ -106,7 +139,7 @@ def _expect(m: Record, s: Record, here: Record, there: Record, u: float, planned
         now.highest = max(here.highest, there.highest) * max(1.0, slower)
 
 
-@kernel("float64(Memory, Settings, Given)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+@kernel("float64(Memory, Settings, Given)", **MONITOR_TYPES)
 def _filter_forces(m: Record, s: Record, given: Record) -> float:
     """Forces through the filter, in the feed frame, and their ratio; returns the size of the measured one, N."""
     now, keep = m.now, s.keep
@@ -135,7 +168,7 @@ def _filter_forces(m: Record, s: Record, given: Record) -> float:
     return size
 
 
-@kernel("void(Memory, Settings, float64, boolean, float64, float64)", Memory=MEMORY, Settings=SETTINGS)
+@kernel("void(Memory, Settings, float64, boolean, float64, float64)", **MONITOR_TYPES)
 def _missing_cut(m: Record, s: Record, least: float, planned: bool, quiet: float, moved: float) -> None:
     """No force over a length of path where the plan's least force, less the model's error, lies above the noise."""
     visible = planned and least * (1.0 - s.model_error) > 2.0 * quiet
@@ -145,7 +178,7 @@ def _missing_cut(m: Record, s: Record, least: float, planned: bool, quiet: float
     judge(m, s, _MISSING, m.without_force, s.missing_length if visible else 0.0, 1)
 
 
-@kernel("void(Memory, Settings, Given, float64, float64, boolean)", Memory=MEMORY, Settings=SETTINGS, Given=GIVEN)
+@kernel("void(Memory, Settings, Given, float64, float64, boolean)", **MONITOR_TYPES)
 def _overload(m: Record, s: Record, given: Record, size: float, ceiling: float, planned: bool) -> None:
     """Filtered force above what the plan explains, or force or moment of the cycle above what is allowed."""
     moment = 0.0
@@ -161,13 +194,7 @@ def _overload(m: Record, s: Record, given: Record, size: float, ceiling: float, 
     judge(m, s, _OVERLOAD, value, limit, s.overload_cycles)
 
 
-@kernel(
-    "void(Memory, Settings, Given, PlanRow, PlanRow, float64, float64, boolean)",
-    Memory=MEMORY,
-    Settings=SETTINGS,
-    Given=GIVEN,
-    PlanRow=PLAN_ROW,
-)
+@kernel("void(Memory, Settings, Given, PlanRow, PlanRow, float64, float64, boolean)", **MONITOR_TYPES)
 def _detect(
     m: Record, s: Record, given: Record, here: Record, there: Record, size: float, moved: float, planned: bool
 ) -> None:
@@ -212,7 +239,7 @@ def _detect(
     low_chatter(m, s, given, rest, steady)
 
 
-@kernel("void(Memory, Settings, Result)", Memory=MEMORY, Settings=SETTINGS, Result=RESULT)
+@kernel("void(Memory, Settings, Result)", **MONITOR_TYPES)
 def _react(m: Record, s: Record, result: Record) -> None:
     """Ask for what the events of the cycle are to do, if the loop is armed; until a person resets."""
     before = result.state
@@ -227,7 +254,7 @@ def _react(m: Record, s: Record, result: Record) -> None:
     m.outcome.on = m.events
 
 
-@kernel("void(Memory)", Memory=MEMORY)
+@kernel("void(Memory)", **MONITOR_TYPES)
 def _reset_events(m: Record) -> None:
     """A person has reset: no event, nothing asked for, sums of missing force and wear zero."""
     m.events = m.hold_cause = m.stop_cause = m.steady_cycles = 0
@@ -237,13 +264,8 @@ def _reset_events(m: Record) -> None:
 
 @kernel(
     "void(Given, Result, float64[::1], Plan[::1], PlanRow[::1], Settings[::1], Memory[::1])",
-    Given=GIVEN,
-    Result=RESULT,
-    PlanRow=PLAN_ROW,
-    Settings=SETTINGS,
-    Memory=MEMORY,
-    Plan=PLAN,
     entry=True,
+    **MONITOR_TYPES,
 )
 def watch(
     given: Record, result: Record, place: Float, path: Records, plan: Records, settings: Records, memories: Records
@@ -286,14 +308,11 @@ def watch(
     _react(m, s, result)
 
 
-@kernel("void(Memory, Loop, Given)", Memory=MEMORY, Loop=LOOP_SETTINGS, Given=GIVEN)
+@kernel("void(Memory, Loop, Given)", **MONITOR_TYPES)
 def hand_over(m: Record, settings: Record, given: Record) -> None:
     """Hand what was found before to the supervisor: causes of hold and fault, where there are no others.
 
-    Args:
-        m: MEMORY as :func:`watch` left it.
-        settings: Of the loop.
-        given: GIVEN of the step; changed.
+    ``m``: MEMORY as :func:`watch` left it.
     """
     given.soft = next_cause(settings, given.soft, m.hold_cause)
     if m.stop_cause != 0 and given.hard == 0:

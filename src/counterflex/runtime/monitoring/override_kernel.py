@@ -21,9 +21,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.monitoring.events import Event, Slowed
-from counterflex.runtime.monitoring.records import MEMORY, PLAN_ROW, SETTINGS
+from counterflex.runtime.monitoring.records import MONITOR_TYPES
 from counterflex.runtime.primitives.frames import size_of
-from counterflex.runtime.state.result import RESULT
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import AT_SPEED
 
@@ -42,14 +41,7 @@ def falling(value: float, near: float, least: float) -> float:
     return max(least, 1.0 - (1.0 - least) * min(1.0, max(0.0, (value - near) / (1.0 - near))))
 
 
-@kernel(
-    "void(Result, float64[::1], PlanRow[::1], Settings[::1], Memory[::1])",
-    Result=RESULT,
-    PlanRow=PLAN_ROW,
-    Settings=SETTINGS,
-    Memory=MEMORY,
-    entry=True,
-)
+@kernel("void(Result, float64[::1], PlanRow[::1], Settings[::1], Memory[::1])", entry=True, **MONITOR_TYPES)
 def ask_speed(result: Record, place: Float, plan: Records, settings: Records, memories: Records) -> None:
     """One cycle.
 

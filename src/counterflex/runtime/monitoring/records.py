@@ -5,10 +5,14 @@ SI units. The words of :data:`MEMORY` stand in the order in which logs that do n
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core.records import record
 from counterflex.runtime.monitoring.events import EVENTS
+from counterflex.runtime.state.chosen import SETTINGS as LOOP_SETTINGS
+from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.state.result import RESULT
 
 HARMONICS: Final = 16
 """Lines of the force that are followed."""
@@ -239,3 +243,16 @@ MEMORY: Final = record(
     samples=SAMPLES,
 )
 """What the monitor remembers from one cycle to the next, with what it found."""
+
+MONITOR_TYPES: Final[dict[str, Any]] = {
+    "Settings": SETTINGS,
+    "Memory": MEMORY,
+    "PlanRow": PLAN_ROW,
+    "Samples": SAMPLES,
+    "Wear": WEAR,
+    "Given": GIVEN,
+    "Loop": LOOP_SETTINGS,
+    "Plan": PLAN,
+    "Result": RESULT,
+}
+"""Types of records by the names in signatures of the monitor's kernels; the last four are the loop's."""

@@ -20,7 +20,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.monitoring.records import FAST, HARMONICS, SAMPLES
+from counterflex.runtime.monitoring.records import FAST, HARMONICS, MONITOR_TYPES
 
 NOTCH_S: Final = 0.033
 """Time constant tau of the notches: 4.8 Hz on each side. Shorter ones take chatter between the lines with them."""
@@ -57,11 +57,7 @@ def folded(turns: float) -> float:
 def is_apart(turn: float, order: int, teeth: int, period: float) -> bool:
     """Return whether a line folds to a visible frequency, off the tooth passing and its harmonics unless it is one.
 
-    Args:
-        turn: Turns of the spindle per sample.
-        order: Of the line.
-        teeth: Of the tool.
-        period: Of the samples, s.
+    ``turn``: turns of the spindle per sample.
     """
     z, unit = max(1, teeth), period / (2.0 * math.pi * NOTCH_S)
     f = folded(turn * order)
@@ -75,7 +71,7 @@ def is_apart(turn: float, order: int, teeth: int, period: float) -> bool:
     return True
 
 
-@kernel("int64(Samples, int64, int64, int64, int64)", Samples=SAMPLES)
+@kernel("int64(Samples, int64, int64, int64, int64)", **MONITOR_TYPES)
 def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
     """List orders from first to last that are not listed yet; z above 0 takes multiples of it, below 0 the others."""
     for order in range(first, last + 1):
@@ -91,7 +87,7 @@ def _list_orders(d: Record, used: int, first: int, last: int, z: int) -> int:
     return used
 
 
-@kernel("void(Samples, float64, int64, float64)", Samples=SAMPLES)
+@kernel("void(Samples, float64, int64, float64)", **MONITOR_TYPES)
 def set_lines(d: Record, turn: float, teeth: int, period: float) -> None:
     """Begin with the lines of a spindle speed and a tool; by how much the spindle was off its speed is kept.
 
@@ -139,7 +135,7 @@ def _high_pass_square(turns: float, share: float) -> float:
     return max(1e-12, gain * gain)
 
 
-@kernel("void(Samples, float64)", Samples=SAMPLES)
+@kernel("void(Samples, float64)", **MONITOR_TYPES)
 def choose_lines(d: Record, share: float) -> None:
     """Follow every line that is told apart from those before it, at the speed at which the spindle turns now.
 
@@ -162,7 +158,7 @@ def choose_lines(d: Record, share: float) -> None:
         d.active[k] = 1.0 if active else 0.0
 
 
-@kernel("void(Samples, boolean)", Samples=SAMPLES)
+@kernel("void(Samples, boolean)", **MONITOR_TYPES)
 def set_wave(d: Record, first: bool) -> None:
     """Cosine and sine of every line that is followed at the present angle; within a cycle turned on by one sample."""
     speed = d.turn * (1.0 + d.slip)
@@ -180,7 +176,7 @@ def set_wave(d: Record, first: bool) -> None:
             d.wave[2 * k + 1] = s * d.step[2 * k] + c * d.step[2 * k + 1]
 
 
-@kernel("float64(Samples, float64)", Samples=SAMPLES)
+@kernel("float64(Samples, float64)", **MONITOR_TYPES)
 def follow_speed(d: Record, time: float) -> float:
     """Let the spindle speed follow the turning of the phasors; squared speed that lines are off by, (rad/s)^2 N^2.
 
@@ -225,7 +221,7 @@ def follow_speed(d: Record, time: float) -> float:
     return float(d.turning * d.turning * max(0.0, leaks))
 
 
-@kernel("void(Samples, Fast, float64, int64, int64, float64)", Samples=SAMPLES, Fast=FAST)
+@kernel("void(Samples, Fast, float64, int64, int64, float64)", Fast=FAST, **MONITOR_TYPES)
 def estimate_folded(d: Record, fast: Record, turn: float, teeth: int, count: int, period: float) -> None:
     """Estimate what lines leave in the mean force of a cycle, from their amplitudes and places alone, as a replay can.
 

@@ -28,7 +28,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.monitoring.records import FAST, HARMONICS, SAMPLES
+from counterflex.runtime.monitoring.records import FAST, HARMONICS, MONITOR_TYPES
 from counterflex.runtime.monitoring.spindle_lines import NOTCH_S, is_apart
 
 APART_S: Final = 0.1
@@ -49,13 +49,13 @@ LARGEST: Final = 0.05
 """Largest turn of the pattern in a cycle, rad."""
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+@kernel("boolean(Samples, int64)", **MONITOR_TYPES)
 def _is_clear(d: Record, line: int) -> bool:
     """Return whether a line is followed and lies off the tooth passing and its harmonics at the present speed."""
     return bool(d.active[line] >= 0.5 and is_apart(d.turn * (1.0 + d.slip), int(d.order[line]), d.teeth, d.period))
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+@kernel("boolean(Samples, int64)", **MONITOR_TYPES)
 def _is_alone(d: Record, line: int) -> bool:
     """Return whether no other line, nor the image of this one at the edge of the band, folds to nearly its place."""
     least = TOGETHER * d.period / (2.0 * math.pi * NOTCH_S)
@@ -65,7 +65,7 @@ def _is_alone(d: Record, line: int) -> bool:
     return bool(alone)
 
 
-@kernel("void(Samples, int64)", Samples=SAMPLES)
+@kernel("void(Samples, int64)", **MONITOR_TYPES)
 def see_lines(d: Record, count: int) -> None:
     """Choose the lines whose amplitudes count.
 
@@ -83,19 +83,19 @@ def see_lines(d: Record, count: int) -> None:
         d.mixed[k] = max(0.0, d.mixed[k] - count * d.period) if _is_alone(d, k) else MIXED_S
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+@kernel("boolean(Samples, int64)", **MONITOR_TYPES)
 def _is_known(d: Record, line: int) -> bool:
     """Return whether a line is seen and its amplitude was averaged for long enough."""
     return bool(d.seen[line] > 0.5 and d.known[line] >= KNOWN)
 
 
-@kernel("boolean(Samples, int64)", Samples=SAMPLES)
+@kernel("boolean(Samples, int64)", **MONITOR_TYPES)
 def _counts(d: Record, line: int) -> bool:
     """Return whether a line is known and its phase is its own."""
     return bool(_is_known(d, line) and d.mixed[line] <= 0.0)
 
 
-@kernel("boolean(Samples, boolean)", Samples=SAMPLES)
+@kernel("boolean(Samples, boolean)", **MONITOR_TYPES)
 def _is_whole(d: Record, phases: bool) -> bool:
     """Return whether the tooth passing and lines with most of the energy between it count, by phase or by amplitude."""
     tooth, between, counted = False, 0.0, 0.0
@@ -109,7 +109,7 @@ def _is_whole(d: Record, phases: bool) -> bool:
     return bool(tooth and counted > MOST * between)
 
 
-@kernel("void(Samples, Fast)", Samples=SAMPLES, Fast=FAST)
+@kernel("void(Samples, Fast)", Fast=FAST, **MONITOR_TYPES)
 def measure(d: Record, out: Record) -> None:
     """Amplitudes of the tooth passing and of the lines between, N, and whether both are seen.
 
@@ -136,7 +136,7 @@ def measure(d: Record, out: Record) -> None:
         out.separate = 2.0
 
 
-@kernel("float64(Samples, float64)", Samples=SAMPLES)
+@kernel("float64(Samples, float64)", **MONITOR_TYPES)
 def _rise(d: Record, scale: float) -> float:
     """Rise of the amplitude of all lines between the tooth passing from their scaled past, N."""
     past = present = 0.0
@@ -148,7 +148,7 @@ def _rise(d: Record, scale: float) -> float:
     return max(0.0, math.sqrt(present) - scale * math.sqrt(past))
 
 
-@kernel("float64(Samples)", Samples=SAMPLES)
+@kernel("float64(Samples)", **MONITOR_TYPES)
 def _search_angle(d: Record) -> float:
     """Angle by which the pattern is turned: where present lines and pattern correlate most."""
     best, angle = -math.inf, 0.0
@@ -164,7 +164,7 @@ def _search_angle(d: Record) -> float:
     return angle
 
 
-@kernel("UniTuple(float64, 2)(Samples, int64)", Samples=SAMPLES)
+@kernel("UniTuple(float64, 2)(Samples, int64)", **MONITOR_TYPES)
 def _product(d: Record, line: int) -> tuple[float, float]:
     """Return ``p conj(r)`` of a line over the axes: real and imaginary part."""
     real = imaginary = 0.0
@@ -176,7 +176,7 @@ def _product(d: Record, line: int) -> tuple[float, float]:
     return real, imaginary
 
 
-@kernel("void(Samples, float64)", Samples=SAMPLES)
+@kernel("void(Samples, float64)", **MONITOR_TYPES)
 def _turn_pattern(d: Record, angle: float) -> None:
     """Turn the remembered pattern to the present angle of the spindle."""
     for k in range(HARMONICS):
@@ -186,7 +186,7 @@ def _turn_pattern(d: Record, angle: float) -> None:
             d.pattern[axis, 2 * k], d.pattern[axis, 2 * k + 1] = c * a + s * b, c * b - s * a
 
 
-@kernel("void(Samples)", Samples=SAMPLES)
+@kernel("void(Samples)", **MONITOR_TYPES)
 def _align(d: Record) -> None:
     """Turn the pattern to the present angle: searched over the turn at first, then by the slope of the correlation."""
     if d.matched == 0:
@@ -202,7 +202,7 @@ def _align(d: Record) -> None:
         _turn_pattern(d, min(LARGEST, max(-LARGEST, slope / curvature)))
 
 
-@kernel("float64(Samples)", Samples=SAMPLES)
+@kernel("float64(Samples)", **MONITOR_TYPES)
 def _change(d: Record) -> float:
     """Amplitude of the change between the tooth passing from the pattern, scaled to the present lines, N."""
     product = square = 0.0
@@ -221,7 +221,7 @@ def _change(d: Record) -> float:
     return math.sqrt(total)
 
 
-@kernel("void(Samples, float64)", Samples=SAMPLES)
+@kernel("void(Samples, float64)", **MONITOR_TYPES)
 def _remember(d: Record, time: float) -> None:
     """Let the pattern follow the present lines, those that are seen."""
     for k in range(HARMONICS):
@@ -235,7 +235,7 @@ def _remember(d: Record, time: float) -> None:
             d.square[k] += share * (square - d.square[k])
 
 
-@kernel("float64(Samples, boolean, boolean, float64, float64)", Samples=SAMPLES)
+@kernel("float64(Samples, boolean, boolean, float64, float64)", **MONITOR_TYPES)
 def compare_pattern(d: Record, steady: bool, calm: bool, scale: float, time: float) -> float:
     """Amplitude of the change of the lines between the tooth passing from their pattern, N; -1 where it is not known.
 

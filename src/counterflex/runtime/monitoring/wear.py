@@ -30,7 +30,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.monitoring.records import CLASSES, NEIGHBOURS, RESULTS, WEAR
+from counterflex.runtime.monitoring.records import CLASSES, MONITOR_TYPES, NEIGHBOURS, RESULTS
 
 FIRST: Final = 3
 """Ratios of a class before the next one is judged."""
@@ -72,7 +72,7 @@ def worth(neighbours: Record) -> float:
     return float((1.0 + rho) / (1.0 - rho))
 
 
-@kernel("void(Wear, float64, float64, float64)", Wear=WEAR)
+@kernel("void(Wear, float64, float64, float64)", **MONITOR_TYPES)
 def _add_residual(w: Record, n: float, dx: float, dy: float) -> None:
     """Residual of a ratio from the regression of those before it, in units of its own spread; beside its neighbour."""
     sxx = sxy = 0.0
@@ -90,7 +90,7 @@ def _add_residual(w: Record, n: float, dx: float, dy: float) -> None:
     neighbours.last = residual
 
 
-@kernel("void(Wear, int64, float64, float64)", Wear=WEAR)
+@kernel("void(Wear, int64, float64, float64)", **MONITOR_TYPES)
 def add_ratio(w: Record, which: int, cut_m: float, ratio: float) -> None:
     """Take one ratio.
 
@@ -117,7 +117,7 @@ def add_ratio(w: Record, which: int, cut_m: float, ratio: float) -> None:
     c.ratio_ratio += dy * (ratio - c.ratio)
 
 
-@kernel("void(Wear, float64, Results)", Wear=WEAR, Results=RESULTS)
+@kernel("void(Wear, float64, Results)", Results=RESULTS, **MONITOR_TYPES)
 def trend(w: Record, cut_m: float, r: Record) -> None:
     """Regression over all classes: ``b = sum Sxy / sum Sxx``.
 
@@ -152,7 +152,7 @@ def trend(w: Record, cut_m: float, r: Record) -> None:
     r.trend_degrees = degrees
 
 
-@kernel("void(Wear)", Wear=WEAR)
+@kernel("void(Wear)", **MONITOR_TYPES)
 def new_tool(w: Record) -> None:
     """Forget all: another tool."""
     w.cut = w.bin_product = w.bin_square = w.bin_length = w.cusum = 0.0

@@ -22,8 +22,8 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.state.doubts import LIMITS, MEMORY
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 
 RIGHT: Final = 0
 SHORT: Final = 1
@@ -43,7 +43,7 @@ def _norm(x: Float, begin: int) -> float:
     return math.sqrt(x[begin] * x[begin] + x[begin + 1] * x[begin + 1] + x[begin + 2] * x[begin + 2])
 
 
-@kernel("float64(float64[::1], float64[::1], Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("float64(float64[::1], float64[::1], Limits, Memory)", **LOOP_TYPES)
 def _bend_of_path(moved: Float, before: Float, limits: Record, memory: Record) -> float:
     """Follow the direction of motion; return by how much a bend of the path may throw the robot off, m.
 
@@ -70,14 +70,11 @@ def _bend_of_path(moved: Float, before: Float, limits: Record, memory: Record) -
     return float(memory.bend)
 
 
-@kernel("float64(float64[::1], Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("float64(float64[::1], Limits, Memory)", **LOOP_TYPES)
 def _yield_of_drives(bent: Float, limits: Record, memory: Record) -> float:
     """By how much the drives may yield to the load that has lately come or gone, m: ``s_l |d - mean(d)|``.
 
-    Args:
-        bent: (3,) deflection d under the load as it is known, m.
-        limits: Of the tests.
-        memory: Of the tests; the mean is changed.
+    ``bent``: (3,) deflection d under the load as it is known, m. ``memory``: of the tests; the mean is changed.
     """
     square = 0.0
     for k in range(3):
@@ -87,7 +84,7 @@ def _yield_of_drives(bent: Float, limits: Record, memory: Record) -> float:
     return float(limits.load_share * math.sqrt(square))
 
 
-@kernel("void(Memory, float64[::1], int64)", Memory=MEMORY)
+@kernel("void(Memory, float64[::1], int64)", **LOOP_TYPES)
 def _across(memory: Record, x: Float, begin: int) -> None:
     """Take the part along the motion out of ``x[begin : begin + 3]``, in place."""
     along = 0.0
@@ -124,12 +121,7 @@ def _nearest_on_leg(legs: Float, begin: int, shown: Float, nearest: Float) -> No
         nearest[6] = distance
 
 
-@kernel(
-    "void(State, Past[::1], int64, int64, float64[::1], float64[::1], float64[::1], Memory)",
-    State=STATE,
-    Past=PAST,
-    Memory=MEMORY,
-)
+@kernel("void(State, Past[::1], int64, int64, float64[::1], float64[::1], float64[::1], Memory)", **LOOP_TYPES)
 def _nearest_answer(
     state: Record,
     ring: Records,
@@ -142,15 +134,9 @@ def _nearest_answer(
 ) -> None:
     """Nearest of the answers of a robot that is at most ``late`` cycles later than thought, across the motion.
 
-    Args:
-        state: Of the step: the correction that was sent, and the one in effect as the loop computes it.
-        ring: Past cycles.
-        here: Its next row.
-        late: Cycles.
-        shown: (3,) answer of the robot, across the motion.
-        legs: (6,) work space.
-        nearest: (7,) of :func:`_nearest_on_leg`; written.
-        memory: Of the tests.
+    ``state``: of the step: the correction that was sent, and the one in effect as the loop computes it. ``shown``: (3,)
+    answer of the robot, across the motion. ``legs``: (6,) work space. ``nearest``: (7,) of :func:`_nearest_on_leg`;
+    written.
     """
     nearest[6] = math.inf
     for k in range(3):
@@ -167,15 +153,12 @@ def _nearest_answer(
         _nearest_on_leg(legs, 0, shown, nearest)
 
 
-@kernel("int64(float64[::1], float64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("int64(float64[::1], float64, Limits, Memory)", **LOOP_TYPES)
 def _judge_missing(gap: Float, explained_m: float, limits: Record, memory: Record) -> int:
     """Mean of what is missing over the time ``settle_s``: RIGHT, SHORT or TOO_SHORT.
 
-    Args:
-        gap: (3,) what the robot shows less the nearest answer, m.
-        explained_m: What bends of the path and drives explain of it.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``gap``: (3,) what the robot shows less the nearest answer, m; ``explained_m``: what bends of the path and drives
+    explain of it.
     """
     size = _norm(gap, 0)
     share = max(0.0, 1.0 - explained_m / size) if size > 0.0 else 0.0
@@ -189,21 +172,14 @@ def _judge_missing(gap: Float, explained_m: float, limits: Record, memory: Recor
     return SHORT if memory.short == 1 else RIGHT
 
 
-@kernel(
-    "boolean(float64[::1], float64[::1], State, boolean, Limits, Memory)", State=STATE, Limits=LIMITS, Memory=MEMORY
-)
+@kernel("boolean(float64[::1], float64[::1], State, boolean, Limits, Memory)", **LOOP_TYPES)
 def _says_nothing(
     difference: Float, moved: Float, state: Record, corrects: bool, limits: Record, memory: Record
 ) -> bool:
     """Return whether the reported pose says nothing of the correction now: too little is sent, or the arm settles.
 
-    Args:
-        difference: (3,) reported less commanded position, m.
-        moved: (3,) way of the commanded point over the last cycles, m.
-        state: Of the step.
-        corrects: The correction may act; else the difference at rest is learnt.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``difference``: (3,) reported less commanded position, m. ``moved``: (3,) way of the commanded point over the last
+    cycles, m. ``corrects``: the correction may act; else the difference at rest is learnt.
     """
     in_effect = _norm(state.in_effect[:], 0)
     if not corrects and in_effect < _STILL_M and _norm(moved, 0) < _STILL_M:
@@ -220,10 +196,7 @@ def _says_nothing(
 @kernel(
     "int64(float64[::1], float64[::1], float64[::1], float64[::1], State, Past[::1], boolean, float64[::1],"
     " Limits, Memory)",
-    State=STATE,
-    Past=PAST,
-    Limits=LIMITS,
-    Memory=MEMORY,
+    **LOOP_TYPES,
 )
 def judge_answer(
     difference: Float,

@@ -11,7 +11,7 @@ from counterflex.core.records import Record, records
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.runtime.plausibility import axis_check_kernel as ak
-from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
+from counterflex.runtime.plausibility.limits import AxisTolerance
 from counterflex.runtime.state.states import Cause
 
 ABSENT: Final = ak.ABSENT

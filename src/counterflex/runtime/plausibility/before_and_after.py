@@ -12,7 +12,6 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.plausibility.answer import SHORT, TOO_SHORT, WRONG, judge_answer
-from counterflex.runtime.plausibility.doubts import direction_is_wrong, idle_is_wrong
 from counterflex.runtime.plausibility.force_step import REPORTED, SUSPECTED
 from counterflex.runtime.plausibility.kernel import (
     DOUBT_ANSWER,
@@ -27,7 +26,9 @@ from counterflex.runtime.plausibility.kernel import (
     DOUBT_SHORT,
     DOUBT_STEP,
     DOUBT_TOO_SHORT,
+    direction_is_wrong,
     frame_is_wrong,
+    idle_is_wrong,
     residual_grows,
 )
 from counterflex.runtime.plausibility.tracker_gate import tracker_cause
@@ -35,12 +36,8 @@ from counterflex.runtime.plausibility.tracker_sample import judge_sample, judges
 from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.finite import is_sample
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.doubts import LIMITS, MEMORY, WORK
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.state.supervisor import Cause, State
 
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
@@ -58,7 +55,7 @@ _STOOD = 3
 _STANDING_M = 1e-6
 
 
-@kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("int64(float64[::1], float64[::1], boolean, boolean, float64, Limits, Memory)", **LOOP_TYPES)
 def watch_force(
     measured: Float,
     predicted: Float,
@@ -88,7 +85,7 @@ def watch_force(
     return doubt
 
 
-@kernel("void(Past[::1], int64, int64, float64[::1])", Past=PAST)
+@kernel("void(Past[::1], int64, int64, float64[::1])", **LOOP_TYPES)
 def _way(ring: Records, newer: int, older: int, out: Float) -> None:
     rows = PAST_ROWS
     for k in range(3):
@@ -96,16 +93,7 @@ def _way(ring: Records, newer: int, older: int, out: Float) -> None:
         out[k] = now - ring[(older + rows) % rows].nominal[9 + k]
 
 
-@kernel(
-    "int64(Given, Settings, Past[::1], State, float64[::1], boolean, Limits, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    Past=PAST,
-    State=STATE,
-)
+@kernel("int64(Given, Settings, Past[::1], State, float64[::1], boolean, Limits, Memory, Work)", **LOOP_TYPES)
 def watch_robot(
     given: Record,
     settings: Record,
@@ -119,16 +107,8 @@ def watch_robot(
 ) -> int:
     """Doubts about what the robot makes of the correction, by the pose that it reports.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        ring: Past cycles.
-        state: Of the step; at the beginning nothing is known of the motion.
-        bent: (3,) deflection under the load as it is known, m.
-        corrects: The correction may act.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        work: Work space.
+    ``state``: of the step; at the beginning nothing is known of the motion. ``bent``: (3,) deflection under the load as
+    it is known, m.
     """
     window, back, here = limits.window, settings.reported_back, state.ring_row
     if state.cycles <= max(_TURN_BACK * window + window, back) + 1:
@@ -151,17 +131,12 @@ def watch_robot(
     return DOUBT_SHORT if answer == SHORT else 0
 
 
-@kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Past=PAST)
+@kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", **LOOP_TYPES)
 def watch_frame(deviation: Float, ring: Records, here: int, at_state: int, limits: Record, memory: Record) -> int:
     """Doubt about the tracker's frame before arming: a new sample; while the robot moves it can only be confirmed.
 
-    Args:
-        deviation: (6,) measured minus commanded pose, the component along the feed included.
-        ring: Past cycles.
-        here: Its next row.
-        at_state: State of the supervisor.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``deviation``: (6,) measured minus commanded pose, the component along the feed included; ``at_state``: state of the
+    supervisor.
     """
     if at_state >= _ARMED:
         return 0
@@ -173,7 +148,7 @@ def watch_frame(deviation: Float, ring: Records, here: int, at_state: int, limit
     return DOUBT_FRAME if frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, memory) else 0
 
 
-@kernel("void(Memory)", Memory=MEMORY)
+@kernel("void(Memory)", **LOOP_TYPES)
 def forget_doubts(memory: Record) -> None:
     """The operator's reset: what was counted towards a fault begins anew."""
     memory.answer = memory.early_answer = memory.residual = memory.sign = memory.direction = memory.short = 0
@@ -212,17 +187,7 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
     return soft, hard
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Result, Limits, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, Past[::1], Result, Limits, Memory, Work)", **LOOP_TYPES)
 def before_step(
     given: Record,
     settings: Record,
@@ -238,16 +203,6 @@ def before_step(
     A measured number that is not finite is not used: the last good one stands in its place, and the loop holds (R14). A
     sample of the tracker that is not believed after a gap is marked (R18). Run again over its own output it changes
     nothing, so that a recorded cycle replays.
-
-    Args:
-        given: Inputs of the cycle; changed.
-        settings: Of the loop.
-        state: Of the step.
-        ring: Past cycles.
-        result: Of the step.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        work: Work space.
     """
     soft, early = given.soft, 0
     if all_finite(given.wrench[:]):
@@ -290,7 +245,7 @@ def before_step(
     memory.early = early
 
 
-@kernel("int64(Memory, int64)", Memory=MEMORY)
+@kernel("int64(Memory, int64)", **LOOP_TYPES)
 def degraded_by(memory: Record, degraded: int) -> int:
     """Why the correction is worse than it could be: by the force, the robot's answer, or as found before."""
     if memory.step == REPORTED:
@@ -300,18 +255,7 @@ def degraded_by(memory: Record, degraded: int) -> int:
     return _DIFFERS if degraded == 0 and memory.calm_told == 1 else degraded
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Cycle, Result, Limits, float64, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, Past[::1], Cycle, Result, Limits, float64, Memory, Work)", **LOOP_TYPES)
 def after_step(
     given: Record,
     settings: Record,
@@ -326,17 +270,7 @@ def after_step(
 ) -> None:
     """Find doubts in what the cycle gave; writes them into the result and keeps their causes for the next cycle.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step.
-        ring: Past cycles.
-        cycle: With the correction that the program contains.
-        result: Of the step; written.
-        limits: Of the tests.
-        swing_n: Force at the sensor that inertia explains.
-        memory: Of the tests; changed.
-        work: Work space.
+    ``swing_n``: force at the sensor that inertia explains.
     """
     doubt, now = memory.early, result.state
     forced = settings.force != 0

@@ -37,7 +37,8 @@ from counterflex.runtime.plausibility.force_change import (
     mean_cut,
     size,
 )
-from counterflex.runtime.state.doubts import CALM_MOST, CUT, CUT_KIND, LIMITS, MEMORY
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.doubts import CALM_MOST
 
 _EVEN: Final = 0.1
 """Share by which planned force and speed may change within a calm period, and be another kind."""
@@ -59,7 +60,7 @@ _MEMORY: Final = 500.0
 _OFF: Final = 2
 
 
-@kernel("void(Memory)", Memory=MEMORY)
+@kernel("void(Memory)", **LOOP_TYPES)
 def forget_calm(memory: Record) -> None:
     """What calm cuts have shown is learnt anew."""
     memory.calm = memory.calm_long = memory.calm_off = memory.calm_rows = 0
@@ -79,7 +80,7 @@ def _turn(frame: Float, x: Float, back: bool) -> None:
             )
 
 
-@kernel("float64(Kind, Kind)", Kind=CUT_KIND)
+@kernel("float64(Kind, Kind)", **LOOP_TYPES)
 def _unlike(now: Record, kind: Record) -> float:
     """Force by which two cuts may differ because planned force, speed and direction of feed do, N."""
     residual, planned = size(now.cut.residual[:]), now.cut.planned[:]
@@ -92,7 +93,7 @@ def _unlike(now: Record, kind: Record) -> float:
     return float(wrong * distance(planned, expected) + measured * uneven + turned)
 
 
-@kernel("int64(Kind, Memory, float64)", Kind=CUT_KIND, Memory=MEMORY)
+@kernel("int64(Kind, Memory, float64)", **LOOP_TYPES)
 def _most_like(now: Record, memory: Record, least: float) -> int:
     """Row of the kind of cut most like this one, of those seen so often; -1 where there is none.
 
@@ -120,7 +121,7 @@ def _approach(now: Float, out: Float, seen: float) -> None:
         out[k] += (now[k] - out[k]) / seen
 
 
-@kernel("void(int64, boolean, Cut, float64[::1], float64, Memory)", Cut=CUT, Memory=MEMORY)
+@kernel("void(int64, boolean, Cut, float64[::1], float64, Memory)", **LOOP_TYPES)
 def _keep(i: int, new: bool, cut: Record, feed: Float, seen: float, memory: Record) -> None:
     """Into row i, or as a new kind that counts as seen so often."""
     if new and memory.calm_rows < CALM_MOST:
@@ -145,7 +146,7 @@ def _keep(i: int, new: bool, cut: Record, feed: Float, seen: float, memory: Reco
     _approach(feed, kind.feed[:], kind.seen)
 
 
-@kernel("void(Kind, Memory)", Kind=CUT_KIND, Memory=MEMORY)
+@kernel("void(Kind, Memory)", **LOOP_TYPES)
 def _learn(now: Record, memory: Record) -> None:
     """Into its kind, or as a new one; where there are too many in place of the one seen least."""
     i = _most_like(now, memory, 0.0)
@@ -153,14 +154,11 @@ def _learn(now: Record, memory: Record) -> None:
     _keep(i, new, now.cut, now.feed[:], 1.0, memory)
 
 
-@kernel("void(boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("void(boolean, Limits, Memory)", **LOOP_TYPES)
 def known_in_air(right: bool, limits: Record, memory: Record) -> None:
     """Take what was told for a kind of cut that is known, once the sensor has shown in air that its zero is right.
 
-    Args:
-        right: It shows next to nothing where nothing is cut.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``right``: it shows next to nothing where nothing is cut.
     """
     memory.calm_air = memory.calm_air + 1 if right and memory.calm_told == 1 else 0
     if memory.calm_air >= limits.step_back:
@@ -168,7 +166,7 @@ def known_in_air(right: bool, limits: Record, memory: Record) -> None:
         memory.calm_told = memory.calm_air = 0
 
 
-@kernel("boolean(float64[::1], Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+@kernel("boolean(float64[::1], Limits, Memory, Kind)", **LOOP_TYPES)
 def _period_ends(feed: Float, limits: Record, memory: Record, now: Record) -> bool:
     """Take the newest sample into the running period; whether that ends, with its means in ``now``, feed axes."""
     cut, total = now.cut, memory.calm_sum
@@ -195,7 +193,7 @@ def _period_ends(feed: Float, limits: Record, memory: Record, now: Record) -> bo
     return True
 
 
-@kernel("boolean(Memory, Kind)", Memory=MEMORY, Kind=CUT_KIND)
+@kernel("boolean(Memory, Kind)", **LOOP_TYPES)
 def _is_calm(memory: Record, now: Record) -> bool:
     """Whether plan, speed and residual have stayed over two periods."""
     cut, last = now.cut, memory.calm_last
@@ -212,7 +210,7 @@ def _is_calm(memory: Record, now: Record) -> bool:
     return True
 
 
-@kernel("float64(Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+@kernel("float64(Limits, Memory, Kind)", **LOOP_TYPES)
 def _expect(limits: Record, memory: Record, now: Record) -> float:
     """Write into ``cut_before`` what such cuts have shown; by how much the residual may differ from it, N."""
     before, load = memory.cut_before, size(now.cut.planned[:])
@@ -229,18 +227,14 @@ def _expect(limits: Record, memory: Record, now: Record) -> float:
     return float(largest)
 
 
-@kernel("boolean(float64[::1], Limits, Memory, Kind)", Limits=LIMITS, Memory=MEMORY, Kind=CUT_KIND)
+@kernel("boolean(float64[::1], Limits, Memory, Kind)", **LOOP_TYPES)
 def off_in_calm(feed: Float, limits: Record, memory: Record, now: Record) -> bool:
     """Take the newest sample; whether the force has been off for two calm periods.
 
     Then ``calm_told`` is 1 until such a period is not off, or a way in air tells (:func:`known_in_air`), and
     ``cut_before`` holds what goes on in its place: the residual, planned force and way of its kind.
 
-    Args:
-        feed: (9,) rows: unit vectors along the feed, across it, along the tool, part axes.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        now: Work space.
+    ``feed``: (9,) rows: unit vectors along the feed, across it, along the tool, part axes.
     """
     if not _period_ends(feed, limits, memory, now) or not _is_calm(memory, now):
         return False

@@ -9,8 +9,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.estimator.idle_torque import less_force
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.doubts import CUT, LIMITS, MEMORY, STEP_MOST
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.doubts import STEP_MOST
 
 STANDS_M: Final = 4e-6
 """Way over the cycles in which the speed is taken, below which the program stands."""
@@ -33,7 +33,7 @@ def size(a: Float) -> float:
     return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
-@kernel("boolean(float64[::1], float64[::1], Limits, float64)", Limits=LIMITS)
+@kernel("boolean(float64[::1], float64[::1], Limits, float64)", **LOOP_TYPES)
 def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bool:
     """Whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
     x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
@@ -41,15 +41,11 @@ def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bo
     return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
 
 
-@kernel("boolean(Cut, float64[::1], Limits, Memory)", Cut=CUT, Limits=LIMITS, Memory=MEMORY)
+@kernel("boolean(Cut, float64[::1], Limits, Memory)", **LOOP_TYPES)
 def zero_is_right(mean: Record, planned: Float, limits: Record, memory: Record) -> bool:
     """Whether the sensor shows next to nothing where nothing is cut: in air, or at rest.
 
-    Args:
-        mean: Of a few samples.
-        planned: (3,) force now, N.
-        limits: Of the tests.
-        memory: Of the tests.
+    ``planned``: (3,) force now, N.
     """
     stands, residual = mean.way <= STANDS_M, mean.residual[:]
     if not stands and (memory.plan_change >= limits.idle_n or size(planned) >= _NOTHING_N):
@@ -58,13 +54,13 @@ def zero_is_right(mean: Record, planned: Float, limits: Record, memory: Record) 
     return bool(x * x + y * y + z * z < limits.idle_n**2)
 
 
-@kernel("int64(Memory, int64)", Memory=MEMORY)
+@kernel("int64(Memory, int64)", **LOOP_TYPES)
 def sample_at(memory: Record, back: int) -> int:
     """Row of the sample that was taken so many samples before the newest."""
     return int((memory.sample_row - 1 - back + 2 * STEP_MOST) % STEP_MOST)
 
 
-@kernel("void(Cut)", Cut=CUT)
+@kernel("void(Cut)", **LOOP_TYPES)
 def clear_cut(out: Record) -> None:
     """Zero."""
     for k in range(6):
@@ -74,7 +70,7 @@ def clear_cut(out: Record) -> None:
     out.way = 0.0
 
 
-@kernel("void(Cut, Cut)", Cut=CUT)
+@kernel("void(Cut, Cut)", **LOOP_TYPES)
 def add_cut(cut: Record, out: Record) -> None:
     """``out += cut``."""
     for k in range(6):
@@ -84,7 +80,7 @@ def add_cut(cut: Record, out: Record) -> None:
     out.way += cut.way
 
 
-@kernel("void(Cut, int64)", Cut=CUT)
+@kernel("void(Cut, int64)", **LOOP_TYPES)
 def divide_cut(out: Record, by: int) -> None:
     """``out /= by``."""
     for k in range(6):
@@ -94,7 +90,7 @@ def divide_cut(out: Record, by: int) -> None:
     out.way /= by
 
 
-@kernel("void(Cut, Cut)", Cut=CUT)
+@kernel("void(Cut, Cut)", **LOOP_TYPES)
 def copy_cut(cut: Record, out: Record) -> None:
     """``out = cut``."""
     for k in range(6):
@@ -104,7 +100,7 @@ def copy_cut(cut: Record, out: Record) -> None:
     out.way = cut.way
 
 
-@kernel("void(Memory, int64, int64, Cut)", Memory=MEMORY, Cut=CUT)
+@kernel("void(Memory, int64, int64, Cut)", **LOOP_TYPES)
 def mean_cut(memory: Record, back: int, count: int, out: Record) -> None:
     """Mean residual, planned force and way of so many samples.
 
@@ -120,7 +116,7 @@ def mean_cut(memory: Record, back: int, count: int, out: Record) -> None:
     divide_cut(out, count)
 
 
-@kernel("void(Memory, int64, int64, float64[::1])", Memory=MEMORY)
+@kernel("void(Memory, int64, int64, float64[::1])", **LOOP_TYPES)
 def mean_torque(memory: Record, back: int, count: int, out: Float) -> None:
     """Mean torque of the axes, (6,) written, of so many samples; as :func:`mean_cut`."""
     for k in range(6):
@@ -133,7 +129,7 @@ def mean_torque(memory: Record, back: int, count: int, out: Float) -> None:
         out[k] /= count
 
 
-@kernel("float64(Memory, int64, int64)", Memory=MEMORY)
+@kernel("float64(Memory, int64, int64)", **LOOP_TYPES)
 def mean_ringing(memory: Record, back: int, count: int) -> float:
     """Mean of how the residual rang in so many samples; as :func:`mean_cut`."""
     total = 0.0
@@ -142,24 +138,14 @@ def mean_ringing(memory: Record, back: int, count: int) -> float:
     return total / count
 
 
-@kernel(
-    "int64(float64[::1], float64[::1], int64, Settings, Limits, Memory)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Settings=SETTINGS,
-)
+@kernel("int64(float64[::1], float64[::1], int64, Settings, Limits, Memory)", **LOOP_TYPES)
 def by_currents(change: Float, jac: Float, first: int, settings: Record, limits: Record, memory: Record) -> int:
     """What the torque of the axes says of a change of the force: 1 the process, -1 the sensor, 0 nothing.
 
     The share of ``J^T dw`` that is found in the change of the torques, by least squares.
 
-    Args:
-        change: (6,) N, N m, part axes.
-        jac: (36,) Jacobian of the TCP, base axes.
-        first: Samples since the change.
-        settings: Of the loop.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``change``: (6,) N, N m, part axes; ``jac``: (36,) Jacobian of the TCP, base axes; ``first``: samples since the
+    change.
     """
     now, before, expected = memory.torque_now[:], memory.torque_then[:], memory.torque_expected[:]
     period = limits.step_period

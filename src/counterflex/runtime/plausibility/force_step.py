@@ -46,11 +46,8 @@ from counterflex.runtime.plausibility.force_change import (
 from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.frames import directions
 from counterflex.runtime.primitives.history import row_back
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.doubts import CUT, LIMITS, MEMORY, STEP_MOST, WORK
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.doubts import STEP_MOST
 from counterflex.runtime.state.supervisor import Cause, State
 
 SUSPECTED: Final = 1
@@ -81,7 +78,7 @@ _AGREES: Final = 0.5
 _NOTHING_N: Final = 1.0
 
 
-@kernel("Tuple((float64, float64))(Past[::1], int64, float64[::1], float64)", Past=PAST)
+@kernel("Tuple((float64, float64))(Past[::1], int64, float64[::1], float64)", **LOOP_TYPES)
 def _commanded_motion(ring: Records, here: int, nominal: Float, period: float) -> tuple[float, float]:
     """Way of the commanded point in the last cycles, m, and its acceleration over twice as many, m/s2."""
     later, earlier = row_back(here, _SPAN), row_back(here, 2 * _SPAN)
@@ -94,7 +91,7 @@ def _commanded_motion(ring: Records, here: int, nominal: Float, period: float) -
     return math.sqrt(square), math.sqrt(second) / (_SPAN * period) ** 2
 
 
-@kernel("void(Memory)", Memory=MEMORY)
+@kernel("void(Memory)", **LOOP_TYPES)
 def forget_step(memory: Record) -> None:
     """Nothing is held against the force any more, and that it comes back is no step."""
     if memory.step != 0:
@@ -102,7 +99,7 @@ def forget_step(memory: Record) -> None:
     memory.step = memory.step_since = memory.step_back = 0
 
 
-@kernel("float64(Cut, Cut)", Cut=CUT)
+@kernel("float64(Cut, Cut)", **LOOP_TYPES)
 def _uneven(now: Record, before: Record) -> float:
     """Share by which the speed has changed; 1 where the program stands."""
     most = max(now.way, before.way)
@@ -115,17 +112,12 @@ def _sample_back(place: int, samples: int) -> int:
     return (place - samples + STEP_MOST) % STEP_MOST
 
 
-@kernel("void(Given, float64, float64, State, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN, State=STATE)
+@kernel("void(Given, float64, float64, State, Limits, Memory)", **LOOP_TYPES)
 def _take(given: Record, way: float, swing_n: float, state: Record, limits: Record, memory: Record) -> None:
     """Keep a sample, and what swings on of what plan, program and force did before.
 
-    Args:
-        given: Inputs of the cycle.
-        way: Of the commanded point in a few cycles, m: its speed.
-        swing_n: Force of what hangs behind the sensor, as the program accelerates it now and it may swing on.
-        state: Of the step.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``way``: of the commanded point in a few cycles, m: its speed; ``swing_n``: force of what hangs behind the sensor,
+    as the program accelerates it now and it may swing on.
     """
     place, few = memory.sample_row, limits.step_few
     row, last = memory.samples[place], memory.samples[_sample_back(place, 1)]
@@ -158,20 +150,14 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
     row.ringing = memory.residual_change
 
 
-@kernel("float64(Cut, Cut, float64, float64, int64, Memory)", Cut=CUT, Memory=MEMORY)
+@kernel("float64(Cut, Cut, float64, float64, int64, Memory)", **LOOP_TYPES)
 def _bound(now: Record, before: Record, step_n: float, share: float, samples: int, memory: Record) -> float:
     """By how much the mean residual of so many samples may differ from an earlier one, N.
 
     ``step + |dp| + |m| dv / v + s D + 0.4 I + 0.7 C + 4 noise``: change of the planned force and of the speed between
     the two, and what swings on: of the planned force's change D, of inertia I, of the residual's own changes C before.
 
-    Args:
-        now: Means.
-        before: Likewise.
-        step_n: Smallest step.
-        share: Of a change of the planned force that swings on.
-        samples: Of the mean.
-        memory: Of the tests.
+    ``now``: means; ``step_n``: smallest step; ``share``: of a change of the planned force that swings on.
     """
     explained = distance(now.planned[:], before.planned[:])
     explained += _uneven(now, before) * memory.force_size + share * memory.plan_change
@@ -179,13 +165,7 @@ def _bound(now: Record, before: Record, step_n: float, share: float, samples: in
     return float(step_n + explained + _SIGMAS * math.sqrt(memory.noise / samples))
 
 
-@kernel(
-    "void(float64, float64[::1], Settings, float64[::1], boolean, Limits, Memory, Cut)",
-    Cut=CUT,
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Settings=SETTINGS,
-)
+@kernel("void(float64, float64[::1], Settings, float64[::1], boolean, Limits, Memory, Cut)", **LOOP_TYPES)
 def _tell(
     rang: float,
     planned: Float,
@@ -213,13 +193,7 @@ def _tell(
     memory.step_since = memory.step_back = 0
 
 
-@kernel(
-    "void(float64[::1], Settings, float64[::1], boolean, boolean, Limits, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Settings=SETTINGS,
-)
+@kernel("void(float64[::1], Settings, float64[::1], boolean, boolean, Limits, Memory, Work)", **LOOP_TYPES)
 def _judge(
     planned: Float,
     settings: Record,
@@ -232,15 +206,8 @@ def _judge(
 ) -> None:
     """Suspect, tell, or believe again, by the samples so far.
 
-    Args:
-        planned: (3,) force before the filters, N.
-        settings: Of the loop.
-        jac: (36,) Jacobian of the TCP, base axes.
-        acts: The correction may act.
-        shown: There are motor currents.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        work: Work space.
+    ``planned``: (3,) force before the filters, N; ``jac``: (36,) Jacobian of the TCP, base axes; ``shown``: there are
+    motor currents.
     """
     few, period = limits.step_few, limits.step_period
     fresh, mean, before = work.fresh, work.period_mean, memory.cut_before
@@ -291,17 +258,7 @@ def _judge(
     _tell(rang, planned, settings, jac, shown, limits, memory, mean)
 
 
-@kernel(
-    "void(Given, Settings, Plan[::1], State, Past[::1], float64[::1], float64, Limits, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Plan=PLAN,
-)
+@kernel("void(Given, Settings, Plan[::1], State, Past[::1], float64[::1], float64, Limits, Memory, Work)", **LOOP_TYPES)
 def believe_force(
     given: Record,
     settings: Record,
@@ -320,17 +277,8 @@ def believe_force(
     but ``"tell"``; s the share of the planned force that is left of what it was. Run again over its own output it
     changes nothing, so that a recorded cycle replays.
 
-    Args:
-        given: Inputs of the cycle; changed.
-        settings: Of the loop.
-        plan: (n,) PLAN.
-        state: Of the step; written.
-        ring: Past cycles.
-        jac: (36,) rigid Jacobian of the TCP in the last cycle, base axes, by rows.
-        swing_kg: Largest force at the sensor by the recent acceleration of the program.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        work: Work space.
+    ``jac``: (36,) rigid Jacobian of the TCP in the last cycle, base axes, by rows; ``swing_kg``: largest force at the
+    sensor by the recent acceleration of the program.
     """
     for k in range(6):
         state.believed[k] = given.wrench[k]

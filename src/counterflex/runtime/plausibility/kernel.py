@@ -9,7 +9,7 @@ What each can see, and what it cannot:
 - *residual*: the tracker's deviation must not grow while the correction acts (the sign test, and divergence).
 - *frame*: before arming, the tracker must see the tool where the controller says it is.
 - *return*: after a broken beam the tracker must go on where the prediction is, else it may be another reflector.
-- *direction* and *idle*: what the force shows (:mod:`counterflex.runtime.plausibility.doubts`).
+- *direction* and *idle*: what the force shows (:mod:`counterflex.runtime.plausibility.kernel`).
 - *step*: the force must not jump where neither plan nor speed do
   (:mod:`counterflex.runtime.plausibility.force_step`), and in a calm cut it must be off the plan as it was in such
   cuts before (:mod:`counterflex.runtime.plausibility.calm_cuts`).
@@ -23,7 +23,59 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.doubts import LIMITS, MEMORY
+from counterflex.runtime.plausibility.force_change import size
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+
+# What measured and planned force say of sensor and frame: where they point, and what is left in air. Pure kernels.
+# - *direction*: while cutting, the measured force must point about where the predicted one points. It sees a sensor
+# frame that is turned or mirrored where this changes the direction of the force by more than the limit; a turn about
+# the force itself, or a factor on it, it cannot see.
+# - *idle*: where the plan cuts air, the sensor must show next to nothing.
+
+
+@kernel("boolean(float64[::1], float64[::1], boolean, Limits, Memory)", **LOOP_TYPES)
+def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Record, memory: Record) -> bool:
+    """Whether the measured force points elsewhere than the predicted one (R19, WRONG_FRAME without a tracker).
+
+    Args:
+        measured: (3,) N, filtered, part axes.
+        predicted: (3,) N through the same filters.
+        good: The measured one is fresh; else the count stands still.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+
+    Returns:
+        Whether the angle was above the limit over ``direction_cycles`` in a row in which both had a direction.
+    """
+    a, b = size(measured), size(predicted)
+    if good and min(a, b) > limits.force_n:
+        both = measured[0] * predicted[0] + measured[1] * predicted[1] + measured[2] * predicted[2]
+        memory.direction = memory.direction + 1 if both < limits.cosine * a * b else 0
+    return bool(memory.direction >= limits.direction_cycles)
+
+
+@kernel("boolean(float64[::1], boolean, float64, Limits, Memory)", **LOOP_TYPES)
+def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Record, memory: Record) -> bool:
+    """Whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, or a missing plan (R17).
+
+    Both limits grow by the share of the force that the inertia of what hangs behind the sensor explains.
+
+    Args:
+        measured: (6,) N, N m, filtered.
+        air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
+        swing_n: Force that the recent acceleration explains, N.
+        limits: Of the tests.
+        memory: Of the tests; changed.
+
+    Returns:
+        Whether it was above the limits over ``idle_cycles`` in a row.
+    """
+    moment = math.sqrt(measured[3] ** 2 + measured[4] ** 2 + measured[5] ** 2)
+    share = 1.0 + swing_n / limits.idle_n
+    bad = air and not (size(measured) <= share * limits.idle_n and moment <= share * limits.idle_nm)
+    memory.idle = memory.idle + 1 if bad else 0
+    return bool(memory.idle >= limits.idle_cycles)
+
 
 # Bits that say what is doubted.
 DOUBT_ANSWER: Final = 1
@@ -65,7 +117,7 @@ def _norm(x: Float) -> float:
     return math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
 
 
-@kernel("boolean(float64[::1], float64[::1], float64, boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("boolean(float64[::1], float64[::1], float64, boolean, Limits, Memory)", **LOOP_TYPES)
 def residual_grows(
     deviation: Float,
     in_effect: Float,
@@ -85,13 +137,8 @@ def residual_grows(
     A process under a right correction would have to grow by ``dp = -2 dc`` to look so. While an integrator of gain K
     per second follows a ramp or a sine it does for 0.2 / K s at most; ``sign_samples`` is twice that.
 
-    Args:
-        deviation: (3,) d across the feed, m, part axes: a new sample.
-        in_effect: (3,) correction in effect, as the loop computes it.
-        expected_m: Size of the deflection under the known force; 0 where none is known.
-        active: The correction acts.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``deviation``: (3,) d across the feed, m, part axes: a new sample. ``in_effect``: (3,) correction in effect, as the
+    loop computes it. ``expected_m``: size of the deflection under the known force; 0 where none is known.
 
     Returns:
         Whether it has lasted long enough to be a fault.
@@ -129,17 +176,13 @@ def residual_grows(
     return bool(wrong_sign or memory.residual >= limits.residual_cycles)
 
 
-@kernel("boolean(float64[::1], boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("boolean(float64[::1], boolean, Limits, Memory)", **LOOP_TYPES)
 def frame_is_wrong(deviation: Float, moves: bool, limits: Record, memory: Record) -> bool:
     """Whether the tracker sees the tool elsewhere than where the controller says it is (R19, before arming).
 
     A robot that moves trails its program: then a sample can only prove the frame, not disprove it.
 
-    Args:
-        deviation: (6,) measured minus commanded pose, m and rad: a new sample.
-        moves: The robot moves.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``deviation``: (6,) measured minus commanded pose, m and rad: a new sample.
 
     Returns:
         Whether the last sample that could be judged lay beyond 2 mm or 0.2 deg.
@@ -152,13 +195,13 @@ def frame_is_wrong(deviation: Float, moves: bool, limits: Record, memory: Record
     return bool(memory.frame == 1)
 
 
-@kernel("int64(Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("int64(Limits, Memory)", **LOOP_TYPES)
 def gap_cycles(limits: Record, memory: Record) -> int:
     """Cycles without a believed sample that are a gap: ``gap_cycles``, or three usual pauses where few come."""
     return int(max(limits.gap_cycles, math.ceil(3.0 * memory.pause)))
 
 
-@kernel("boolean(float64[::1], float64[::1], float64[::1], boolean, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("boolean(float64[::1], float64[::1], float64[::1], boolean, Limits, Memory)", **LOOP_TYPES)
 def return_is_believed(
     deviation: Float,
     in_effect: Float,
@@ -174,13 +217,8 @@ def return_is_believed(
     test. While nothing is corrected every sample is believed: the
     frame test judges it.
 
-    Args:
-        deviation: (3,) m, part axes: a new sample.
-        in_effect: (3,) correction in effect.
-        expected: (3,) deflection under the known force.
-        corrects: The correction acts or stands.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``deviation``: (3,) m, part axes: a new sample; ``in_effect``: (3,) correction in effect; ``expected``: (3,)
+    deflection under the known force.
     """
     if memory.unseen >= gap_cycles(limits, memory):
         memory.waiting, memory.agreed = 1, 0

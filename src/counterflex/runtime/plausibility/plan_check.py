@@ -15,9 +15,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.doubts import LIMITS, MEMORY
-from counterflex.runtime.state.memory import STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.states import Cause, State
 
 DOUBT_PLACE: Final = 65536
@@ -34,19 +32,12 @@ _OFF_PATH, _FEED = int(Cause.OFF_PATH), int(Cause.FEED_DIFFERS)
 _FORCE: Final = int(Cause.FORCE_OFF_PLAN)
 
 
-@kernel(
-    "void(State, Result, float64, float64, Limits, Memory)", State=STATE, Result=RESULT, Limits=LIMITS, Memory=MEMORY
-)
+@kernel("void(State, Result, float64, float64, Limits, Memory)", **LOOP_TYPES)
 def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, limits: Record, memory: Record) -> None:
     """Find what differs from the plan; its doubt and what is degraded go into the result, a hold into the next cycle.
 
-    Args:
-        state: Of the step.
-        result: Of the step and the tests; written.
-        feed: Speed along the path by the one that is asked for.
-        ratio: Measured by predicted force; 0 where that is too small to be judged.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``result``: of the step and the tests; written. ``feed``: speed along the path by the one that is asked for.
+    ``ratio``: measured by predicted force; 0 where that is too small to be judged.
     """
     acts = _ARMED < state.supervisor.state < _FAULT
     if not acts:

@@ -34,9 +34,8 @@ from counterflex.runtime.plausibility.kernel import (
     gap_cycles,
 )
 from counterflex.runtime.primitives.history import row_at, row_back
-from counterflex.runtime.state.doubts import LIMITS, MEMORY
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.state.supervisor import Cause
 
 LEAST_SIGMA_M: Final = 20e-6
@@ -58,7 +57,7 @@ _LONGEST = 0.9 * PAST_ROWS
 _LOOK_BACK = (12, 40, 75)
 
 
-@kernel("float64(Past[::1], int64, float64[::1])", Past=PAST)
+@kernel("float64(Past[::1], int64, float64[::1])", **LOOP_TYPES)
 def _turned(ring: Records, here: int, v: Float) -> float:
     """Largest change of the commanded motion, m per cycle, against what it was up to 0.3 s ago."""
     most = 0.0
@@ -72,26 +71,13 @@ def _turned(ring: Records, here: int, v: Float) -> float:
     return math.sqrt(most)
 
 
-@kernel(
-    "boolean(Given, Past[::1], int64, float64, Limits, State, float64[::1])",
-    Limits=LIMITS,
-    Given=GIVEN,
-    Past=PAST,
-    State=STATE,
-)
+@kernel("boolean(Given, Past[::1], int64, float64, Limits, State, float64[::1])", **LOOP_TYPES)
 def stamped_pose(
     given: Record, ring: Records, here: int, earlier_s: float, limits: Record, state: Record, out: Float
 ) -> bool:
     """Commanded pose at the time of a sample, or earlier by what the robot trails its program.
 
-    Args:
-        given: Inputs of the cycle.
-        ring: Past cycles.
-        here: Its next row.
-        earlier_s: How much earlier.
-        limits: Of the tests.
-        state: Of the step; written.
-        out: (12,) written.
+    ``earlier_s``: how much earlier; ``out``: (12,) written.
 
     Returns:
         False where that is longer ago than the loop remembers.
@@ -100,7 +86,7 @@ def stamped_pose(
     return pose_at(given, ring, here, (late + earlier_s) / limits.period, state, out)
 
 
-@kernel("boolean(Given, Past[::1], int64, float64, State, float64[::1])", Given=GIVEN, Past=PAST, State=STATE)
+@kernel("boolean(Given, Past[::1], int64, float64, State, float64[::1])", **LOOP_TYPES)
 def pose_at(given: Record, ring: Records, here: int, ago: float, state: Record, out: Float) -> bool:
     """Commanded pose some cycles of the controller ago; between two telegrams as if it had gone on evenly.
 
@@ -137,7 +123,7 @@ def pose_at(given: Record, ring: Records, here: int, ago: float, state: Record, 
     return True
 
 
-@kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
+@kernel("boolean(Given, float64[::1], Memory)", **LOOP_TYPES)
 def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
     """Return whether the samples stay within their noise although the program has moved the tool by many times as much.
 
@@ -165,22 +151,16 @@ def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
     return False
 
 
-@kernel("void(Given, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN)
+@kernel("void(Given, Limits, Memory)", **LOOP_TYPES)
 def watch_session(given: Record, limits: Record, memory: Record) -> None:
-    """Hold nothing against the commanded pose of another session: between the two the robot may have been moved.
-
-    Args:
-        given: Inputs of the cycle.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-    """
+    """Hold nothing against the commanded pose of another session: between the two the robot may have been moved."""
     if given.hard == _SESSION:
         memory.anchor[6] = -float(limits.settle_cycles)
     elif memory.anchor[6] < 0.0:
         memory.anchor[6] += 1.0
 
 
-@kernel("boolean(Given, float64[::1], Memory)", Memory=MEMORY, Given=GIVEN)
+@kernel("boolean(Given, float64[::1], Memory)", **LOOP_TYPES)
 def _repeats(given: Record, stands: Float, memory: Record) -> bool:
     """Whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise.
 
@@ -205,11 +185,7 @@ def _repeats(given: Record, stands: Float, memory: Record) -> bool:
 @kernel(
     "int64(Given, float64[::1], boolean, State, Past[::1], int64, boolean, float64[::1], float64[::1], Limits, Memory,"
     " float64[::1])",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Given=GIVEN,
-    State=STATE,
-    Past=PAST,
+    **LOOP_TYPES,
 )
 def sample_doubt(
     given: Record,
@@ -297,9 +273,7 @@ def sample_doubt(
     return 0 if across <= bound and along <= bound + 2.0 * speed * (dt + 1.0) else DOUBT_JUMP
 
 
-@kernel(
-    "void(int64, Given, float64[::1], State, Limits, Memory)", Limits=LIMITS, Memory=MEMORY, Given=GIVEN, State=STATE
-)
+@kernel("void(int64, Given, float64[::1], State, Limits, Memory)", **LOOP_TYPES)
 def count_sample(
     doubt: int,
     given: Record,
@@ -310,13 +284,7 @@ def count_sample(
 ) -> None:
     """Keep the share of the samples that were rejected, and what the next one is held against.
 
-    Args:
-        doubt: Bits of :func:`sample_doubt` and of the return after a gap; 0: believed.
-        given: Inputs of the cycle.
-        deviation: (6,) as there.
-        state: Of the step.
-        limits: Of the tests.
-        memory: Of the tests; changed.
+    ``doubt``: bits of :func:`sample_doubt` and of the return after a gap; 0: believed. ``deviation``: (6,) as there.
     """
     memory.rejected_share += ((1.0 if doubt != 0 else 0.0) - memory.rejected_share) / limits.share_samples
     if doubt != 0:
@@ -338,7 +306,7 @@ def count_sample(
         memory.turn[k] = deviation[3 + k]
 
 
-@kernel("int64(Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("int64(Limits, Memory)", **LOOP_TYPES)
 def tracker_cause(limits: Record, memory: Record) -> int:
     """Why the tracker is not to be relied on any more, or 0: silent for too long, or too many samples rejected."""
     if memory.without >= limits.silent_cycles or memory.rejected_share > limits.rejected_share:

@@ -32,11 +32,8 @@ from counterflex.runtime.plausibility.tracker_gate import (
 )
 from counterflex.runtime.primitives.frames import pose_deviation
 from counterflex.runtime.primitives.history import row_at
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.doubts import LIMITS, MEMORY, WORK
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.state.supervisor import State
 
 _FUSED, _DESIGNED = 4, 3
@@ -45,14 +42,14 @@ _TRACKER: Final = 4
 _ARMED: Final = int(State.ARMED)
 
 
-@kernel("boolean(Given, Settings)", Given=GIVEN, Settings=SETTINGS)
+@kernel("boolean(Given, Settings)", **LOOP_TYPES)
 def judges(given: Record, settings: Record) -> bool:
     """Whether samples of a tracker are judged: in every tracker mode, and by the estimator where there is a tracker."""
     fused = settings.force == _FUSED and given.sources & _TRACKER != 0
     return bool(settings.tracker != 0 or fused)
 
 
-@kernel("int64(int64, Limits, Memory)", Limits=LIMITS, Memory=MEMORY)
+@kernel("int64(int64, Limits, Memory)", **LOOP_TYPES)
 def _not_seen(at_state: int, limits: Record, memory: Record) -> int:
     """A cycle without a sample of the tracker: what it is doubted for."""
     memory.unseen += 1
@@ -65,7 +62,7 @@ def _not_seen(at_state: int, limits: Record, memory: Record) -> int:
     return doubt
 
 
-@kernel("void(Memory)", Memory=MEMORY)
+@kernel("void(Memory)", **LOOP_TYPES)
 def _paused(memory: Record) -> None:
     """Learn the usual pause between two samples; one long one is mostly a gap and counts little."""
     pause = memory.pause
@@ -73,14 +70,7 @@ def _paused(memory: Record) -> None:
     memory.paused = 0
 
 
-@kernel(
-    "boolean(Given, Settings, Past[::1], int64, Limits, State, float64[::1], float64[::1])",
-    Limits=LIMITS,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    Past=PAST,
-    State=STATE,
-)
+@kernel("boolean(Given, Settings, Past[::1], int64, Limits, State, float64[::1], float64[::1])", **LOOP_TYPES)
 def known_then(
     given: Record,
     settings: Record,
@@ -93,15 +83,8 @@ def known_then(
 ) -> bool:
     """What the estimator knew at the time of a sample.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        ring: Past cycles.
-        here: Its next row.
-        limits: Of the tests.
-        state: Of the step; written.
-        pose: (12,) commanded pose that the robot followed then; written.
-        model: (6,) correction in effect, then expected deflection, m, part axes; written.
+    ``pose``: (12,) commanded pose that the robot followed then; written. ``model``: (6,) correction in effect, then
+    expected deflection, m, part axes; written.
 
     Returns:
         False where the loop does not remember it.
@@ -129,17 +112,7 @@ def known_then(
     return True
 
 
-@kernel(
-    "int64(Given, Settings, boolean, State, Past[::1], Result, Limits, Memory, Work)",
-    Limits=LIMITS,
-    Memory=MEMORY,
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Result=RESULT,
-)
+@kernel("int64(Given, Settings, boolean, State, Past[::1], Result, Limits, Memory, Work)", **LOOP_TYPES)
 def judge_sample(
     given: Record,
     settings: Record,
@@ -152,17 +125,6 @@ def judge_sample(
     work: Record,
 ) -> int:
     """Judge the sample of this cycle, or that there is none; marks it in the inputs (``tracker_new`` 2: not believed).
-
-    Args:
-        given: Inputs of the cycle; changed.
-        settings: Of the loop.
-        acts: The correction acts or stands.
-        state: Of the step; changed.
-        ring: Past cycles.
-        result: Of the step.
-        limits: Of the tests.
-        memory: Of the tests; changed.
-        work: Work space.
 
     Returns:
         Bits ``DOUBT_...``.

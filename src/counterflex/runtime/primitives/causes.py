@@ -11,7 +11,7 @@ from typing import Final
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.states import Cause
 
 _FUSED: Final = 4
@@ -27,7 +27,7 @@ def of_the_force(soft: int) -> bool:
     return soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
 
 
-@kernel("boolean(Settings, int64)", entry=True, Settings=SETTINGS)
+@kernel("boolean(Settings, int64)", entry=True, **LOOP_TYPES)
 def can_yield(settings: Record, soft: int) -> bool:
     """Whether a cause of a hold is a sensor's, and does not hold while the estimator has another source.
 
@@ -40,14 +40,11 @@ def can_yield(settings: Record, soft: int) -> bool:
     return of_the_force(soft) or (soft == _TRACKER_LOST and settings.tracker_lost_holds == 0)
 
 
-@kernel("int64(Settings, int64, int64)", Settings=SETTINGS)
+@kernel("int64(Settings, int64, int64)", **LOOP_TYPES)
 def next_cause(settings: Record, soft: int, cause: int) -> int:
     """Cause of a hold after one more check.
 
-    Args:
-        settings: Of the loop.
-        soft: Cause found before, or 0.
-        cause: Cause that this check found, or 0.
+    ``soft``: cause found before, or 0; ``cause``: cause that this check found, or 0.
     """
     if cause != 0 and (soft == 0 or can_yield(settings, soft)):
         return cause
@@ -55,9 +52,5 @@ def next_cause(settings: Record, soft: int, cause: int) -> int:
 
 
 def yielding(settings: Record) -> frozenset[int]:
-    """Return 0 and the causes that yield to a later one, for callers that are no kernels.
-
-    Args:
-        settings: Of the loop.
-    """
+    """Return 0 and the causes that yield to a later one, for callers that are no kernels."""
     return frozenset(int(cause) for cause in Cause if cause == Cause.NONE or can_yield(settings, int(cause)))

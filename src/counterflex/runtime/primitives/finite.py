@@ -7,17 +7,17 @@ import math
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.primitives.frames import all_finite
-from counterflex.runtime.state.given import GIVEN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 
-@kernel("boolean(Given)", Given=GIVEN)
+@kernel("boolean(Given)", **LOOP_TYPES)
 def is_sample(given: Record) -> bool:
     """Whether a tracker's sample, its age and its deviation are numbers."""
     known = math.isfinite(given.tracker_late) and math.isfinite(given.tracker_sigma)
     return known and all_finite(given.actual[:])
 
 
-@kernel("boolean(Given)", Given=GIVEN)
+@kernel("boolean(Given)", **LOOP_TYPES)
 def is_finite(given: Record) -> bool:
     """Whether every input that is used is a number; a tracker's sample only where there is a new one."""
     finite = all_finite(given.nominal[:]) and all_finite(given.q[:]) and all_finite(given.wrench[:])

@@ -7,7 +7,29 @@ import math
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
-from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+
+MEMORY = 24
+"""Numbers of memory: for each signal the last two inputs, then the last two outputs."""
+
+
+@kernel("void(float64[::1], float64[::1], float64[::1], float64[::1])")
+def lag(x: Float, c: Float, memory: Float, out: Float) -> None:
+    """One sample: ``y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y''``.
+
+    Args:
+        x: (6,) samples.
+        c: (5,) ``b0 b1 b2 a1 a2``.
+        memory: (24,); changed.
+        out: (6,) written; may be ``x``.
+    """
+    for k in range(6):
+        m, u = 4 * k, x[k]
+        y = c[0] * u + c[1] * memory[m] + c[2] * memory[m + 1]
+        y -= c[3] * memory[m + 2] + c[4] * memory[m + 3]
+        memory[m + 1], memory[m] = memory[m], u
+        memory[m + 3], memory[m + 2] = memory[m + 2], y
+        out[k] = y
 
 
 @kernel("void(float64[::1], int64, float64[::1], int64)")
@@ -58,7 +80,7 @@ def pose_deviation(actual: Float, at: int, nominal: Float, contained: Float, out
     out[3], out[4], out[5] = scale * x + contained[3], scale * y + contained[4], scale * z + contained[5]
 
 
-@kernel("void(float64[::1], int64, Plan[::1], int64)", Plan=PLAN)
+@kernel("void(float64[::1], int64, Plan[::1], int64)", **LOOP_TYPES)
 def across(x: Float, begin: int, plan: Records, row: int) -> None:
     """Take the component along the feed out of ``x[begin:begin+3]`` (Haehn2020 eq. 10-11)."""
     feed = plan[row].direction[:]
@@ -69,7 +91,7 @@ def across(x: Float, begin: int, plan: Records, row: int) -> None:
     x[begin + 2] -= along * c
 
 
-@kernel("void(Plan[::1], int64, float64[::1], float64[::1])", Plan=PLAN)
+@kernel("void(Plan[::1], int64, float64[::1], float64[::1])", **LOOP_TYPES)
 def directions(plan: Records, row: int, nominal: Float, frame: Float) -> None:
     """Unit vectors (9,): feed, tool axis cross feed, tool axis; part axes themselves where nothing moves."""
     feed = plan[row].direction[:]

@@ -14,7 +14,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.chosen import SETTINGS
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 TO_HAND: Final = 1.0
 """Of a wrench: from the tool to the hand."""
@@ -24,14 +24,11 @@ BACK: Final = -1.0
 """The other way, of both."""
 
 
-@kernel("void(Settings, float64[::1], float64[::1])", Settings=SETTINGS)
+@kernel("void(Settings, float64[::1], float64[::1])", **LOOP_TYPES)
 def part_axes(settings: Record, nominal: Float, out: Float) -> None:
     """Rotation of the part in the base (9,) by rows: ``R_base_tcp R_part_tcp^T`` where the robot holds the part.
 
-    Args:
-        settings: Of the loop.
-        nominal: (12,) pose of the tool in the part, rotation by rows and position m.
-        out: Written.
+    ``nominal``: (12,) pose of the tool in the part, rotation by rows and position m.
     """
     R_base_tcp, R_base_part = settings.R_base_tcp[:], settings.R_base_part[:]
     for i in range(3):
@@ -42,7 +39,7 @@ def part_axes(settings: Record, nominal: Float, out: Float) -> None:
                 out[3 * i + j] = a * nominal[3 * j] + b * nominal[3 * j + 1] + c * nominal[3 * j + 2]
 
 
-@kernel("void(Settings, float64[::1], float64[::1], int64, float64)", Settings=SETTINGS, entry=True)
+@kernel("void(Settings, float64[::1], float64[::1], int64, float64)", entry=True, **LOOP_TYPES)
 def turned_load(settings: Record, nominal: Float, w: Float, at: int, way: float) -> None:
     """Wrench on the tool about its tip into that on the hand about its origin, or back: part axes, in place.
 
@@ -63,15 +60,11 @@ def turned_load(settings: Record, nominal: Float, w: Float, at: int, way: float)
     w[at], w[at + 1], w[at + 2] = -a, -b, -c
 
 
-@kernel("void(Settings, float64[::1], float64[::1], float64)", Settings=SETTINGS)
+@kernel("void(Settings, float64[::1], float64[::1], float64)", **LOOP_TYPES)
 def turned_motion(settings: Record, nominal: Float, d: Float, way: float) -> None:
     """Small motion of the hand into that of the tool relative to the part, or back: part axes, in place.
 
-    Args:
-        settings: Of the loop.
-        nominal: (12,) pose of the tool in the part.
-        d: (6,) m and rad, changed.
-        way: TO_TOOL or BACK.
+    ``nominal``: (12,) pose of the tool in the part; ``d``: (6,) m and rad, changed; ``way``: TO_TOOL or BACK.
     """
     if settings.holds_part == 0:
         return

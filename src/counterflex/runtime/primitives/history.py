@@ -7,7 +7,8 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.state.memory import PAST, PAST_ROWS
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 
 SPAN: Final = 25
 """Cycles of the loop over which a motion is looked for: 0.1 s at 4 ms."""
@@ -20,7 +21,7 @@ def row_back(here: int, cycles: int) -> int:
     return (here - cycles + PAST_ROWS) % PAST_ROWS
 
 
-@kernel("void(Past, Past, float64, Past, Past)", Past=PAST)
+@kernel("void(Past, Past, float64, Past, Past)", **LOOP_TYPES)
 def _between(earlier: Record, later: Record, u: float, near: Record, out: Record) -> None:
     """Numbers between two cycles, at ``u`` 0..1 on the way; rotations and directions of the nearer one."""
     v = 1.0 - u
@@ -41,18 +42,14 @@ def _between(earlier: Record, later: Record, u: float, near: Record, out: Record
     out.swing = v * earlier.swing + u * later.swing
 
 
-@kernel("boolean(Past[::1], int64, float64, Past)", Past=PAST)
+@kernel("boolean(Past[::1], int64, float64, Past)", **LOOP_TYPES)
 def row_at(ring: Records, newest: int, clock: float, out: Record) -> bool:
     """Row of the ring at an instant.
 
     Positions, corrections and deflections between two cycles are linear; rotations and directions are those of the
     nearer one.
 
-    Args:
-        ring: Past cycles.
-        newest: Row written last.
-        clock: Instant in cycles of the controller, as in ``clock``.
-        out: Written.
+    ``newest``: Row written last; ``clock``: instant in cycles of the controller, as in ``clock``.
 
     Returns:
         False where the instant is before the oldest row, or after the newest by more than a cycle; then ``out`` is not
@@ -76,7 +73,7 @@ def row_at(ring: Records, newest: int, clock: float, out: Record) -> bool:
     return False
 
 
-@kernel("boolean(Past[::1], int64, float64[::1])", Past=PAST)
+@kernel("boolean(Past[::1], int64, float64[::1])", **LOOP_TYPES)
 def moves(ring: Records, here: int, nominal: Float) -> bool:
     """Whether the program goes on, and did two spans ago: only then does the force say something of the plan's.
 
@@ -97,7 +94,7 @@ def moves(ring: Records, here: int, nominal: Float) -> bool:
     return min(now, before) > STANDS_M * STANDS_M
 
 
-@kernel("boolean(Past[::1], int64, float64[::1])", Past=PAST)
+@kernel("boolean(Past[::1], int64, float64[::1])", **LOOP_TYPES)
 def stands(ring: Records, here: int, nominal: Float) -> bool:
     """Whether the program stands: the commanded point has not moved by more than STANDS_M within SPAN cycles.
 

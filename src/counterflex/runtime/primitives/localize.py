@@ -11,7 +11,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
-from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 SEGMENTS_BACK: Final = 2
 """Segments behind the last place that are looked at."""
@@ -30,7 +30,7 @@ SEEK_ROWS: Final = 400
 """Segments that one call of :func:`seek` looks at: about 10 us."""
 
 
-@kernel("Tuple((float64, float64))(Plan[::1], int64, float64, float64, float64)", Plan=PLAN)
+@kernel("Tuple((float64, float64))(Plan[::1], int64, float64, float64, float64)", **LOOP_TYPES)
 def _on_segment(plan: Records, row: int, x: float, y: float, z: float) -> tuple[float, float]:
     """Squared distance of a point from segment ``row`` -> ``row + 1``, and the place 0..1 of its foot."""
     a, b = plan[row], plan[row + 1]
@@ -45,7 +45,7 @@ def _on_segment(plan: Records, row: int, x: float, y: float, z: float) -> tuple[
     return ex * ex + ey * ey + ez * ez, u
 
 
-@kernel("float64(Plan[::1], float64[::1], float64, float64, float64, int64)", Plan=PLAN, entry=True)
+@kernel("float64(Plan[::1], float64[::1], float64, float64, float64, int64)", entry=True, **LOOP_TYPES)
 def follow(plan: Records, place: Float, x: float, y: float, z: float, window: int) -> float:
     """Bring the place on the path up to date.
 
@@ -93,7 +93,7 @@ def follow(plan: Records, place: Float, x: float, y: float, z: float, window: in
     return math.sqrt(best)
 
 
-@kernel("void(Plan[::1], float64[::1], float64[::1], float64, float64, float64)", Plan=PLAN)
+@kernel("void(Plan[::1], float64[::1], float64[::1], float64, float64, float64)", **LOOP_TYPES)
 def seek(plan: Records, place: Float, sweep: Float, x: float, y: float, z: float) -> None:
     """Go on looking for the place on the whole path, some segments in a call, while the robot is not on its way yet.
 
@@ -102,13 +102,8 @@ def seek(plan: Records, place: Float, sweep: Float, x: float, y: float, z: float
     because its feed is held, keeps its place on a path that passes there more than once; only from the end of a closed
     path it goes to the beginning.
 
-    Args:
-        plan: (n,) PLAN, n >= 2.
-        place: (2,) as for :func:`follow`; changed when a sweep is over.
-        sweep: (4,) next row, least distance so far, its row and fraction; changed. Zeros begin.
-        x: Commanded position, part frame, m.
-        y: Likewise.
-        z: Likewise.
+    ``place``: (2,) as for :func:`follow`; changed when a sweep is over. ``sweep``: (4,) next row, least distance so
+    far, its row and fraction; changed. Zeros begin. ``x``: commanded position, part frame, m.
     """
     last = plan.shape[0] - 2
     begin = int(sweep[0])
@@ -131,7 +126,7 @@ def seek(plan: Records, place: Float, sweep: Float, x: float, y: float, z: float
         place[0], place[1] = sweep[2], at
 
 
-@kernel("float64(Plan[::1], float64[::1], float64, boolean, float64[::1])", Plan=PLAN)
+@kernel("float64(Plan[::1], float64[::1], float64, boolean, float64[::1])", **LOOP_TYPES)
 def wrench_at(plan: Records, place: Float, lead_s: float, ahead: bool, w: Float) -> float:
     """Predicted wrench some time after, or before, the present place.
 
@@ -164,7 +159,7 @@ def wrench_at(plan: Records, place: Float, lead_s: float, ahead: bool, w: Float)
     return float(there.cut)
 
 
-@kernel("void(Plan[::1], float64[::1], float64[::1])", Plan=PLAN)
+@kernel("void(Plan[::1], float64[::1], float64[::1])", **LOOP_TYPES)
 def contained_at(plan: Records, place: Float, c: Float) -> None:
     """Correction that the program contains at the present place, (6,) written."""
     i, u = int(place[0]), place[1]

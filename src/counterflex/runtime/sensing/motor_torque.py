@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.elasticity.kernels.gravity import weight_torque
+from counterflex.robot.elasticity.kernels.batch import weight_torque
 from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 
 

@@ -106,11 +106,7 @@ def _agree(c: Record, p: Record) -> bool:
 def pair_step(c: Record, p: Record, dt: float, fresh: int) -> bool:
     """One cycle.
 
-    Args:
-        c: Constants.
-        p: Changed.
-        dt: s since the last one.
-        fresh: Bits of the sensors whose reading is new.
+    ``p``: changed; ``dt``: s since the last one; ``fresh``: bits of the sensors whose reading is new.
 
     Returns:
         Whether the readings were taken.

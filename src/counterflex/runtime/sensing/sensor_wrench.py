@@ -135,10 +135,7 @@ def sensor_wrench(tables: Records, q: Float, w_sensor: Float, time_s: float, tem
 def carried_sensor(chain: ElasticChain, sensor: FlangeSensor, T_base_part: Float | None) -> Records:
     """(1,) CARRIED of a sensor in the chain of a cell.
 
-    Args:
-        chain: Elastic chain of the cell.
-        sensor: Identified constants.
-        T_base_part: (4, 4) part frame; None where the robot holds the part.
+    ``sensor``: identified constants. ``T_base_part``: (4, 4) part frame; None where the robot holds the part.
 
     Raises:
         InputError: The sensor's body is not there, or lies before the last axis.

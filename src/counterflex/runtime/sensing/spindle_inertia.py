@@ -21,7 +21,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record, records
 from counterflex.geometry import pose
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.runtime.primitives.lag_filters import MEMORY, lag
+from counterflex.runtime.primitives.frames import MEMORY, lag
 from counterflex.sensing.carrier import carrier_to_tcp
 from counterflex.sensing.flange_sensor import FlangeSensor, tensor
 from counterflex.signals.filters import Smoothing

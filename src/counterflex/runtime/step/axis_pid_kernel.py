@@ -17,18 +17,11 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record
-from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.robot.elasticity.kernels.step import DAMPED, REFUSED, cholesky_inverse, newton_step
-from counterflex.runtime.primitives.frames import across, pose_deviation, turn, turn_back
+from counterflex.runtime.primitives.frames import across, lag, pose_deviation, turn, turn_back
 from counterflex.runtime.primitives.hand import BACK, turned_motion
 from counterflex.runtime.primitives.history import row_back
-from counterflex.runtime.primitives.lag_filters import lag
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.planned import PLAN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause, State, risen
 
 ASKED_MOST: Final = 64
@@ -58,13 +51,7 @@ _ACTIVE, _HOLD, _FAULT = int(State.ACTIVE), int(State.HOLD), int(State.FAULT)
 _NOT_FINITE = int(Cause.NOT_FINITE)
 
 
-@kernel(
-    "void(Given, Settings, Work, Cycle, float64[::1], float64[::1])",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    Work=WORK,
-    Cycle=CYCLE,
-)
+@kernel("void(Given, Settings, ElasticWork, Cycle, float64[::1], float64[::1])", **LOOP_TYPES)
 def to_axes(given: Record, settings: Record, work: Record, cycle: Record, motion: Float, axes: Float) -> None:
     """A small motion of the tool as change of the axis angles: one Newton step with the rigid Jacobian, undamped.
 
@@ -87,7 +74,7 @@ def to_axes(given: Record, settings: Record, work: Record, cycle: Record, motion
     cycle.elastic |= newton_step(work.jacobian[:], work.inverse[:], error, work.half[:], axes)
 
 
-@kernel("void(Settings, Pid, PidState, float64[::1])", Settings=SETTINGS, Pid=PID, PidState=PID_STATE)
+@kernel("void(Settings, Pid, PidState, float64[::1])", Pid=PID, PidState=PID_STATE, **LOOP_TYPES)
 def _answered(settings: Record, pid: Record, memory: Record, requested: Float) -> None:
     """What the robot should have made of the angles wanted by now: dead time, then its second-order lag, in place."""
     here = memory.row
@@ -104,10 +91,7 @@ def _answered(settings: Record, pid: Record, memory: Record, requested: Float) -
 def pid_step(pid: Record, memory: Record, summing: bool) -> None:
     """One sample of all axes; ``wanted`` and ``seen`` are read, ``added`` is written.
 
-    Args:
-        pid: Constants.
-        memory: Changed.
-        summing: Whether the sum goes on.
+    ``summing``: whether the sum goes on.
     """
     for k in range(6):
         e = memory.wanted[k] - memory.seen[k]
@@ -123,17 +107,10 @@ def pid_step(pid: Record, memory: Record, summing: bool) -> None:
 
 
 @kernel(
-    "void(Given, Settings, State, Past[::1], Plan[::1], Work, Cycle, Result, Pid[::1], PidState[::1])",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Plan=PLAN,
-    Work=WORK,
-    Cycle=CYCLE,
-    Result=RESULT,
+    "void(Given, Settings, State, Past[::1], Plan[::1], ElasticWork, Cycle, Result, Pid[::1], PidState[::1])",
     Pid=PID,
     PidState=PID_STATE,
+    **LOOP_TYPES,
 )
 def control_axes(
     given: Record,
@@ -149,17 +126,8 @@ def control_axes(
 ) -> None:
     """Add to the wanted correction what the controllers of the axes ask for; nothing where there are none.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step.
-        ring: Past cycles.
-        plan: (n,) PLAN.
-        work: Of the elastic step.
-        cycle: Work space.
-        result: Of the last cycle, with the wanted correction of this one; that is changed.
-        pids: (1,) PID, or none.
-        memories: (1,) PID_STATE; changed.
+    ``result``: of the last cycle, with the wanted correction of this one; that is changed. ``pids``: (1,) PID, or none.
+    ``memories``: (1,) PID_STATE; changed.
     """
     if pids.shape[0] == 0 or cycle.hard == _NOT_FINITE or cycle.elastic & REFUSED:
         return
@@ -187,7 +155,7 @@ def control_axes(
     _add(memory.added[:], work.jacobian[:], cycle, result.wanted[:])
 
 
-@kernel("void(float64[::1], float64[::1], Cycle, float64[::1])", Cycle=CYCLE)
+@kernel("void(float64[::1], float64[::1], Cycle, float64[::1])", **LOOP_TYPES)
 def _add(axes: Float, jac: Float, cycle: Record, requested: Float) -> None:
     """Add the motion of the tool by a change of the axis angles to a correction, part axes."""
     motion, R = cycle.vector[:], cycle.R_base_part[:]

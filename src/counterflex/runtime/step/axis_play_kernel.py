@@ -15,8 +15,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record
 from counterflex.runtime.primitives.frames import all_finite
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import State
 
 PLAY: Final = record(
@@ -63,14 +62,7 @@ def compensate_play(plays: Records, memory: Records, q: Float, added: Float, beg
             m.added += min(max(requested - m.added, -p.step), p.step)
 
 
-@kernel(
-    "void(Given, Result, Play[::1], Played[::1], int64[::1])",
-    Given=GIVEN,
-    Result=RESULT,
-    Play=PLAY,
-    Played=PLAYED,
-    entry=True,
-)
+@kernel("void(Given, Result, Play[::1], Played[::1], int64[::1])", Play=PLAY, Played=PLAYED, entry=True, **LOOP_TYPES)
 def play_after(given: Record, result: Record, plays: Records, memory: Records, begun: Int) -> None:
     """After the step of a cycle: add to its axis correction; where an input is no number, what was added stays.
 

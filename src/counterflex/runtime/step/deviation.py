@@ -10,12 +10,7 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.estimator.deflection import answered, estimate_deviation
 from counterflex.runtime.primitives.frames import across, pose_deviation, size_of
 from counterflex.runtime.primitives.history import row_at, row_back
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.planned import PLAN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.feed_forward import known_ahead
 from counterflex.runtime.step.load import FUSED
@@ -26,7 +21,7 @@ INTEGRATOR, OBSERVER, DESIGNED = 1, 2, 3
 _TRACKER_LOST, _NOT_FINITE = int(Cause.TRACKER_LOST), int(Cause.NOT_FINITE)
 
 
-@kernel("void(Given, Settings, Plan[::1], float64[::1], Cycle)", Given=GIVEN, Settings=SETTINGS, Cycle=CYCLE, Plan=PLAN)
+@kernel("void(Given, Settings, Plan[::1], float64[::1], Cycle)", **LOOP_TYPES)
 def _deviate(given: Record, settings: Record, plan: Records, nominal: Float, cycle: Record) -> None:
     """Deviation of the measured pose from the commanded one that it belongs to."""
     pose_deviation(given.actual[:], 0, nominal, cycle.contained[:], cycle.deviation[:])
@@ -34,15 +29,7 @@ def _deviate(given: Record, settings: Record, plan: Records, nominal: Float, cyc
         across(cycle.deviation[:], 0, plan, cycle.row)
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Plan[::1], Cycle)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Plan=PLAN,
-)
+@kernel("void(Given, Settings, State, Past[::1], Plan[::1], Cycle)", **LOOP_TYPES)
 def _designed_stage(
     given: Record, settings: Record, state: Record, ring: Records, plan: Records, cycle: Record
 ) -> None:
@@ -70,15 +57,7 @@ def _designed_stage(
         cycle.soft = _TRACKER_LOST
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Plan[::1], Cycle)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Plan=PLAN,
-)
+@kernel("void(Given, Settings, State, Past[::1], Plan[::1], Cycle)", **LOOP_TYPES)
 def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Records, cycle: Record) -> None:
     """Published integrator and observer: the sample by the pose that belongs to it by the delays of the cell."""
     here = state.ring_row
@@ -101,16 +80,7 @@ def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records
         cycle.soft = _TRACKER_LOST
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Plan[::1], float64[::1], Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-    Plan=PLAN,
-)
+@kernel("void(Given, Settings, State, Past[::1], Plan[::1], float64[::1], Cycle, Result)", **LOOP_TYPES)
 def find_deviation(
     given: Record,
     settings: Record,
@@ -123,15 +93,7 @@ def find_deviation(
 ) -> None:
     """Deviation that the tracker shows, and what it changes.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step; changed.
-        ring: Past cycles; changed.
-        plan: (n,) PLAN.
-        C: (36,) compliance of the arm at the tip, base axes.
-        cycle: Deviation and cause are written.
-        result: Written.
+    ``C``: (36,) compliance of the arm at the tip, base axes.
     """
     finite, fused = cycle.hard != _NOT_FINITE, settings.force == FUSED
     if fused:

@@ -1,7 +1,7 @@
 """Corrections known ahead of any measurement: for the lag behind the program, and for play where axes turn round.
 
 The lag is undone by a filter on speed and acceleration of the program, see
-:mod:`counterflex.runtime.design.feed_forward`. Both come from the commanded poses of the last telegrams, so they hold
+:mod:`counterflex.runtime.design.tracker`. Both come from the commanded poses of the last telegrams, so they hold
 at any override.
 """
 
@@ -15,19 +15,13 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import across, pose_deviation
 from counterflex.runtime.primitives.history import row_at
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 SPAN: Final = 2
 """Cycles over which a rate is taken; two of them lie behind an acceleration."""
 
 
-@kernel(
-    "boolean(Past[::1], float64[::1], float64, State, float64[::1], float64[::1])",
-    Past=PAST,
-    State=STATE,
-)
+@kernel("boolean(Past[::1], float64[::1], float64, State, float64[::1], float64[::1])", **LOOP_TYPES)
 def rates(ring: Records, nominal: Float, period: float, state: Record, zero: Float, work: Float) -> bool:
     """Speed and acceleration of the commanded pose now, from differences over :data:`SPAN` cycles of the controller.
 
@@ -69,7 +63,7 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
     Args:
         rate: (6,) m/s, rad/s.
         second: (6,) m/s2, rad/s2.
-        filter_: (8,) of :func:`counterflex.runtime.design.feed_forward.lag_filter`.
+        filter_: (8,) of :func:`counterflex.runtime.design.tracker.lag_filter`.
         largest: Largest translation, m.
         memory: (12,) of the filter; changed.
         out: (6,) m, rad.
@@ -92,14 +86,11 @@ def lag_correction(rate: Float, second: Float, filter_: Float, largest: float, m
     return share
 
 
-@kernel("void(Plan[::1], float64[::1], float64[::1])", Plan=PLAN)
+@kernel("void(Plan[::1], float64[::1], float64[::1])", **LOOP_TYPES)
 def add_play_compensation(plan: Records, place: Float, out: Float) -> None:
     """Correction of the plan that undoes play, (3,) m, part axes, added to ``out``.
 
-    Args:
-        plan: (n,) PLAN.
-        place: (2,) of :func:`counterflex.runtime.primitives.localize.follow`.
-        out: (3,) at least.
+    ``place``: (2,) of :func:`counterflex.runtime.primitives.localize.follow`; ``out``: (3,) at least.
     """
     i, u = int(place[0]), place[1]
     first, last = plan[i].play[:], plan[i + 1].play[:]
@@ -108,11 +99,7 @@ def add_play_compensation(plan: Records, place: Float, out: Float) -> None:
 
 
 @kernel(
-    "float64(Plan[::1], Past[::1], float64[::1], Settings, boolean, State, float64[::1], float64[::1])",
-    Past=PAST,
-    Settings=SETTINGS,
-    State=STATE,
-    Plan=PLAN,
+    "float64(Plan[::1], Past[::1], float64[::1], Settings, boolean, State, float64[::1], float64[::1])", **LOOP_TYPES
 )
 def known_ahead(
     plan: Records,
@@ -126,15 +113,7 @@ def known_ahead(
 ) -> float:
     """Correction known ahead of any measurement, written into the state: lag behind the program, then play.
 
-    Args:
-        plan: (n,) PLAN.
-        ring: Past cycles, this one's pose and clock written.
-        nominal: (12,) commanded pose now.
-        settings: Of the loop.
-        planned: The place on the plan is known.
-        state: Of the step; rates and what is known ahead are written.
-        work: (12,) work space.
-        zero: (6,) zeros.
+    ``nominal``: (12,) commanded pose now; ``work``: (12,) work space; ``zero``: (6,) zeros.
 
     Returns:
         Share of the lag that could be undone, see :func:`lag_correction`.

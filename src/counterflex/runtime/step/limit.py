@@ -6,16 +6,12 @@ import math
 
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.robot.elasticity.kernels.step import REFUSED
 from counterflex.runtime.estimator.deflection import answered
 from counterflex.runtime.primitives.frames import shorten
 from counterflex.runtime.primitives.history import row_back
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, PAST_ROWS, STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
+from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.axis_pid_kernel import to_axes
 from counterflex.signals.limiter import limited_step
@@ -26,13 +22,7 @@ _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT
 _NOT_FINITE = int(Cause.NOT_FINITE)
 
 
-@kernel(
-    "int64(float64, Settings, State, Cycle, Result)",
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("int64(float64, Settings, State, Cycle, Result)", **LOOP_TYPES)
 def limit(share: float, settings: Record, state: Record, cycle: Record, result: Record) -> int:
     """Move the correction towards what is wanted, as far as state and limits allow.
 
@@ -82,26 +72,9 @@ def limit(share: float, settings: Record, state: Record, cycle: Record, result: 
     return limits
 
 
-@kernel(
-    "void(Given, Settings, State, Past[::1], Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, Past[::1], Cycle, Result)", **LOOP_TYPES)
 def remember(given: Record, settings: Record, state: Record, ring: Records, cycle: Record, result: Record) -> None:
-    """Write the cycle into the ring of the last ones, and compute what the robot makes of the correction.
-
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step; changed.
-        ring: Past cycles; changed.
-        cycle: With the cause of a fault.
-        result: With the deflection.
-    """
+    """Write the cycle into the ring of the last ones, and compute what the robot makes of the correction."""
     here = state.ring_row
     now = ring[here]
     if cycle.hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
@@ -120,27 +93,14 @@ def remember(given: Record, settings: Record, state: Record, ring: Records, cycl
     state.ring_row = (here + 1) % PAST_ROWS
 
 
-@kernel(
-    "void(Given, Settings, State, Work, Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Work=WORK,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, ElasticWork, Cycle, Result)", **LOOP_TYPES)
 def as_axes(given: Record, settings: Record, state: Record, work: Record, cycle: Record, result: Record) -> None:
     """The correction as change of the axis angles: one Newton step with the rigid Jacobian, never damped.
 
     Where axis angles cannot be computed they stay as they were: a fault holds, also in the axes.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step; changed.
-        work: Of the elastic step, which left Jacobian and inverse factor there.
-        cycle: With the status of the elastic step, to which CLAMPED is added.
-        result: The axis correction is written.
+    ``work``: of the elastic step, which left Jacobian and inverse factor there; ``cycle``: with the status of the
+    elastic step, to which CLAMPED is added.
     """
     axes = result.axes[:]
     for k in range(6):
@@ -152,7 +112,7 @@ def as_axes(given: Record, settings: Record, state: Record, work: Record, cycle:
         state.axes[k] = axes[k]
 
 
-@kernel("void(Settings, State, Cycle, Result)", Settings=SETTINGS, State=STATE, Cycle=CYCLE, Result=RESULT)
+@kernel("void(Settings, State, Cycle, Result)", **LOOP_TYPES)
 def report(settings: Record, state: Record, cycle: Record, result: Record) -> None:
     """Write what the cycle found into the result.
 

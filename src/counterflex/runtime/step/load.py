@@ -7,7 +7,6 @@ from typing import Any, Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.runtime.estimator.deflection import (
     currents_shown,
     estimate_loads,
@@ -17,15 +16,9 @@ from counterflex.runtime.estimator.deflection import (
 from counterflex.runtime.estimator.force import blend, learn_scale, met_share, scaled
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.primitives.causes import can_yield
-from counterflex.runtime.primitives.frames import directions
+from counterflex.runtime.primitives.frames import directions, lag
 from counterflex.runtime.primitives.history import moves
-from counterflex.runtime.primitives.lag_filters import lag
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.planned import PLAN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.signals.filters import smooth
 
@@ -37,13 +30,7 @@ _PROCESS = int(Source.FORCE | Source.CURRENTS)
 _FORCE_STALE, _NOT_FINITE = int(Cause.FORCE_STALE), int(Cause.NOT_FINITE)
 
 
-@kernel(
-    f"void(Settings, State, Cycle, Result, {FILTER}, {FILTER})",
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel(f"void(Settings, State, Cycle, Result, {FILTER}, {FILTER})", **LOOP_TYPES)
 def _filter_forces(
     settings: Record, state: Record, cycle: Record, result: Record, measured: Any, predicted: Any
 ) -> None:
@@ -59,7 +46,7 @@ def _filter_forces(
     smooth(cycle.behind[:], cycle.late[:], coefficients, memory, ring, place)
 
 
-@kernel("void(Given, Settings, State, Cycle)", Given=GIVEN, Settings=SETTINGS, State=STATE, Cycle=CYCLE)
+@kernel("void(Given, Settings, State, Cycle)", **LOOP_TYPES)
 def _find_sources(given: Record, settings: Record, state: Record, cycle: Record) -> None:
     """What the estimator can use in this cycle; the loss of one sensor is no cause while it has another."""
     cycle.sources = sources_of(given, settings, given.soft, state.disbelieved, cycle.planned)
@@ -70,7 +57,7 @@ def _find_sources(given: Record, settings: Record, state: Record, cycle: Record)
         cycle.soft = 0
 
 
-@kernel("void(Settings, Cycle, Result)", Settings=SETTINGS, Cycle=CYCLE, Result=RESULT)
+@kernel("void(Settings, Cycle, Result)", **LOOP_TYPES)
 def _use_measured(settings: Record, cycle: Record, result: Record) -> None:
     """The measured force, less what the program contains the correction of."""
     for k in range(6):
@@ -80,14 +67,7 @@ def _use_measured(settings: Record, cycle: Record, result: Record) -> None:
             cycle.used[k] -= cycle.late[k]
 
 
-@kernel(
-    "void(Given, Settings, State, Cycle, Result, float64[::1])",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, Cycle, Result, float64[::1])", **LOOP_TYPES)
 def _use_blend(given: Record, settings: Record, state: Record, cycle: Record, result: Record, work: Float) -> None:
     """Measured and planned force blended (pilot control)."""
     fresh = given.force_age < settings.stale
@@ -107,14 +87,7 @@ def _use_blend(given: Record, settings: Record, state: Record, cycle: Record, re
         cycle.used[k] = work[k]
 
 
-@kernel(
-    "void(Given, Settings, State, Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("void(Given, Settings, State, Cycle, Result)", **LOOP_TYPES)
 def _use_scaled(given: Record, settings: Record, state: Record, cycle: Record, result: Record) -> None:
     """The planned force with learnt factors."""
     if given.force_age < settings.stale and cycle.cut > 0.0 and cycle.moving == 1:
@@ -134,15 +107,7 @@ def _use_scaled(given: Record, settings: Record, state: Record, cycle: Record, r
 
 
 @kernel(
-    f"void(Given, Settings, State, Past[::1], Plan[::1], Work, Cycle, Result, {FILTER}, {FILTER})",
-    Work=WORK,
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-    Plan=PLAN,
+    f"void(Given, Settings, State, Past[::1], Plan[::1], ElasticWork, Cycle, Result, {FILTER}, {FILTER})", **LOOP_TYPES
 )
 def find_load(
     given: Record,

@@ -10,11 +10,7 @@ from counterflex.runtime.primitives.causes import next_cause
 from counterflex.runtime.primitives.finite import is_finite
 from counterflex.runtime.primitives.hand import part_axes
 from counterflex.runtime.primitives.localize import contained_at, follow, seek, wrench_at
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import STATE
-from counterflex.runtime.state.planned import PLAN
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause, State
 
 FAULT_LOST: Final = 10
@@ -27,7 +23,7 @@ _SESSION = int(Cause.SESSION_RESTARTED)
 _NOT_FINITE, _OFF_PATH = int(Cause.NOT_FINITE), int(Cause.OFF_PATH)
 
 
-@kernel("void(Given, Settings, State, Cycle)", Given=GIVEN, Settings=SETTINGS, State=STATE, Cycle=CYCLE)
+@kernel("void(Given, Settings, State, Cycle)", **LOOP_TYPES)
 def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None:
     """Count, and take over the causes that were found before the step.
 
@@ -60,23 +56,12 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
         cycle.used[k] = cycle.contained[k] = cycle.deviation[k] = 0.0
 
 
-@kernel(
-    "void(Given, Settings, State, Plan[::1], Cycle)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Plan=PLAN,
-)
+@kernel("void(Given, Settings, State, Plan[::1], Cycle)", **LOOP_TYPES)
 def localize(given: Record, settings: Record, state: Record, plan: Records, cycle: Record) -> None:
     """Find the place on the plan, and read there what it expects.
 
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step; its place is changed.
-        plan: (n,) PLAN.
-        cycle: Predicted forces, contained correction, row and distance are written.
+    ``state``: of the step; its place is changed. ``cycle``: predicted forces, contained correction, row and distance
+    are written.
     """
     if cycle.planned == 0:
         return

@@ -8,37 +8,60 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import across, size_of
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.memory import STATE
-from counterflex.runtime.state.planned import PLAN
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.deviation import DESIGNED, INTEGRATOR, OBSERVER
-from counterflex.runtime.step.direction_gains import control
 from counterflex.runtime.step.load import FUSED
 from counterflex.runtime.step.tracker import designed_correction
+
+
+@kernel("void(float64[::1], float64[::1], float64[::1], int64, float64[::1], float64[::1], float64[::1])")
+def control(
+    bent: Float, frame: Float, gains: Float, active: int, integral: Float, last: Float, correction: Float
+) -> None:
+    """Correction of a deflection, ``-(Kp d + sum Ki d T + Kd (d - d_before) / T)``.
+
+    The gains hold along three directions that turn with the path; what is summed up stays in part axes, so it does not
+    turn with them. The orientation takes the mean of the proportional gains. With three equal gains the directions do
+    not matter.
+
+    Args:
+        bent: (6,) deflection, m and rad, part axes.
+        frame: (9,) rows: unit vectors feed, across, along the tool.
+        gains: (9,) Kp (3), Ki times the period (3), Kd by the period (3).
+        active: 0 leaves the sum as it is.
+        integral: (3,) sum, part axes; changed.
+        last: (3,) deflection of the last cycle; changed.
+        correction: (6,) written.
+
+    Source: Haehn2020 section 2.8 (PID per direction).
+    """
+    for k in range(3):
+        correction[k] = 0.0
+    for d in range(3):
+        a, b, c = frame[3 * d], frame[3 * d + 1], frame[3 * d + 2]
+        here = a * bent[0] + b * bent[1] + c * bent[2]
+        change = here - (a * last[0] + b * last[1] + c * last[2])
+        now = gains[d] * here + gains[6 + d] * change
+        for k in range(3):
+            correction[k] -= now * frame[3 * d + k]
+            if active == 1:
+                integral[k] += gains[3 + d] * here * frame[3 * d + k]
+    mean = (gains[0] + gains[1] + gains[2]) / 3.0
+    for k in range(3):
+        correction[k] -= integral[k]
+        correction[3 + k] = -mean * bent[3 + k]
+        last[k] = bent[k]
+
 
 _SOFT_LIMIT, _HARD_LIMIT, _NOT_FINITE = int(Cause.LIMIT_SOFT), int(Cause.LIMIT_HARD), int(Cause.NOT_FINITE)
 
 
-@kernel(
-    "void(Settings, State, Plan[::1], Cycle, Result)",
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-    Plan=PLAN,
-)
+@kernel("void(Settings, State, Plan[::1], Cycle, Result)", **LOOP_TYPES)
 def request_correction(settings: Record, state: Record, plan: Records, cycle: Record, result: Record) -> None:
     """Correction of the deflection, and of what the tracker shows.
 
-    Args:
-        settings: Of the loop.
-        state: Of the step; sum and last deflection are changed.
-        plan: (n,) PLAN.
-        cycle: With what was found before.
-        result: With the deflection; the wanted correction is written.
+    ``state``: of the step; sum and last deflection are changed.
     """
     requested, extra = result.wanted[:], cycle.vector[:]
     control(
@@ -74,14 +97,11 @@ def request_correction(settings: Record, state: Record, plan: Records, cycle: Re
             requested[k] -= state.offset[k]
 
 
-@kernel("void(Settings, float64[::1], Cycle)", Settings=SETTINGS, Cycle=CYCLE)
+@kernel("void(Settings, float64[::1], Cycle)", **LOOP_TYPES)
 def check_reach(settings: Record, requested: Float, cycle: Record) -> None:
     """Causes by the wanted correction: not a number, beyond the limits, or far beyond.
 
-    Args:
-        settings: Of the loop.
-        requested: (6,) m and rotation vector.
-        cycle: Causes are written.
+    ``requested``: (6,) m and rotation vector.
     """
     for k in range(6):
         if not math.isfinite(requested[k]) and cycle.hard == 0:

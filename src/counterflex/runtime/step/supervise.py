@@ -8,11 +8,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import size_of
 from counterflex.runtime.primitives.history import SPAN, STANDS_M, row_back, stands
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.given import GIVEN
-from counterflex.runtime.state.memory import PAST, STATE
-from counterflex.runtime.state.result import RESULT
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.supervisor import (
     Cause,
     State,
@@ -48,7 +44,7 @@ _PROGRAM, _SESSION = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED)
 _NOT_CLOSED = int(Cause.NOT_CLOSED)
 
 
-@kernel("int64(Given, Past[::1], int64, State)", Given=GIVEN, Past=PAST, State=STATE)
+@kernel("int64(Given, Past[::1], int64, State)", **LOOP_TYPES)
 def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
     """What the controller goes on with whose counter jumped, or that began another session.
 
@@ -58,12 +54,6 @@ def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
     little is in force that a report does not tell, a program that
     has the correction switched off is another session's, and one that has it switched on and whose pose goes on within
     :data:`CONTINUES_M` is the same.
-
-    Args:
-        given: Inputs of the cycle.
-        ring: Past cycles.
-        here: Row of this cycle.
-        state: Of the step.
 
     Returns:
         KEPT, NOTHING or UNKNOWN.
@@ -115,7 +105,7 @@ def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int)
     return NO_CUT if near and force_n <= CUTS_N else MAY_CUT
 
 
-@kernel("int64(Given, int64, int64, State)", Given=GIVEN, State=STATE)
+@kernel("int64(Given, int64, int64, State)", **LOOP_TYPES)
 def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int:
     """Whether the program wants the correction, a flicker of its signal aside, and what follows where it is away.
 
@@ -125,11 +115,7 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     where the signal is back for as long, and nobody has armed again; and where the program goes through a cut for as
     long although it was armed and the correction never acted: disarmed by a check, or never switched on.
 
-    Args:
-        given: Inputs of the cycle.
-        cuts: NO_CUT, CUT or MAY_CUT.
-        standing: 1: the program stands.
-        state: Of the step; changed.
+    ``cuts``: NO_CUT, CUT or MAY_CUT; ``standing``: 1: the program stands.
     """
     now, enable = state.supervisor.state, given.enable
     if given.reset == 1 and now != _HOLD:
@@ -158,7 +144,7 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     return requested
 
 
-@kernel("void(State)", State=STATE)
+@kernel("void(State)", **LOOP_TYPES)
 def _forget(state: Record) -> None:
     """The correction is zero: what was summed up belongs to another place of the program."""
     for k in range(6):
@@ -167,7 +153,7 @@ def _forget(state: Record) -> None:
         state.integral[k] = 0.0
 
 
-@kernel("boolean(Settings, State)", Settings=SETTINGS, State=STATE)
+@kernel("boolean(Settings, State)", **LOOP_TYPES)
 def _at_zero(settings: Record, state: Record) -> bool:
     """Whether the correction is zero and at rest."""
     y, v, period = state.correction[:], state.correction_rate[:], settings.period
@@ -175,14 +161,7 @@ def _at_zero(settings: Record, state: Record) -> bool:
     return size_of(y, 0) < _AT_ZERO_M and size_of(y, 3) < _AT_ZERO_RAD and still
 
 
-@kernel(
-    "int64(Given, int64, int64, int64, Settings, State, Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("int64(Given, int64, int64, int64, Settings, State, Cycle, Result)", **LOOP_TYPES)
 def ask_supervisor(
     given: Record,
     standing: int,
@@ -195,15 +174,8 @@ def ask_supervisor(
 ) -> int:
     """Who may act in this cycle; forgets what belongs to another place or another session.
 
-    Args:
-        given: Inputs of the cycle.
-        standing: 1: the program stands.
-        cuts: NO_CUT, CUT or MAY_CUT.
-        session: What :func:`in_force` says where the controller's counter jumped, else KEPT.
-        settings: Of the loop.
-        state: Of the step; changed.
-        cycle: With the causes.
-        result: Of the last cycle.
+    ``standing``: 1: the program stands; ``cuts``: NO_CUT, CUT or MAY_CUT; ``session``: what :func:`in_force` says where
+    the controller's counter jumped, else KEPT.
 
     Returns:
         The state of the supervisor.
@@ -243,27 +215,11 @@ def ask_supervisor(
     return now
 
 
-@kernel(
-    "float64(Given, Settings, State, Past[::1], Cycle, Result)",
-    Given=GIVEN,
-    Settings=SETTINGS,
-    State=STATE,
-    Past=PAST,
-    Cycle=CYCLE,
-    Result=RESULT,
-)
+@kernel("float64(Given, Settings, State, Past[::1], Cycle, Result)", **LOOP_TYPES)
 def supervise_cycle(
     given: Record, settings: Record, state: Record, ring: Records, cycle: Record, result: Record
 ) -> float:
     """Who may act, by what was found in this cycle.
-
-    Args:
-        given: Inputs of the cycle.
-        settings: Of the loop.
-        state: Of the step; changed.
-        ring: Past cycles.
-        cycle: What was found before.
-        result: Of the last cycle, with the measured force of this one.
 
     Returns:
         Share 0..1 by which the correction is faded in.

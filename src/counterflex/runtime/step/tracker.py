@@ -7,27 +7,21 @@ import math
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
-from counterflex.runtime.state.chosen import SETTINGS
-from counterflex.runtime.state.cycle import CYCLE
-from counterflex.runtime.state.memory import STATE
+from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 
-@kernel("void(float64[::1], float64, float64[::1], State)", State=STATE)
+@kernel("void(float64[::1], float64, float64[::1], State)", **LOOP_TYPES)
 def sum_up(deviation: Float, gain: float, saturation: Float, state: Record) -> None:
     """Integrator of Mandiola2023: ``c -= sat(K deviation)`` per component and cycle.
 
-    Args:
-        deviation: (6,) actual minus nominal, m and rad.
-        gain: K.
-        saturation: (2,) largest step, m and rad.
-        state: Of the step; changed.
+    ``deviation``: (6,) actual minus nominal, m and rad; ``gain``: k; ``saturation``: (2,) largest step, m and rad.
     """
     for k in range(6):
         largest = saturation[0 if k < 3 else 1]
         state.tracker_integral[k] -= min(largest, max(-largest, gain * deviation[k]))
 
 
-@kernel("void(Cycle, float64[::1], State)", Cycle=CYCLE, State=STATE)
+@kernel("void(Cycle, float64[::1], State)", **LOOP_TYPES)
 def compare(cycle: Record, deflection: Float, state: Record) -> None:
     """Innovation of the observer, whose model is ``deviation = correction in effect + deflection + b``.
 
@@ -43,7 +37,7 @@ def compare(cycle: Record, deflection: Float, state: Record) -> None:
         cycle.innovation[k] = cycle.deviation[k] - state.in_effect[k] - deflection[k] - state.offset[k]
 
 
-@kernel("boolean(Cycle, float64[::1], float64, State)", Cycle=CYCLE, State=STATE)
+@kernel("boolean(Cycle, float64[::1], float64, State)", **LOOP_TYPES)
 def observe(cycle: Record, noise: Float, largest_m: float, state: Record) -> bool:
     """Kalman update of the offset b by the innovation, see :func:`compare`.
 
@@ -70,17 +64,13 @@ def observe(cycle: Record, noise: Float, largest_m: float, state: Record) -> boo
     return True
 
 
-@kernel("void(float64[::1], boolean, Settings, State)", Settings=SETTINGS, State=STATE)
+@kernel("void(float64[::1], boolean, Settings, State)", **LOOP_TYPES)
 def designed(deviation: Float, summing: bool, settings: Record, state: Record) -> None:
     """Designed controller of :mod:`counterflex.runtime.design.tracker`: filter, then sum of what it passes.
 
     ``f = N deviation``, ``c -= sat(Ki f)`` per component; :func:`designed_correction` adds ``-Kp f``.
 
-    Args:
-        deviation: (6,) actual minus where it should be, m and rad.
-        summing: Whether the sum goes on.
-        settings: Of the loop.
-        state: Of the step; changed.
+    ``deviation``: (6,) actual minus where it should be, m and rad; ``summing``: whether the sum goes on.
     """
     b0, b1, b2 = settings.notch[0], settings.notch[1], settings.notch[2]
     a1, a2 = settings.notch[3], settings.notch[4]
@@ -96,7 +86,7 @@ def designed(deviation: Float, summing: bool, settings: Record, state: Record) -
             state.tracker_integral[k] -= min(largest, max(-largest, settings.gain * f))
 
 
-@kernel("void(Settings, State, float64[::1])", Settings=SETTINGS, State=STATE)
+@kernel("void(Settings, State, float64[::1])", **LOOP_TYPES)
 def designed_correction(settings: Record, state: Record, out: Float) -> None:
     """Correction of the designed controller with what is known ahead, (6,) added to ``out``."""
     for k in range(6):

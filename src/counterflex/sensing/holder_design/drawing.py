@@ -56,7 +56,7 @@ class Pocket:
 
     @property
     def bridged(self) -> bool:
-        """Whether the gauges sit on a rib."""
+        """Return whether the gauges sit on a rib."""
         return self.rib_m > 0.0
 
     def check(self, beam: HolderBeam, name: str = "pocket") -> None:

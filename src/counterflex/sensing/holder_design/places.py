@@ -1,4 +1,4 @@
-"""Where to put the pockets: the most that bridges can tell of the force under a limit of lost stiffness."""
+"""Place the pockets: the most that bridges can tell of the force under a limit of lost stiffness."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ def _exchange(places: tuple[Pocket, ...], K: Float, cost: Float, count: int, lim
 
 
 def _free(a: Pocket, b: Pocket) -> bool:
-    """Whether both can be cut: as :class:`Drawing` asks of them."""
+    """Return whether both can be cut: as :class:`Drawing` asks of them."""
     if a.side != b.side:
         return True
     gap = max(abs(a.y_m - b.y_m) - 0.5 * (a.width_m + b.width_m), abs(a.z_m - b.z_m) - 0.5 * (a.height_m + b.height_m))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 from typing import Final
 
 import numpy as np
@@ -11,41 +9,28 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import NS
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.twin.devices.datagram_sender import DatagramSender
 from counterflex.twin.network.faults import FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
 
 FAULTS: Final = ("silent", "dying", "counter", "frozen", "status", "nan", "beam_broken", "offset")
 """Faults of the instrument itself that a tracker can show."""
 
 
-class TrackerSender:
+class TrackerSender(DatagramSender):
     """Sends datagrams of a tracker.
 
     Args:
         peer: Where they go.
         faults: Scripted, by the time of the measurements and their number.
         frame_id: Of the datagrams.
-
-    Attributes:
-        sent: Measurements put on the line.
-        dead: It never sends again.
     """
 
     def __init__(self, peer: tuple[str, int], faults: FaultSchedule | None = None, frame_id: int = 0) -> None:
-        self.peer = peer
-        self._faults = faults if faults is not None else FaultSchedule()
-        self._faults.require(FAULTS, "a tracker")
-        self._line = FaultyLine(self._faults)
+        faults = faults if faults is not None else FaultSchedule()
+        faults.require(FAULTS, "a tracker")
+        super().__init__(peer, faults)
         self._frame_id = frame_id
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._last: Float = np.eye(4)
-        self._index = -1
-        self.sent = 0
-        self.dead = False
-
-    def idle(self, time_s: float) -> None:
-        """Nothing is measured now; what was on its way until ``time_s`` arrives."""
-        self._line.release(time_s, self._put)
 
     def send(
         self,
@@ -65,10 +50,7 @@ class TrackerSender:
             status: Status bits; with a broken beam the last pose is sent again.
             sigma_m: Standard deviation of the position, 0 where not known.
         """
-        self._index += 1
-        condition = self._faults.condition(self._index, time_s)
-        self.dead = condition.dead
-        self._line.release(time_s, self._put)
+        condition = self._condition(time_s)
         if condition.silent:
             return
         status |= condition.bits | (BEAM_BROKEN if condition.beam_broken else 0)
@@ -76,16 +58,6 @@ class TrackerSender:
             self._last = T_tracker_target.copy()
             self._last[:3, 3] += condition.offset
         T = np.full((4, 4), np.nan) if condition.not_a_number else self._last
-        sequence = (self.sent + 1 + condition.step) & 0xFFFFFFFF
         stamp = round(time_s / NS) if time_ns is None else time_ns
-        data = write_pose(TrackerPose(sequence, stamp, status, self._frame_id, T, sigma_m))
-        self.sent += 1
-        self._line.put(data, time_s, self._put)
-
-    def _put(self, data: bytes) -> None:
-        with contextlib.suppress(BlockingIOError, ConnectionError):
-            self._socket.sendto(data, self.peer)
-
-    def close(self) -> None:
-        """Free the socket."""
-        self._socket.close()
+        measured = TrackerPose(self._sequence(condition), stamp, status, self._frame_id, T, sigma_m)
+        self._leave(write_pose(measured), time_s)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 from collections.abc import Callable
 from typing import Final
 
@@ -12,8 +10,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import NS
 from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench, write_wrench
+from counterflex.twin.devices.datagram_sender import DatagramSender
 from counterflex.twin.network.faults import FaultSchedule
-from counterflex.twin.network.faulty_line import FaultyLine
 
 FAULTS: Final = ("silent", "dying", "counter", "saturated", "frozen", "status", "nan", "offset")
 """Faults of the instrument itself that the sensor can show."""
@@ -21,7 +19,7 @@ RANGE_N: Final = 20_000.0
 """Force at which the simulated sensor stands when it is saturated."""
 
 
-class WrenchSender:
+class WrenchSender(DatagramSender):
     """Sends one datagram for each sample.
 
     Args:
@@ -33,8 +31,6 @@ class WrenchSender:
 
     Attributes:
         status: Status bits of the samples, beside those of a fault.
-        sent: Samples put on the line.
-        dead: It never sends again.
     """
 
     def __init__(
@@ -46,18 +42,13 @@ class WrenchSender:
         write: Callable[[Wrench], bytes] | None = None,
         rate_hz: float = 1000.0,
     ) -> None:
-        self.peer, self.status = peer, 0
-        self.address = self.http_address = None
-        self._faults = faults if faults is not None else FaultSchedule()
-        self._faults.require(FAULTS, "a sender of wrench datagrams")
-        self._line = FaultyLine(self._faults)
+        faults = faults if faults is not None else FaultSchedule()
+        faults.require(FAULTS, "a sender of wrench datagrams")
+        super().__init__(peer, faults)
+        self.status, self.address, self.http_address = 0, None, None
         self._period_s = 1.0 / rate_hz
         self._source, self._write = source, write if write is not None else write_wrench
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._shown: Float = np.zeros(6)
-        self._index = -1
-        self.sent = 0
-        self.dead = False
 
     def counts(self, _: int, /) -> dict[str, int]:
         """Samples that left."""
@@ -73,11 +64,8 @@ class WrenchSender:
             w_sensor: (6,) N, N m.
             time_s: Since the start; also its time stamp. None counts samples.
         """
-        self._index += 1
-        time_s = self._index * self._period_s if time_s is None else time_s
-        condition = self._faults.condition(self._index, time_s)
-        self.dead = condition.dead
-        self._line.release(time_s, self._put)
+        time_s = (self._index + 1) * self._period_s if time_s is None else time_s
+        condition = self._condition(time_s)
         if condition.silent:
             return
         if not condition.frozen:
@@ -89,16 +77,7 @@ class WrenchSender:
         if condition.not_a_number:
             shown = np.full(6, np.nan)
             status |= INVALID
-        sequence = (self.sent + 1 + condition.step) & 0xFFFFFFFF
+        sequence = self._sequence(condition)
         fx, fy, fz, mx, my, mz = shown.tolist()
         data = self._write(Wrench(sequence, round(time_s / NS), status, self._source, (fx, fy, fz, mx, my, mz)))
-        self.sent += 1
-        self._line.put(data, time_s, self._put)
-
-    def _put(self, data: bytes) -> None:
-        with contextlib.suppress(BlockingIOError, ConnectionError):
-            self._socket.sendto(data, self.peer)
-
-    def close(self) -> None:
-        """Free the socket."""
-        self._socket.close()
+        self._leave(data, time_s)

@@ -38,7 +38,7 @@ _PLACES: Final = (
 
 
 def beams() -> tuple[Float, Float, Float]:
-    """Where the sensors stand, where they look, and the middle of the faces, (8, 3) each, in axes of the cube, m."""
+    """Places of the sensors, their directions, and the middle of the faces, (8, 3) each, in axes of the cube, m."""
     stand, look, middle = np.zeros((3, len(_PLACES), 3))
     for i, (_, axis, at) in enumerate(_PLACES):
         middle[i, axis] = HALF_EDGE_M

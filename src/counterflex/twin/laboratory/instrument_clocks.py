@@ -1,4 +1,4 @@
-"""How late each channel of the simulated laboratory truly is, and how its clocks run.
+"""True delay of each channel of the simulated laboratory, and its clocks.
 
 Drawn from the laboratory's seed by a stream of its own.
 """
@@ -23,7 +23,7 @@ class OtherClock:
     drift: float
 
     def stamps(self, time_s: Float) -> Float:
-        """What it shows at instants (n,) s of the controller's clock."""
+        """Stamps at instants (n,) s of the controller's clock."""
         out: Float = time_s * (1.0 + self.drift) + self.offset_s
         return out
 

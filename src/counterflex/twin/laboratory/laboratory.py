@@ -83,7 +83,7 @@ def laboratory(seed: int) -> Laboratory:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a measurement gave.
+    """Result of a measurement.
 
     Attributes:
         channels: (n, k) SI by canonical channel name; orientations as rotation vectors (n, 3).
@@ -102,7 +102,7 @@ class Measured:
 
 
 class Order(NamedTuple):
-    """What every measurement is told.
+    """Inputs of every measurement.
 
     Attributes:
         truth: The cell as it is.

@@ -1,4 +1,4 @@
-"""What the simulated laboratory can measure: one module per kind of dataset."""
+"""Measurements of the simulated laboratory: one module per kind of dataset."""
 
 from __future__ import annotations
 

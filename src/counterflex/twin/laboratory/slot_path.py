@@ -146,7 +146,7 @@ def _over(here: Float, target: Float, top: float) -> Sequence[Float]:
 
 
 def engaged(p_part: Float, low_part: Float, high_part: Float, radius_m: float) -> Bool:
-    """Whether the commanded tool touches the stated blank seen from above, (n,).
+    """Return whether the commanded tool touches the stated blank seen from above, (n,).
 
     ``p_part``: (n, 3) commanded tips, m. ``low_part``: (3,) lower corner of the blank. ``high_part``: (3,) upper
     corner.

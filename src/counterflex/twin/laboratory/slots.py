@@ -42,7 +42,7 @@ _BELOW_M: Final = 500.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class TrackedProgram:
-    """What the tracker logged.
+    """Log of the tracker.
 
     Attributes:
         time_s: (n,) s, one reading for each cycle of the controller.

@@ -28,7 +28,7 @@ CYCLE_S = 4.0e-3
 
 @dataclass(frozen=True)
 class Controller:
-    """What the robot controller has been told.
+    """Settings of the robot controller.
 
     Attributes:
         opw: Geometry of the robot.
@@ -159,7 +159,7 @@ def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, *
 
 @dataclass(frozen=True)
 class Reference:
-    """What the controller tells the drives, one row per cycle.
+    """References for the drives, one row per cycle.
 
     Attributes:
         time_s: (n,) s.

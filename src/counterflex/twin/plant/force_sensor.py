@@ -15,9 +15,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG
 from counterflex.geometry import pose, rotation, wrench
-from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.slow_changes import hose_of
+from counterflex.twin.plant.slow_changes import Hose, hose_of
 from counterflex.twin.truth.truth import Truth
 
 BIAS_N, BIAS_NM = 30.0, 4.0

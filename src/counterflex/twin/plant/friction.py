@@ -8,11 +8,98 @@ of one axis the lost motion is ``2 b + 2 Fc / k``.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
+from counterflex.twin.truth.other import BristleFriction
 from counterflex.twin.truth.truth import SLIP_ELEMENTS, Drive
+
+# Link-side friction with stiction, load and temperature (LuGre), in place of the slip elements of an axis. Bristles of
+# stiffness s hold the link; their torque f follows ``df = -s (dx + |dx| f / g)`` over a link motion dx, which is
+# LuGre's equation without micro-damping (Canudas de Wit, Olsson, Astrom and Lischinsky 1995, IEEE Transactions on
+# Automatic Control 40(3)) and is integrated exactly over a step. The torque at steady speed v is
+#
+# ``g(v) = warm Fc (1 + |load| / load_ref) (1 + (stiction - 1) exp(-(v / v_s)^2))`` plus ``viscous v``.
+#
+# The load and the temperature in it: Bittencourt and Gunnarsson 2012, J. Dyn. Sys., Meas., Control 134(5), 051013, in a
+# simpler form: there stiction grows with the load as well, and heat lowers the viscous part more than the dry one.
+
+COLUMNS = 6  # Fc, stiction, v_s, bristle stiffness, viscous, load_ref
+
+
+def bristle_parameters(frictions: tuple[BristleFriction, ...]) -> Float:
+    """The axes as (6, 6) numbers; a row of zeros has no bristles."""
+    out = np.zeros((6, COLUMNS))
+    for f in frictions:
+        stiffness = f.coulomb_nm / f.bristle_rad
+        out[f.axis] = (f.coulomb_nm, f.stiction_share, f.stribeck_rad_s, stiffness, f.viscous_nm_s, f.load_nm)
+    return out
+
+
+@kernel()
+def bristle_limit(speed: float, load: float, warm: float, row: Float) -> float:
+    """g: torque at which the bristles slide steadily at ``speed`` rad/s under ``load`` N m."""
+    ratio = speed / row[2]
+    return float(warm * row[0] * (1.0 + abs(load) / row[5]) * (1.0 + (row[1] - 1.0) * math.exp(-ratio * ratio)))
+
+
+@kernel()
+def bristle_torque(before: float, moved: float, stiffness: float, limit: float) -> float:
+    """Torque of the bristles after a motion ``moved`` rad of the link, from ``before`` N m, at a constant limit."""
+    decay = math.exp(-stiffness * abs(moved) / limit)
+    if moved > 0.0:
+        return before * decay - limit * (1.0 - decay)
+    return before * decay + limit * (1.0 - decay)
+
+
+@kernel()
+def apply_bristles(
+    qpos: Float,
+    qvel: Float,
+    motor: Int,
+    torsion: Int,
+    sign: Float,
+    load: Float,
+    warm: Float,
+    bristles: Float,
+    bristle_force: Float,
+    link_angle: Float,
+    force: Float,
+) -> None:
+    """Add the friction of the axes that have bristles to ``force`` and advance them.
+
+    Args:
+        qpos: (n,) coordinates.
+        qvel: (n,) their speeds.
+        motor: (6,) coordinate of each motor.
+        torsion: (6,) coordinate of each torsion, -1 where rigid.
+        sign: (6,) of each driven axis: link angle = q + sign rz.
+        load: (6,) N m, torque of each gear.
+        warm: (6,) friction now over that of the warm joint.
+        bristles: (6, 6) of :func:`bristle_parameters`.
+        bristle_force: (6,) N m, updated.
+        link_angle: (6,) rad, at the last call, updated.
+        force: (n,) generalised forces, added to.
+    """
+    for i in range(6):
+        if bristles[i, 0] == 0.0:
+            continue
+        m, t = motor[i], torsion[i]
+        link, speed = qpos[m], qvel[m]
+        if t >= 0:
+            link += sign[i] * qpos[t]
+            speed += sign[i] * qvel[t]
+        limit = bristle_limit(speed, load[i], warm[i], bristles[i])
+        f = bristle_torque(bristle_force[i], link - link_angle[i], bristles[i, 3], limit)
+        bristle_force[i] = f
+        link_angle[i] = link
+        f -= bristles[i, 4] * speed
+        force[m] += f
+        if t >= 0:
+            force[t] += sign[i] * f
 
 
 def slip_parameters(drives: tuple[Drive, ...]) -> tuple[Float, Float]:

@@ -22,7 +22,7 @@ _AXES = ("1 0 0", "0 1 0", "0 0 1")
 
 @dataclass(frozen=True)
 class Coordinates:
-    """What each coordinate of the model is.
+    """Meaning of each coordinate of the model.
 
     Attributes:
         body: (n,) index of the body.

@@ -9,8 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
-from counterflex.twin.plant.bristle_friction import apply_bristles, bristle_limit, bristle_parameters
-from counterflex.twin.plant.friction import play_torque
+from counterflex.twin.plant.friction import apply_bristles, bristle_limit, bristle_parameters, play_torque
 from counterflex.twin.plant.mjcf import Coordinates
 from counterflex.twin.plant.slow_changes import EVERY_S, SlowChanges
 from counterflex.twin.truth.other import GearCurve

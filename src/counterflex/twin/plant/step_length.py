@@ -1,4 +1,4 @@
-"""How finely a step of the plant must be divided for its stiffest spring: elastic joints, stuck friction, drives.
+"""Division of a step of the plant for its stiffest spring: elastic joints, stuck friction, drives.
 
 A step of length h takes springs and drives at its start and the dampers of the elastic joints at its end,
 ``(M + h D) v' = (M - h D_e) v - h K q``, ``q' = q + h v'``. No motion of it grows if ``4 M + 2 h (D - D_e) - h^2 K``
@@ -41,7 +41,7 @@ def on_axes(coordinates: Coordinates, sign: Float, on_link: Float, on_motor: Flo
 
 
 def step_is_stable(M: Float, K: Float, implicit: Float, explicit: Float, step_s: float) -> bool:
-    """Whether no small motion grows from step to step.
+    """Return whether no small motion grows from step to step.
 
     Args:
         M: (n, n) inertia.

@@ -1,4 +1,4 @@
-"""What the bridge amplifiers of the instrumented holder show while the simulated cell works, sample by sample.
+"""Signals of the bridge amplifiers of the instrumented holder while the simulated cell works, sample by sample.
 
 The same holder as :class:`counterflex.twin.plant.strain_holder.InstrumentedHolder`, taken on in time: slip elements and
 wander have a memory, the holder warms up, a thermometer on it shows that with an error of its own.

@@ -1,1 +1,1 @@
-"""What is true in the simulated cell, from a seed or a file."""
+"""Truth of the simulated cell, from a seed or a file."""

@@ -1,4 +1,4 @@
-"""Which other kinds of physics a truth has and how strong they are, drawn from its seed.
+"""Draw the other kinds of physics of a truth and their strength from its seed.
 
 Each kind is there with the probability :data:`SHARE_OF_KINDS`. Sources of the ranges stand with each kind; where a
 source gives the form only, the range is an assumption of the order that data sheets show.

@@ -55,7 +55,7 @@ class GearCurve:
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """What the controller makes of a program beside what it was told.
+    """Behaviour of the controller beside what it was told.
 
     Attributes:
         blending_share: Distance at which it really begins to round a corner, over the one it was told.
@@ -78,7 +78,7 @@ class ControllerKind:
 class BristleFriction:
     """Link-side friction of an axis with stiction, load and temperature, in place of its slip elements.
 
-    The law and its sources: :mod:`counterflex.twin.plant.bristle_friction`.
+    The law and its sources: :mod:`counterflex.twin.plant.friction`.
 
     Attributes:
         axis: 0..5.
@@ -171,7 +171,7 @@ class Thermal:
 
 @dataclass(frozen=True)
 class HosePack:
-    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.hose`.
+    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.slow_changes`.
 
     Attributes:
         arm_body: Body that holds its far clamp; the near one is on the last body.
@@ -199,7 +199,7 @@ class HosePack:
 
 @dataclass(frozen=True)
 class ToolOff:
-    """How much a tool differs from what the tool table says.
+    """Difference of a tool from the tool table.
 
     Attributes:
         number: Of the tool.
@@ -261,7 +261,7 @@ class OtherPhysics:
         return next((tool for tool in self.tools if tool.number == number), ToolOff(number, 0.0, 0.0))
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Return whether there is any."""
         return self != OtherPhysics()
 
 

@@ -1,4 +1,4 @@
-"""How the true cell differs from what a planner knows: seeded amounts, the same on every machine.
+"""Differences of the true cell from what a planner knows: seeded amounts, the same on every machine.
 
 How the numbers are drawn: :mod:`counterflex.twin.truth.draw_other`; what other kinds of physics a family may have:
 :mod:`counterflex.twin.truth.draw_other`.
@@ -40,7 +40,7 @@ class Difference:
 
 
 def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
-    """How a truth differs from the nominal one, for reports.
+    """Differences of a truth from the nominal one, for reports.
 
     Returns rows in shop units; positions as the distance between known and true. Raises InputError: the two do not have
     the same bodies.
@@ -178,7 +178,7 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
 
 
 def _away(body: Body) -> bool:
-    """Whether the elastic element turns about another point than the drive."""
+    """Return whether the elastic element turns about another point than the drive."""
     return bool(np.any(body.p_seg_bearing != 0.0)) and bool(np.any(body.compliance > 0.0))
 
 

@@ -1,4 +1,4 @@
-"""What is true in the simulated cell: every parameter of bodies, drives, friction, cutting and stock.
+"""True parameters of the simulated cell: bodies, drives, friction, cutting and stock.
 
 The chain follows :mod:`counterflex.robot.model.description`: ``T_prev_next = T_prev_seg Rz(sign q + offset)
 E(delta)``, with ``E`` a translation and then z-y'-x'' rotations. Two things are finer than there: the elastic

@@ -18,9 +18,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MM, MM_PER_S
 from counterflex.geometry import pose, rotation
 from counterflex.programs.program import TOOL_VECTOR, Block
-from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_text.execution import Execution
+from counterflex.programs.robot_text.execution import Execution, tilted, with_axes
 from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_text.stated import Stated, StatedPosture

@@ -1,1 +1,1 @@
-"""What an operator says to a running loop, and what it shows: requests, status line."""
+"""Requests of an operator to a running loop, and its status line."""

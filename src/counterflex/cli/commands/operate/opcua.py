@@ -14,11 +14,6 @@ from counterflex.cli.arguments import argument, option
 PORT = 4840
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command("opcua")(opcua)
-
-
 def opcua(
     log: Annotated[Path, argument("Folder that `run` is given with --out.", arguments.output_folder, "DIR")],
     host: Annotated[str, option("--host", "Address to listen on; others need users and encryption.")] = "127.0.0.1",

@@ -11,20 +11,8 @@ from counterflex.cli.arguments import argument
 from counterflex.cli.commands.operate.requests import send_request
 from counterflex.cli.commands.question import AsJson
 
-_operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")
+operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")
 Log = Annotated[Path, argument("Folder that `run` was given with --out.", metavar="DIR")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    for command in (status, stop, reset, arm):
-        _operator.command()(command)
-    _operator.callback()(_group)
-    app.add_typer(_operator, name="operator")
-
-
-def _group() -> None:
-    """Operate a current run, from another terminal of the same computer and user."""
 
 
 def status(log: Log, as_json: AsJson = False) -> None:
@@ -77,3 +65,7 @@ def _ask(log: Path, action: str, *, as_json: bool) -> None:
     status = send_request(log, action, as_json=as_json)
     if status:
         raise typer.Exit(status)
+
+
+for command in (status, stop, reset, arm):
+    operator.command()(command)

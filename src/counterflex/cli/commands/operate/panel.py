@@ -15,12 +15,6 @@ PORT = 8642
 Role = Annotated[str, option("--role", "viewer watches; operator stops, acknowledges, arms.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    app.command("panel")(panel)
-    app.command("panel-user")(panel_user)
-
-
 def panel(
     log: Annotated[Path, argument("Folder that `run` is given with --out.", arguments.output_folder, "DIR")],
     host: Annotated[str, option("--host", "Address to listen on; others need users and TLS.")] = "127.0.0.1",

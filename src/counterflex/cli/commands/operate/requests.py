@@ -57,7 +57,7 @@ def send_request(log: Path, action: str, *, as_json: bool) -> int:
 
 
 def _seen(reply: dict[str, Any]) -> list[str]:
-    """What else is to be seen of a run: place, force, how old each source is, strangers, losses."""
+    """Return what else is to be seen of a run: place, force, how old each source is, strangers, losses."""
     lines = []
     if reply["place"] is not None:
         lines.append(f"place: {100.0 * reply['place']:.1f} % of the plan")

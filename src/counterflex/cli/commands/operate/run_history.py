@@ -37,13 +37,6 @@ _COLUMNS: Final = {
 }
 
 
-def register(log: typer.Typer) -> None:
-    """Add these commands to those on a run log."""
-    log.command("history")(history)
-    log.command("compare")(compare)
-    log.command("page")(page)
-
-
 def history(
     folder: Annotated[Path, argument("Searched with all folders below it.", arguments.folder, "DIR")],
     out: Annotated[Path | None, option("--out", "Folder of the page.", arguments.output_folder, "DIR")] = None,
@@ -67,8 +60,7 @@ def history(
         print_json(summary)
     else:
         _show(summary)
-        if out is not None:
-            say_written(out, f"wrote {out}: report.html, summary.json")
+        say_written(out, f"wrote {out}: report.html, summary.json")
     if summary["incomplete"]:
         raise typer.Exit(INCOMPLETE)
 

@@ -15,11 +15,6 @@ from counterflex.core.units import DEG, MM
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(entry)
-
-
 def entry(
     program: Program,
     cell: CellFile,
@@ -46,7 +41,7 @@ def entry(
 
     Example: `counterflex plan entry part.ngc --cell cell.toml --edges --out soft`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.strategy import entry as job
     from counterflex.app.strategy.entry_text import Moves

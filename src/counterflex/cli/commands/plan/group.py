@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import typer
 
-from counterflex.cli.commands.plan import entry, placement, posture, stability, strategy, trochoid, working_space
+from counterflex.cli.commands.plan.entry import entry
+from counterflex.cli.commands.plan.placement import placement
+from counterflex.cli.commands.plan.posture import posture
+from counterflex.cli.commands.plan.stability import stability
+from counterflex.cli.commands.plan.strategy import strategy
+from counterflex.cli.commands.plan.trochoid import trochoid
+from counterflex.cli.commands.plan.working_space import working_space
 
-_plan = typer.Typer(
+plan = typer.Typer(
     no_args_is_help=True,
     help="Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves.",
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    placement.register(_plan)
-    working_space.register(_plan)
-    posture.register(_plan)
-    strategy.register(_plan)
-    trochoid.register(_plan)
-    entry.register(_plan)
-    stability.register(_plan)
-    _plan.callback()(_group)
-    app.add_typer(_plan, name="plan")
-
-
-def _group() -> None:
-    """Choose what leaves little to compensate: how the robot holds the tool, how the cutter moves."""
+plan.command()(placement)
+plan.command("map")(working_space)
+for command in (posture, strategy, trochoid, entry, stability):
+    plan.command()(command)

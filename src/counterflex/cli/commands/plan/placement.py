@@ -14,11 +14,6 @@ from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_N
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(placement)
-
-
 def placement(
     program: Program,
     cell: CellFile,
@@ -99,7 +94,7 @@ def placement(
 
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
     """
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
     from counterflex.app.inputs import Reading

@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING
 _SURFACES: Final = ("both", "wall", "floor")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(posture)
-
-
 def posture(
     program: Program,
     cell: CellFile,
@@ -64,7 +59,7 @@ def posture(
 
     Example: `counterflex plan posture part.ngc --cell cell.toml --out posture`
     """
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     from counterflex.app import posture as job
     from counterflex.app.inputs import Reading
     from counterflex.plan.posture.choose import Freedom

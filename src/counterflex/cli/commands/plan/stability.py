@@ -14,11 +14,6 @@ from counterflex.cli.output import keep_inputs, line_of, print_json, print_table
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(stability)
-
-
 def stability(
     program: Annotated[Path, argument("G-code file.", arguments.file, "PROGRAM")],
     cell: CellFile,
@@ -77,8 +72,7 @@ def stability(
 
     Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
-    if out is not None:
-        keep_inputs(out, cell, program, *(item for item in (parameters, response, modal) if item is not None))
+    keep_inputs(out, cell, program, parameters, response, modal)
     from counterflex.app import stability as job
     from counterflex.app.inputs import Reading
 

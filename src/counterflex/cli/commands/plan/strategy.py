@@ -26,11 +26,6 @@ _NOTE: Final = (
 )
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(strategy)
-
-
 FIRST_MODES = 6
 """Printed; ``--json`` has all."""
 

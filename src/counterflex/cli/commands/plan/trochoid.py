@@ -17,11 +17,6 @@ from counterflex.programs.language import BY_ENDING
 _SIDES = ("up", "down")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(trochoid)
-
-
 def trochoid(
     program: Program,
     cell: CellFile,
@@ -59,7 +54,7 @@ def trochoid(
 
     Example: `counterflex plan trochoid part.ngc --cell cell.toml --width-mm 20 --engagement-deg 40 --out loops`
     """
-    keep_inputs(out, program, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.strategy import trochoid as job
 

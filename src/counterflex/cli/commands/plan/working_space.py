@@ -14,11 +14,6 @@ from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.programs.language import BY_ENDING
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command("map")(working_space)
-
-
 def working_space(
     program: Program,
     cell: CellFile,
@@ -54,7 +49,7 @@ def working_space(
 
     Example: `counterflex plan map part.ngc --cell cell.toml --points 9 --out map`
     """
-    keep_inputs(out, program, cell, *([] if parameters is None else [parameters]))
+    keep_inputs(out, program, cell, parameters)
     from counterflex.app.inputs import Reading
     from counterflex.app.placement import placement_map as job
     from counterflex.app.placement.region import Wish

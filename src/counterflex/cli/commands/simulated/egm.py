@@ -22,11 +22,6 @@ from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.cli.scenario import Layers
 
 
-def register(twin: typer.Typer) -> None:
-    """Add this command."""
-    twin.command("egm")(egm)
-
-
 def egm(
     program: Program,
     cell: CellFile,
@@ -48,8 +43,7 @@ def egm(
 
     Example: `counterflex twin egm part.ngc --cell cell.toml --egm 127.0.0.1:6510 --record applied.csv`
     """
-    if record is not None:
-        keep_inputs(record, program, cell, option="--record")
+    keep_inputs(record, program, cell, option="--record")
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("controller", "egm"))

@@ -16,6 +16,16 @@ from counterflex.cli.output import print_json
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
+LoadFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--file",
+        help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
+        metavar="CSV",
+        callback=arguments.file,
+    ),
+]
+
 
 def register(twin: typer.Typer) -> None:
     """Add these commands."""
@@ -26,10 +36,7 @@ def register(twin: typer.Typer) -> None:
 
 
 def netft(
-    file: Annotated[
-        Path | None,
-        option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
-    ] = None,
+    file: LoadFile = None,
     seconds: Seconds = None,
     scenario: Layers = None,
     fault: Fault = None,
@@ -47,18 +54,11 @@ def netft(
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("force_sensor",))
-    import numpy as np
-
     from counterflex.app.simulated_cell import instruments as job
-    from counterflex.app.simulated_cell.scenario import schedule
-    from counterflex.files.logs.wrench_log import read_wrench_log
+    from counterflex.app.simulated_cell.scenario import load, schedule
     from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-    from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 
     table, faults = trial.force_sensor, schedule(trial, fault)
-    source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
-    if file is not None:
-        source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
     host, port = host_port(table.address) or ("127.0.0.1", 49152)
     start = ForceStart(
         host=host,
@@ -68,7 +68,7 @@ def netft(
         status=table.status,
         faults=faults,
     )
-    shown = NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed)
+    shown = load(table, file, faults.seed)
 
     def started(device: ForceDevice) -> None:
         udp, http = device.address, device.http_address
@@ -85,10 +85,7 @@ def netft(
 
 def wrench(
     to: Annotated[str, argument("Where datagrams go.", arguments.host_port, "HOST:PORT")],
-    file: Annotated[
-        Path | None,
-        option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
-    ] = None,
+    file: LoadFile = None,
     source_id: Annotated[
         int, option("--source", "Source id of the datagrams.", metavar="ID", min=0, max=2**31 - 1)
     ] = 0,
@@ -109,22 +106,15 @@ def wrench(
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("force_sensor",))
-    import numpy as np
-
     from counterflex.app.simulated_cell import instruments as job
-    from counterflex.app.simulated_cell.scenario import schedule
-    from counterflex.files.logs.wrench_log import read_wrench_log
+    from counterflex.app.simulated_cell.scenario import load, schedule
     from counterflex.twin.devices.force_device import ForceStart
-    from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench, WrenchSource
 
     table, faults = trial.force_sensor, schedule(trial, fault)
-    source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
-    if file is not None:
-        source = RecordedWrench(*read_wrench_log(file), repeat=table.repeat)
     host, port = address(to, "HOST:PORT")
     values = {"source": source_id}
     start = ForceStart(host=host, port=port, rate_hz=table.rate_hz, status=table.status, faults=faults, values=values)
-    shown = NoisyWrench(source, table.noise_n, table.noise_nm, faults.seed)
+    shown = load(table, file, faults.seed)
     summary = job.run_force(job.LoneForce("wrench", shown, start, seconds))
     if as_json:
         print_json(summary)

@@ -39,7 +39,7 @@ def print_reply(summary: dict[str, Any]) -> None:
 
 
 def print_start(_: tuple[str, int], where: tuple[str, int]) -> None:
-    """Where a controller sends to."""
+    """Print where a controller sends to."""
     typer.echo(f"sending to {where[0]}:{where[1]}", err=True)
 
 

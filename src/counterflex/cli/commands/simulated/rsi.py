@@ -23,11 +23,6 @@ from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 
-def register(twin: typer.Typer) -> None:
-    """Add this command."""
-    twin.command("rsi")(rsi)
-
-
 def rsi(
     rsi: Annotated[Path, argument("ETHERNET configuration file of the RSI context (.xml).", arguments.file, "RSI")],
     program: Annotated[
@@ -54,8 +49,7 @@ def rsi(
 
     Example: `counterflex twin rsi rsi.xml --seconds 5 --fault lost=0.05,direction=in --record applied.csv`
     """
-    if record is not None:
-        keep_inputs(record, *(path for path in (rsi, program, cell) if path is not None), option="--record")
+    keep_inputs(record, rsi, program, cell, option="--record")
     if program is not None and cell is None:
         raise InputError("a program needs the cell it runs in", value=program.name, hint="Give --cell")
     from counterflex.files.scenario_file import read_scenario

@@ -15,22 +15,9 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
 from counterflex.core.errors import CounterflexError, InputError
 
-_dcc = typer.Typer(
+dcc = typer.Typer(
     no_args_is_help=True, help="Digital calibration certificates (DCC): values into a cell file, results as a document."
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _dcc.command("show")(show)
-    _dcc.command("apply")(apply)
-    _dcc.command("write")(write)
-    _dcc.callback()(_group)
-    app.add_typer(_dcc, name="dcc")
-
-
-def _group() -> None:
-    """Digital calibration certificates (DCC): values into a cell file, results as a document."""
 
 
 def _keys(_: arguments.Param, value: Any) -> Any:
@@ -173,7 +160,7 @@ def apply(
 
     if (cell is None) == (dataset is None):
         raise InputError("one file takes the values", limit="--cell CELL or --dataset MANIFEST")
-    keep_inputs(out, certificate, *(one for one in (cell, dataset) if one is not None))
+    keep_inputs(out, certificate, cell, dataset)
     from counterflex.app.certificate.apply import apply_certificate
 
     answer = apply_certificate(
@@ -212,7 +199,7 @@ def write(
 
     Example: `counterflex dcc write result.json --laboratory A --person B --city Ulm --country DE --serial 7 --out a`
     """
-    keep_inputs(out, result, *([] if schema is None else [schema]))
+    keep_inputs(out, result, schema)
     if schema is not None:
         from counterflex.files.certificate.schema_check import require_library
 
@@ -228,3 +215,8 @@ def write(
         return
     checked = "valid by the schema" if answer["checked"] else "not checked against a schema"
     say_written(out, f"wrote {out}: {answer['number']}, {answer['quantities']} quantities, {checked}")
+
+
+dcc.command("show")(show)
+dcc.command("apply")(apply)
+dcc.command("write")(write)

@@ -13,25 +13,12 @@ from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
-_iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
+iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness and positioning (ISO 230).")
 
 CommandedPath = Annotated[
     Path | None,
     option("--path", "What was commanded: table (.csv: x_mm,y_mm,z_mm) or program.", arguments.file, "CSV|PROGRAM"),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add these commands."""
-    _iso230.command("circularity")(circularity)
-    _iso230.command("straightness")(straightness)
-    _iso230.command("positioning")(positioning)
-    _iso230.callback()(_group)
-    app.add_typer(_iso230, name="iso230")
-
-
-def _group() -> None:
-    """Circular tests, straightness and positioning (ISO 230)."""
 
 
 def circularity(
@@ -58,8 +45,7 @@ def circularity(
 
     Example: `counterflex iso230 circularity ring.csv --path circle.ngc --out circle`
     """
-    if out is not None:
-        keep_inputs(out, *files, *([] if path is None else [path]))
+    keep_inputs(out, *files, path)
     from counterflex.app.robot_tests import iso230 as job
 
     with progress_bar("ISO 230-4") as progress:
@@ -107,8 +93,7 @@ def straightness(
 
     Example: `counterflex iso230 straightness log.csv --path square.ngc`
     """
-    if out is not None:
-        keep_inputs(out, *files, *([] if path is None else [path]))
+    keep_inputs(out, *files, path)
     from counterflex.app.robot_tests import iso230 as job
 
     with progress_bar("straightness") as progress:
@@ -147,8 +132,7 @@ def positioning(
 
     Example: `counterflex iso230 positioning axis.csv --out axis`
     """
-    if out is not None:
-        keep_inputs(out, file)
+    keep_inputs(out, file)
     from counterflex.app.robot_tests.positioning import judge_positioning
 
     summary = judge_positioning(file, out)
@@ -164,8 +148,7 @@ def positioning(
     )
     for line in summary["not_by_standard"]:
         typer.echo(f"not by ISO 230-2: {line}")
-    if out is not None:
-        say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
+    say_written(out, f"wrote {out}: report.html, figures.csv, summary.json")
 
 
 def _um(value: float | None) -> str:
@@ -174,5 +157,9 @@ def _um(value: float | None) -> str:
 
 def _show_conditions(summary: dict[str, Any], out: Path | None) -> None:
     typer.echo(f"frame: {summary['frame']}; filter: {summary['filter']}; commanded: {summary['commanded']}")
-    if out is not None:
-        say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
+    say_written(out, f"wrote {out}: report.html, figures.csv, readings.parquet, summary.json")
+
+
+iso230.command("circularity")(circularity)
+iso230.command("straightness")(straightness)
+iso230.command("positioning")(positioning)

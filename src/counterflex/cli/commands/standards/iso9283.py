@@ -15,11 +15,6 @@ from counterflex.cli.commands.standards.options import Average, Files, Format, F
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(iso9283)
-
-
 def iso9283(
     files: Files,
     poses: Annotated[
@@ -59,8 +54,7 @@ def iso9283(
 
     Example: `counterflex iso9283 log.csv --path square.ngc --out iso`
     """
-    if out is not None:
-        keep_inputs(out, *files, *(item for item in (poses, path) if item is not None))
+    keep_inputs(out, *files, poses, path)
     from counterflex.app.robot_tests import iso9283 as job
 
     with progress_bar("ISO 9283") as progress:
@@ -84,8 +78,7 @@ def iso9283(
     else:
         _show_path(summary)
     _show_conditions(summary)
-    if out is not None:
-        say_written(out, f"wrote {out}: report.html, figures.csv, attained.csv, attained.parquet, summary.json")
+    say_written(out, f"wrote {out}: report.html, figures.csv, attained.csv, attained.parquet, summary.json")
 
 
 def _figure(value: Mapping[str, Any] | float | None) -> str:

@@ -33,7 +33,7 @@ def frame_of(param: arguments.Param, value: str | None) -> str | None:
 
 
 def _finite(text: str) -> bool:
-    """Whether it is a number."""
+    """Return whether it is a number."""
     try:
         return math.isfinite(float(text))
     except ValueError:

@@ -17,8 +17,9 @@ from counterflex.core.file_kind import of_bytes
 from counterflex.core.units import MM, NS
 from counterflex.files.dataset.units import UNITS, factor
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines
-from counterflex.files.logs.tracker_exports.stamps import number, stamp_ns
+from counterflex.files.logs.tracker_exports.stamps import stamp_ns
 from counterflex.files.logs.tracker_log import TrackerLines
+from counterflex.files.small_table import number
 from counterflex.geometry import pose
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose
 
@@ -46,7 +47,7 @@ class SpatialAnalyzerLines:
 
     @property
     def ready(self) -> bool:
-        """Whether what stands before the measurements has come."""
+        """Return whether what stands before the measurements has come."""
         return self._unit > 0.0
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
@@ -113,7 +114,7 @@ class DTrackLines:
 
     @property
     def ready(self) -> bool:
-        """Whether what stands before the measurements has come."""
+        """Return whether what stands before the measurements has come."""
         return self._time_ns is not None
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
@@ -157,7 +158,7 @@ class ExportLines(Protocol):
 
     @property
     def ready(self) -> bool:
-        """Whether what stands before the measurements has come."""
+        """Return whether what stands before the measurements has come."""
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
         """The measurement of a line; None where it has none. Raises FileFormatError."""
@@ -193,7 +194,7 @@ FORMATS: Final[dict[str, tuple[Callable[[str], ExportLines], str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What a tracker measured, bad readings left out."""
+    """Readings of a tracker, bad ones left out."""
 
     Ts_tracker_target: Float  # (n, 4, 4) m; the rotation is the identity where there is no orientation
     time_s: Float | None  # (n,) s since the first reading, increasing; None where the stamps are too coarse or missing

@@ -19,7 +19,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import NS
 from counterflex.files.dataset.units import factor, in_header
-from counterflex.files.logs.tracker_exports.stamps import number, stamp_ns
+from counterflex.files.logs.tracker_exports.stamps import stamp_ns
+from counterflex.files.small_table import number
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
 
@@ -58,7 +59,7 @@ class PointTableLines:
 
     @property
     def ready(self) -> bool:
-        """Whether what stands before the measurements has come."""
+        """Return whether what stands before the measurements has come."""
         return bool(self._place)
 
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:

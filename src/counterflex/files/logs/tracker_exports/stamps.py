@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from datetime import UTC, datetime
 from typing import Final
@@ -42,14 +41,3 @@ def _day(text: str, where: str) -> int:
         except ValueError:
             continue
     raise FileFormatError("not a date", where=where, value=repr(text), limit="2026-05-12, 12.05.2026 or 05/12/26")
-
-
-def number(text: str, where: str, decimal: str = ".") -> float:
-    """A finite number with a decimal point, or with a decimal comma where ``decimal`` says so."""
-    try:
-        value = float(text.strip().replace(decimal, ".") if decimal not in text or "." not in text else text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
-    return value

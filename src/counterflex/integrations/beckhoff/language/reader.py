@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +11,13 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.code_table import Code, neutral, read, refused
 from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, FileReader
 from counterflex.programs.gcode.read.scanner import error_at
 from counterflex.programs.gcode.sinumerik.run import Run
 from counterflex.programs.gcode.sinumerik.scanner import Line
 from counterflex.programs.gcode.sinumerik.source import programs_of
 from counterflex.programs.gcode.sinumerik.words import WordTable
 from counterflex.programs.program import Program
-from counterflex.programs.source_text import read_text
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
 
 # All statements and words of TwinCAT NC I (DIN 66025), and what the reader does with each.
@@ -156,7 +154,12 @@ class _Run(Run):
 
 
 def read_twincat(
-    text: str, *, name: str = "program", complete: bool = False, machine: MillingMachine = COORDINATES_OF_THE_PART
+    text: str,
+    *,
+    name: str = "program",
+    complete: bool = False,
+    machine: MillingMachine = COORDINATES_OF_THE_PART,
+    folder: Path | None = None,
 ) -> Program:
     """Execute a program's text and return the blocks passed and the motions made.
 
@@ -167,6 +170,7 @@ def read_twincat(
         name: Its name, for errors.
         complete: Refuse a text that stops without M2 or M30: it may have been cut off.
         machine: See :func:`~counterflex.integrations.siemens.language.reader.read_sinumerik`.
+        folder: Not looked at: the control's subprograms are not read.
 
     Returns:
         The program as executed; U appears as R.
@@ -174,6 +178,7 @@ def read_twincat(
     Raises:
         ProgramError: With ``name:line:column``, at the first thing that is unknown, refused or contradictory.
     """
+    del folder
     if not any(line.strip() for line in split_lines(text)):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a TwinCAT program")
     run = _Run(next(iter(programs_of(name, text, flow=False).values())), machine)
@@ -183,20 +188,4 @@ def read_twincat(
     return run.program("twincat", text)
 
 
-def read_twincat_file(
-    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
-) -> Program:
-    """Read a program from a file.
-
-    Args:
-        file: UTF-8 or Latin-1.
-        machine: A parameter file of LinuxCNC says nothing about this control.
-        complete: See :func:`read_twincat`.
-
-    Raises:
-        ProgramError: The file cannot be read, or is no program that can be executed exactly.
-    """
-    if machine.part_at_g54:
-        raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for TwinCAT", where=str(file))
-    text, encoding = read_text(Path(file))
-    return replace(read_twincat(text, name=Path(file).name, complete=complete, machine=machine), encoding=encoding)
+read_twincat_file = FileReader(read_twincat, "TwinCAT")

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import replace
+import re
 from pathlib import Path
+from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.run import Run
 from counterflex.integrations.heidenhain.language.source import Library, Source
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, FileReader
 from counterflex.programs.program import Program
-from counterflex.programs.source_text import read_text
+
+_HIDDEN: Final = re.compile(r"\s*\d+\s*/")
+
+
+def hidden_blocks(program: Program) -> list[str]:
+    """Return one sentence where blocks with motions are marked with / behind their number."""
+    lines = [block.line for block in program.blocks if block.motion_count and _HIDDEN.match(block.text)]
+    if not lines:
+        return []
+    more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+    return [
+        f"line {lines[0]}{more}: a block with / behind its number is read as executed; leave the switch that hides "
+        "blocks off, or take it out and plan again"
+    ]
 
 
 def read_heidenhain(
@@ -67,22 +80,4 @@ def read_heidenhain(
     )
 
 
-def read_heidenhain_file(
-    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
-) -> Program:
-    """Read a program from a file; programs that it calls are in its folder.
-
-    Args:
-        file: UTF-8 or Latin-1.
-        machine: See :func:`read_heidenhain`; a parameter file of LinuxCNC says nothing about this control.
-        complete: See :func:`read_heidenhain`.
-
-    Raises:
-        ProgramError: The file cannot be read, or is no program that can be executed exactly.
-    """
-    if machine.part_at_g54:
-        raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Klartext", where=str(file))
-    path = Path(file)
-    text, encoding = read_text(path)
-    program = read_heidenhain(text, name=path.name, complete=complete, machine=machine, folder=path.parent)
-    return replace(program, encoding=encoding)
+read_heidenhain_file = FileReader(read_heidenhain, "Klartext")

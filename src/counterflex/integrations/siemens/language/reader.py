@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART
+from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, FileReader
 from counterflex.programs.gcode.sinumerik.run import Run
 from counterflex.programs.gcode.sinumerik.source import library_of, programs_of
 from counterflex.programs.program import Program
-from counterflex.programs.source_text import read_text
 
 _HEADER: Final = re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)
 _VECTOR_WORD: Final = re.compile(r"^[^;]*\b[ABC]3\s*=", re.IGNORECASE)
@@ -69,22 +66,4 @@ def read_sinumerik(
     return run.program("sinumerik", text)
 
 
-def read_sinumerik_file(
-    file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
-) -> Program:
-    """Read a program from a file; its subprograms are in it or in its folder.
-
-    Args:
-        file: UTF-8 or Latin-1.
-        machine: See :func:`read_sinumerik`; a parameter file of LinuxCNC says nothing about this control.
-        complete: See :func:`read_sinumerik`.
-
-    Raises:
-        ProgramError: The file cannot be read, or is no program that can be executed exactly.
-    """
-    if machine.part_at_g54:
-        raise ProgramError("--parameters is a file of LinuxCNC and has no meaning for Sinumerik", where=str(file))
-    path = Path(file)
-    text, encoding = read_text(path)
-    program = read_sinumerik(text, name=path.name, complete=complete, machine=machine, folder=path.parent)
-    return replace(program, encoding=encoding)
+read_sinumerik_file = FileReader(read_sinumerik, "Sinumerik")

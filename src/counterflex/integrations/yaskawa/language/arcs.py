@@ -17,7 +17,7 @@ from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.yaskawa.language.form import Form
 from counterflex.integrations.yaskawa.language.program import InformMotion, Point
 from counterflex.programs.program import Motion
-from counterflex.programs.robot_text.frame_limits import SAME_RAD
+from counterflex.programs.robot_text.cell import SAME_RAD
 
 Made = tuple[Motion, Float, InformMotion]
 """A motion, the orientation (3, 3) of the cell's TCP frame at its end, and what stands behind it in the text."""

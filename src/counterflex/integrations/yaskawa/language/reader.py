@@ -7,18 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
-from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.interpreter import Interpreter
 from counterflex.integrations.yaskawa.language.program import DIALECT, InformProgram
 from counterflex.integrations.yaskawa.language.source import Folder, Job, jobs_beside
-from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import TOOL_VECTOR
-from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.source_text import common_encoding, read_text
+from counterflex.programs.source_text import common_encoding, read_text, refuse_mark
 
 _CM_PER_MIN_MM_S = 10.0 / 60.0
 
@@ -51,21 +45,10 @@ def read_inform(
     job, folder = Job(text, name, complete=complete), folder or Folder()
     interpreter = Interpreter(job, folder, cast("InformCell | None", cell))
     interpreter.run()
-    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
-    leans = tilted(rotations)
-    lines = split_lines(text)
     return InformProgram(
-        name=name,
+        **interpreter.fields(name, text),
         dialect=DIALECT,
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
-        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=not folder.jobs and max(interpreter.runs.values(), default=1) == 1,
-        Rs_part_tcp=rotations,
-        acting=tuple(sorted(set(interpreter.acting))),
-        left_out=interpreter.left_out(name),
-        axes_deg=interpreter.axes_deg,
         jobs={name: job.about(), **{key: one.about() for key, one in folder.jobs.items()}},
         moves=tuple(interpreter.moves),
         doubts=_doubts(interpreter),
@@ -110,11 +93,7 @@ def read_inform_file(
     file = Path(path)
     text, encoding = read_text(file)
     folder = Folder(jobs_beside(file), complete=complete)
-    if encoding == "utf-8-sig":
-        raise ProgramError(
-            "the file begins with a byte order mark, which no controller reads", where=str(file),
-            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
-        )  # fmt: skip
+    refuse_mark(encoding, file)
     program = read_inform(text, name=file.name, cell=cell, complete=complete, folder=folder)
     texts = {file.name: (text, encoding)} | {name: (job.text, job.encoding) for name, job in folder.jobs.items()}
     return replace(program, encoding=common_encoding(texts))

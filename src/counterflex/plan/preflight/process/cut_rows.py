@@ -42,10 +42,6 @@ def length_row(path: ToolPath, stated: Stated) -> Row:
     """Return the first motion that runs with no tool length offset, or with that of another tool.
 
     Motions at feed and rapids that go down count.
-
-    Args:
-        path: n rows.
-        stated: By the program.
     """
     number = stated.length_offset[path.motion]
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])
@@ -73,12 +69,7 @@ def length_row(path: ToolPath, stated: Stated) -> Row:
 
 
 def work_row(path: ToolPath, stated: Stated) -> Row:
-    """Return the first motion in a work offset whose place is not known.
-
-    Args:
-        path: n rows.
-        stated: By the program.
-    """
+    """Return the first motion in a work offset whose place is not known."""
     used = stated.work_offset[path.motion]
     unknown = [k for k, name in enumerate(stated.offsets) if name not in stated.defined and np.any(used == k)]
     if not unknown:
@@ -95,10 +86,7 @@ def work_row(path: ToolPath, stated: Stated) -> Row:
 def diameter_row(path: ToolPath, stated: Stated, cutter_of: Callable[[int], Cutter | None]) -> Row:
     """Return the tool whose diameter in the program's comments is farthest from that of the cell.
 
-    Args:
-        path: n rows.
-        stated: By the program.
-        cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
+    ``cutter_of``: gives the cutter of a tool number, None for one that the cell does not have.
     """
     used = np.unique(path.tool[(path.kind == FEED) & (path.tool != 0)]).tolist()
     cutters = {n: cutter for n in used if (cutter := cutter_of(n)) is not None}
@@ -118,11 +106,7 @@ def diameter_row(path: ToolPath, stated: Stated, cutter_of: Callable[[int], Cutt
 
 
 def reading_row(stated: Stated) -> Row:
-    """Return the words of the program that controllers read in two ways, and the reading that was checked.
-
-    Args:
-        stated: By the program.
-    """
+    """Return the words of the program that controllers read in two ways, and the reading that was checked."""
     if stated.doubts:
         return Row(READING, NOT_LOOKED_AT, what="; ".join(stated.doubts))
     return Row(READING, "ok", what="none")
@@ -261,11 +245,7 @@ class MadeCut:
 def made_cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progress) -> MadeCut:
     """Cut the stock along a path, also where the spindle stands or turns backwards.
 
-    Args:
-        path: n rows.
-        stock: The blank; left as it is.
-        setting: Cell.
-        progress: Progress callback, fraction 0 to 1.
+    ``stock``: the blank; left as it is.
     """
     none = np.zeros(len(path), dtype=np.bool_)
     try:
@@ -280,11 +260,7 @@ def made_cut(path: ToolPath, stock: HeightMap, setting: Setting, progress: Progr
 def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsWritten) -> list[Row]:
     """Rows of what the program cuts and states; they need no robot.
 
-    Args:
-        made: The cut.
-        setting: Cell.
-        machining: What the cell says of tools and spindle.
-        written: What the program says.
+    ``machining``: what the cell says of tools and spindle; ``written``: what the program says.
     """
     path, blank, tools = made.path, made.blank, machining.tools
     cutter_of, contact = setting.cutter_of, made.contact
@@ -334,13 +310,7 @@ def demanded(
 ) -> list[Row]:
     """Rows of what the cut asks of spindle, tool and robot.
 
-    Args:
-        made: The cut.
-        path: Its first m rows: those that are reached.
-        q: (m, 6) rad.
-        setting: Cell.
-        bounds: Of corrections.
-        machining: Limits of the process.
+    ``path``: its first m rows: those that are reached; ``q``: (m, 6) rad; ``machining``: limits of the process.
     """
     if made.result is None or (np.any(made.contact) and not np.any(made.forced)):
         return []

@@ -26,11 +26,7 @@ _ANGLES: Final = 16
 def depth_in_stock(stock: HeightMap, p: Float, axis: Float, cutter: Cutter) -> float:
     """Depth by which a tool that stands in a place reaches into the material, m; 0 where it is clear.
 
-    Args:
-        stock: The material.
-        p: (3,) m, tip.
-        axis: (3,) unit vector from the tip to the spindle.
-        cutter: The tool.
+    ``p``: (3,) m, tip; ``axis``: (3,) unit vector from the tip to the spindle.
     """
     tallest = float(stock.z.max()) - stock.bottom_m + abs(float(p[2]) - stock.bottom_m)
     length = min(cutter.flute_length_m, tallest + cutter.diameter_m)
@@ -63,10 +59,7 @@ def _top(stock: HeightMap, points: Float) -> Float:
 def height_over(stock: HeightMap, p: Float, radius_m: float) -> float:
     """Height of a tip above the highest material of the blank within its radius, m; inf beside the blank.
 
-    Args:
-        stock: The blank.
-        p: (3,) m.
-        radius_m: Of the tool.
+    ``p``: (3,) m.
     """
     rho = radius_m * np.linspace(0.0, 1.0, 6)
     angle = 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
@@ -129,10 +122,7 @@ def first_row(
 def change_row(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter | None]) -> Row:
     """Return the tool change at which the tool stands deepest over or in the blank.
 
-    Args:
-        path: n rows.
-        stock: The blank.
-        cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
+    ``cutter_of``: gives the cutter of a tool number, None for one that the cell does not have.
     """
     places = np.flatnonzero((np.diff(path.tool) != 0) & (path.tool[:-1] != 0))
     if len(places) == 0:

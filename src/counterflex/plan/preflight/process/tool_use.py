@@ -105,11 +105,7 @@ def speed_row(
 ) -> Row:
     """Return the cutting speed at the diameter that is farthest beyond the range of its tool.
 
-    Args:
-        path: n rows.
-        contact: (n,) segments at feed that remove material with the spindle on.
-        cutter_of: Gives the cutter of a tool number.
-        tools: By number.
+    ``contact``: (n,) segments at feed that remove material with the spindle on; ``tools``: by number.
     """
     rows = np.flatnonzero(contact)
     if len(rows) == 0:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -203,3 +203,32 @@ def read_gcode_file(
         complete=complete,
     )
     return replace(program, encoding=encoding)
+
+
+@dataclass(frozen=True)
+class FileReader:
+    """Reads a program of a control from a file, UTF-8 or Latin-1; programs that it calls are in its folder.
+
+    Attributes:
+        read: ``(text, *, name, machine, complete, folder) -> Program``.
+        language: Named in errors.
+    """
+
+    read: Callable[..., Program]
+    language: str
+
+    def __call__(
+        self, file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True
+    ) -> Program:
+        """Read a file; a parameter file of LinuxCNC says nothing about such a control.
+
+        Raises:
+            ProgramError: The file cannot be read, or is no program that can be executed exactly.
+        """
+        if machine.part_at_g54:
+            what = f"--parameters is a file of LinuxCNC and has no meaning for {self.language}"
+            raise ProgramError(what, where=str(file))
+        path = Path(file)
+        text, encoding = read_text(path)
+        made = self.read(text, name=path.name, complete=complete, machine=machine, folder=path.parent)
+        return replace(made, encoding=encoding)

@@ -2,7 +2,7 @@
 
 Every quantity of a block is a row of LANES numbers: entry k of lane l sits at ``k * LANES + l``. A pose is stored by
 columns (x axis, y axis, z axis, position). The kernels do only what is regular; a point whose elastic angles are large
-is done again by the scalar kernels, which are the reference for all of this. The step is in ``kernels_lanes_step``.
+is done again by the scalar kernels, which are the reference for all of this.
 Loads on the rigid geometry, no own weight.
 """
 

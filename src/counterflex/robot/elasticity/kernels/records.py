@@ -7,9 +7,9 @@ then sines of the joints.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float2
 from counterflex.core.jit import bundle
 from counterflex.core.records import Records, record
 
@@ -72,17 +72,12 @@ class Compact(NamedTuple):
         regions: (r,) REGION.
     """
 
-    stations: Records
-    surroundings: Records
-    regions: Records
+    stations: Annotated[Records, (STATION,)]
+    surroundings: Annotated[Records, (SURROUNDINGS,)]
+    regions: Annotated[Records, (REGION,)]
 
 
-CHAIN: Final = bundle(
-    Compact,
-    stations=(STATION,),
-    surroundings=(SURROUNDINGS,),
-    regions=(REGION,),
-)
+CHAIN: Final = bundle(Compact)
 
 STEP: Final = record(
     T0=(float, 16),
@@ -128,17 +123,10 @@ class Elastic(NamedTuple):
     """
 
     chain: Compact
-    results: Records
-    frame: Float
-    delta: Float
-    works: Records
+    results: Annotated[Records, (STEP,)]
+    frame: Float2
+    delta: Float2
+    works: Annotated[Records, (WORK,)]
 
 
-ELASTIC: Final = bundle(
-    Elastic,
-    chain=CHAIN,
-    results=(STEP,),
-    frame="float64[:, ::1]",
-    delta="float64[:, ::1]",
-    works=(WORK,),
-)
+ELASTIC: Final = bundle(Elastic)

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.program import RapidProgram
 from counterflex.integrations.abb.language.read.frames import RapidCell
@@ -17,9 +15,9 @@ from counterflex.integrations.abb.language.read.job_files import joined, modules
 from counterflex.integrations.abb.language.read.memory import LAST_RUN
 from counterflex.integrations.abb.language.read.routines import Modules
 from counterflex.integrations.abb.language.read.scanner import FilePart, Source
-from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import TOOL_VECTOR, same_motions
-from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.gcode.read.flow import split_lines
+from counterflex.programs.program import same_motions
+from counterflex.programs.source_text import refuse_mark
 
 
 def read_rapid(
@@ -54,22 +52,12 @@ def read_rapid(
     source = Source(text, name, parts)
     modules = Modules(source, complete=complete)
     interpreter = _executed(source, modules, cell)
-    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
-    leans = tilted(rotations)
     starts = [move.start for move in interpreter.moves]
     main = text[: source.parts[0].end]
     return RapidProgram(
-        name=name,
+        **interpreter.fields(name, main),
         dialect="rapid",
-        lines=(*split_lines(main), "") if main.endswith(("\n", "\r")) else split_lines(main),
-        newline=line_end(main),
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
-        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=len(set(starts)) == len(starts),
-        Rs_part_tcp=rotations,
-        acting=tuple(sorted(set(interpreter.acting))),
-        left_out=interpreter.left_out(name),
-        axes_deg=interpreter.axes_deg,
         external=interpreter.targets.external.changes(interpreter.motions),
         text=text,
         files=tuple((part.name, part.start, part.end) for part in source.parts),
@@ -141,10 +129,6 @@ def read_rapid_file(
     """
     files = modules_of(Path(path))
     text, encoding, parts = joined(files)
-    if encoding == "utf-8-sig":
-        raise ProgramError(
-            "the file begins with a byte order mark, which not every controller reads", where=str(files[0]),
-            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
-        )  # fmt: skip
+    refuse_mark(encoding, files[0], "not every controller reads")
     program = read_rapid(text, name=files[0].name, cell=cell, complete=complete, parts=parts)
     return replace(program, encoding=encoding)

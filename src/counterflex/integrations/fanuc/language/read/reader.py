@@ -8,18 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.errors import ProgramError
 from counterflex.integrations.fanuc.language.program import FanucProgram
 from counterflex.integrations.fanuc.language.read.interpreter import Interpreter
 from counterflex.integrations.fanuc.language.read.listing import Listing
 from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, listings_beside
-from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import TOOL_VECTOR
-from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.robot_text.cell import NumberedCell
-from counterflex.programs.source_text import common_encoding, read_text
+from counterflex.programs.source_text import common_encoding, read_text, refuse_mark
 
 _GROUP: Final = re.compile(r"\s*GP([2-9])\s*:", re.IGNORECASE)
 
@@ -55,20 +50,10 @@ def read_fanuc(
     routine, folder = Routine(listing, lines), folder or Folder()
     interpreter = Interpreter(routine, folder, cell)
     interpreter.run()
-    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
-    leans = tilted(rotations)
     return FanucProgram(
-        name=name,
+        **interpreter.fields(name, text),
         dialect="fanuc",
-        lines=(*lines, "") if text.endswith(("\n", "\r")) else lines,
-        newline=line_end(text),
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
-        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=not folder.routines and max(interpreter.runs.values(), default=1) == 1,
-        Rs_part_tcp=rotations,
-        acting=tuple(sorted(set(interpreter.acting))),
-        left_out=interpreter.left_out(name),
-        axes_deg=interpreter.axes_deg,
         external=interpreter.targets.external.changes(interpreter.motions),
         listings={name: routine.about(), **{key: one.about() for key, one in folder.routines.items()}},
         moves=tuple(interpreter.moves),
@@ -91,11 +76,7 @@ def read_fanuc_file(
     file = Path(path)
     text, encoding = read_text(file)
     folder = Folder(listings_beside(file), complete=complete)
-    if encoding == "utf-8-sig":
-        raise ProgramError(
-            "the file begins with a byte order mark, which no controller reads", where=str(file),
-            hint="Save it as ASCII or Latin-1, or as UTF-8 without a mark",
-        )  # fmt: skip
+    refuse_mark(encoding, file)
     program = read_fanuc(text, name=file.name, cell=cell, complete=complete, folder=folder)
     texts = {file.name: (text, encoding)} | {
         name: (routine.listing.text, routine.encoding) for name, routine in folder.routines.items()

@@ -9,9 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
-from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.program import KrlMotion
 from counterflex.integrations.kuka.language.read import statements as form
@@ -276,8 +273,3 @@ class Interpreter(Motions):
                 value=routine.module.lines[-1].strip()[:60],
                 hint="Post it again, or say --without-end if it is complete",
             )  # fmt: skip
-
-
-def orientations(interpreter: Interpreter) -> Float:
-    """(motions, 3, 3) orientation of the cell's TCP at the end of each motion."""
-    return np.array(interpreter.rotations).reshape(-1, 3, 3)

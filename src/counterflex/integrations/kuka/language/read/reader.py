@@ -13,11 +13,10 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
 from counterflex.integrations.kuka.language.program import KrlProgram
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.interpreter import Interpreter, orientations
+from counterflex.integrations.kuka.language.read.interpreter import Interpreter
 from counterflex.integrations.kuka.language.read.job import Job, text_in
 from counterflex.integrations.kuka.language.read.variables import kept_of
-from counterflex.programs.program import TOOL_VECTOR, same_motions
-from counterflex.programs.robot_text.axes import tilted, with_axes
+from counterflex.programs.program import same_motions
 from counterflex.programs.source_text import read_text
 
 _SENSOR_ON: Final = re.compile(r"\bRSI_ON\s*\(", re.IGNORECASE)
@@ -66,26 +65,21 @@ def read_krl(
     interpreter = Interpreter(job, cell, complete=complete)
     interpreter.run()
     _check_next_run(interpreter, Interpreter(Job(name, text, others), cell, complete=complete))
-    rotations = orientations(interpreter)
-    leans = tilted(rotations)
     main = job.main.file
     external = interpreter.targets.external.changes(interpreter.motions)
     return KrlProgram(
-        name=name,
+        **{
+            **interpreter.fields(name, main.text),
+            "lines": main.lines,
+            "newline": main.newline,
+            "acting": tuple(dict.fromkeys(interpreter.acting)),
+        },
         dialect="krl",
-        lines=main.lines,
-        newline=main.newline,
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
-        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=len({(move.file, move.line) for move in interpreter.moves}) == len(interpreter.moves),
         files=dict(job.files),
         moves=tuple(interpreter.moves),
-        Rs_part_tcp=rotations,
         R_tcp_tool=interpreter.frames.R_tcp_tool,
         extra="" if external else interpreter.targets.extra_text,
-        acting=tuple(dict.fromkeys(interpreter.acting)),
-        left_out=interpreter.left_out(name),
-        axes_deg=interpreter.axes_deg,
         external=external,
         loose_triggers=interpreter.loose,
         reads_position=interpreter.reads_position,

@@ -6,8 +6,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Val3Program, Val3Source
 from counterflex.integrations.staubli.language.read.application import Folder
@@ -17,8 +15,6 @@ from counterflex.integrations.staubli.language.read.motions import Val3Cell
 from counterflex.integrations.staubli.language.read.program_file import Routine
 from counterflex.integrations.staubli.language.read.store import Store
 from counterflex.programs.gcode.read.flow import line_end, split_lines
-from counterflex.programs.program import TOOL_VECTOR
-from counterflex.programs.robot_text.axes import tilted, with_axes
 from counterflex.programs.source_text import common_encoding, read_text
 
 
@@ -55,21 +51,11 @@ def read_val3(
     store.load(file)
     interpreter = Interpreter(routine, folder, store, cell)
     interpreter.run()
-    rotations = np.array(interpreter.rotations).reshape(-1, 3, 3)
-    leans = tilted(rotations)
     sources = {name: routine, **{one.name: one for one in folder.routines.values()}}
     return Val3Program(
-        name=name,
+        **interpreter.fields(name, text),
         dialect="val3",
-        lines=(*routine.lines, "") if text.endswith(("\n", "\r")) else tuple(routine.lines),
-        newline=line_end(text),
-        blocks=tuple(interpreter.blocks(TOOL_VECTOR if leans else 0)),
-        motions=tuple(with_axes(interpreter.motions, rotations) if leans else interpreter.motions),
         straight=len(sources) == 1 and max(interpreter.runs.values(), default=1) == 1,
-        Rs_part_tcp=rotations,
-        acting=tuple(sorted(set(interpreter.acting))),
-        left_out=interpreter.left_out(name),
-        axes_deg=interpreter.axes_deg,
         sources={
             key: Val3Source(one.text, one.starts[one.first] if one.first < len(one.starts) else len(one.text))
             for key, one in sources.items()

@@ -1,4 +1,4 @@
-"""Sends measured poses as the neutral tracker datagram: the end of a bridge between a tracker and the loop."""
+"""The end of a bridge between an instrument and the loop: a socket that datagrams leave by."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import contextlib
 import socket
 
 from counterflex.core.errors import OutputError
-from counterflex.protocols.tracker.telegram import TrackerPose, write_pose
 
 
-class PoseForwarder:
-    """A socket that datagrams leave by.
+class Forwarder:
+    """Sends datagrams to one receiver.
 
     Args:
         peer: Where they go.
+        what: Of the datagrams, for the message: ``poses``.
 
     Attributes:
         sent: Datagrams sent.
@@ -22,27 +22,22 @@ class PoseForwarder:
         OutputError: The address cannot be used.
     """
 
-    def __init__(self, peer: tuple[str, int]) -> None:
+    def __init__(self, peer: tuple[str, int], what: str) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.connect(peer)
         except OSError as fault:
             self._socket.close()
             raise OutputError(
-                f"the receiver of poses cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
+                f"the receiver of {what} cannot be addressed: {fault.strerror or fault}", where=f"{peer[0]}:{peer[1]}"
             ) from fault
         self.sent = 0
 
-    def send(self, measured: TrackerPose) -> None:
-        """Send a measurement; nobody listening is no fault.
-
-        Raises:
-            ProtocolError: A number does not fit its field.
-        """
-        data = write_pose(measured)
+    def send(self, data: bytes) -> None:
+        """Send a datagram; nobody listening is no fault."""
+        self.sent += 1
         with contextlib.suppress(ConnectionError, BlockingIOError):
             self._socket.send(data)
-        self.sent += 1
 
     def close(self) -> None:
         """Free the socket."""

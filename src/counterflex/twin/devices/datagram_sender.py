@@ -1,0 +1,59 @@
+"""An instrument's end of a datagram protocol: what leaves, and what goes wrong with it, onto a socket."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+
+from counterflex.twin.network.faults import Condition, FaultSchedule
+from counterflex.twin.network.faulty_line import FaultyLine
+
+
+class DatagramSender:
+    """Sends datagrams of an instrument by itself.
+
+    Args:
+        peer: Where they go; None sends nothing.
+        faults: Scripted, by the time of the readings and their number.
+
+    Attributes:
+        sent: Readings put on the line.
+        dead: It never sends again.
+    """
+
+    def __init__(self, peer: tuple[str, int] | None, faults: FaultSchedule) -> None:
+        self.peer, self._faults = peer, faults
+        self._line = FaultyLine(faults)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._index = -1
+        self.sent = 0
+        self.dead = False
+
+    def idle(self, time_s: float) -> None:
+        """Nothing is measured now; what was on its way until ``time_s`` arrives."""
+        self._line.release(time_s, self._put)
+
+    def _condition(self, time_s: float) -> Condition:
+        """Condition of the instrument at its next reading."""
+        self._index += 1
+        condition = self._faults.condition(self._index, time_s)
+        self.dead = condition.dead
+        self.idle(time_s)
+        return condition
+
+    def _sequence(self, condition: Condition) -> int:
+        """Number of the next datagram."""
+        return (self.sent + 1 + condition.step) & 0xFFFFFFFF
+
+    def _leave(self, data: bytes, time_s: float) -> None:
+        self.sent += 1
+        self._line.put(data, time_s, self._put)
+
+    def _put(self, data: bytes) -> None:
+        if self.peer is not None:
+            with contextlib.suppress(BlockingIOError, ConnectionError):
+                self._socket.sendto(data, self.peer)
+
+    def close(self) -> None:
+        """Free the socket."""
+        self._socket.close()
