@@ -49,7 +49,7 @@ def trochoid_gap(phi: float, advance: float, angle: float, radius: float, previo
     return math.nan
 
 
-@kernel("void(float64[::1], float64, float64[::1], int64, float64[::1])")
+@kernel("void(float64[::1], float64, float64[::1], int64, float64[::1])", entry=True)
 def _thickness(phi: Float, feed: float, radii: Float, tooth: int, out: Float) -> None:
     teeth = radii.size
     pitch = 2.0 * math.pi / teeth

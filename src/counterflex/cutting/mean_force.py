@@ -278,7 +278,8 @@ def mean_wrench(
 
 @kernel(
     "void(float64[:,:,::1], float64[::1], float64[::1], float64[::1], float64[:,::1], float64[:,:,::1],"
-    " float64[:,::1], float64[:,::1])"
+    " float64[:,::1], float64[:,::1])",
+    entry=True,
 )
 def _mean_wrenches(
     depths: Float, feeds: Float, drops: Float, areas: Float, terms: Float, arc: Float, levels: Float, out: Float

@@ -134,7 +134,11 @@ class RemovalResult:
     segments_cutting: int
 
 
-@kernel()
+@kernel(
+    "int64(int64[:, :, :, ::1], float64[::1], float64, float64[::1], float64[::1], uint16[::1], "
+    "float32[::1], int64[::1], int64[::1])",
+    entry=True,
+)
 def compress(
     booked: Int,
     length: Float,

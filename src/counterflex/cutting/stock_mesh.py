@@ -48,7 +48,7 @@ def upper_surface(
     return out
 
 
-@kernel()
+@kernel("void(float64[:, ::1], int64[:, ::1], float64, float64, float64, float64[:, ::1])", entry=True)
 def _fill(vertices: Float, faces: Int, x0: float, y0: float, cell: float, out: Float) -> None:
     """Raise every cell centre inside a triangle's plan view to the triangle's plane (edges included)."""
     ny, nx = out.shape

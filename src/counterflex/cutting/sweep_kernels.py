@@ -42,7 +42,7 @@ from counterflex.cutting.envelope_kernels import (
     row_bull,
     row_flat,
 )
-from counterflex.cutting.kernel_arrays import Grid, Scratch, Workspace
+from counterflex.cutting.kernel_arrays import GRID, Grid, Scratch, Workspace
 
 ROWS: Final = 8
 BAND_BLOCKS: Final = 8
@@ -255,7 +255,13 @@ def stamp_rows(
         )
 
 
-@kernel(parallel=True)
+@kernel(
+    "void(Grid, float64[:, ::1], int64[:, ::1], float64[::1], boolean, boolean[::1], int64[:, :, :, "
+    "::1], int64[:, :, ::1], int64)",
+    parallel=True,
+    entry=True,
+    Grid=GRID,
+)
 def stamp_bands(
     grid: Grid,
     path: Float,

@@ -63,7 +63,8 @@ class ToothForces:
 
 @kernel(
     "void(float64[:,:,::1], int64[:,::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[:,::1], int64,"
-    " float64, float64, float64[:,::1], float64[::1])"
+    " float64, float64, float64[:,::1], float64[::1])",
+    entry=True,
 )
 def _revolution(
     chips: Float,

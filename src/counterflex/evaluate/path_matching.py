@@ -24,7 +24,7 @@ _SETTLE = 0.02  # share per station by which the offset from the hint is correct
 _WIDE = 10.0  # times the window: where a place that is lost is searched
 
 
-@kernel()
+@kernel("Tuple((float64[:, ::1], float64[::1], boolean[::1]))(float64[:, ::1], float64, float64)", entry=True)
 def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, Bool]:
     """Points at even chords along a sampled path (divider walk): blind to speed, stops and small vibration.
 
@@ -78,7 +78,7 @@ def even_stations(p: Float, spacing: float, gap: float) -> tuple[Float, Float, B
     return out[:k].copy(), place[:k].copy(), broken[:k].copy()
 
 
-@kernel()
+@kernel("float64[:, ::1](float64[:, ::1], boolean[::1])", entry=True)
 def travel_directions(q: Float, broken: Bool) -> Float:
     """Direction of travel at every station, (k, 3) unit vectors over four chords; zero where the path is one point."""
     m = q.shape[0]
@@ -195,7 +195,11 @@ def _search(
     return least, least_j, least_u, math.inf
 
 
-@kernel()
+@kernel(
+    "Tuple((float64[::1], int64[::1]))(float64[:, ::1], boolean[::1], boolean[::1], float64[:, ::1], "
+    "float64[::1], float64, float64, float64, float64[::1], float64)",
+    entry=True,
+)
 def match(
     q: Float,
     broken: Bool,
@@ -269,7 +273,11 @@ def match(
     return u_out, j_out
 
 
-@kernel()
+@kernel(
+    "UniTuple(float64[:, ::1], 4)(float64[:, ::1], float64[:, ::1], float64[::1], int64[::1], "
+    "float64[:, ::1], float64[::1], boolean[::1])",
+    entry=True,
+)
 def split(
     q: Float, axis: Float, u: Float, seg: Int, P: Float, S: Float, feed: Bool
 ) -> tuple[Float, Float, Float, Float]:

@@ -121,7 +121,10 @@ def wall_exit(section: SweptSection, point: Float, direction: Float, inside_m: f
     )
 
 
-@kernel()
+@kernel(
+    "UniTuple(int64[::1], 2)(float64[:, ::1], float64[:, ::1], float64, float64, float64, float64, int64, int64)",
+    entry=True,
+)
 def _bins(a: Float, b: Float, margin: float, x0: float, y0: float, side: float, nx: int, ny: int) -> tuple[Int, Int]:
     """Moves that come within ``margin`` (as boxes) of each bin, in compressed rows."""
     first = np.zeros(nx * ny + 1, dtype=np.int64)
@@ -198,7 +201,12 @@ def _span(
     return low, high, nx, ny
 
 
-@kernel()
+@kernel(
+    "Tuple((float64[::1], float64[:, ::1]))(float64[:, ::1], float64[:, ::1], float64, float64, "
+    "float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64, float64, float64, int64, "
+    "int64, int64[::1], int64[::1])",
+    entry=True,
+)
 def _exits(
     point: Float,
     direction: Float,

@@ -62,6 +62,7 @@ _THRESHOLD = 0.02  # of the largest bin: below it a bin counts as grazed by grid
     Motion=MOTION,
     State=STATE,
     Rows=CUT_ROWS,
+    entry=True,
 )
 def cut_rows(
     first: int,

@@ -108,7 +108,7 @@ STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load"
 """Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""
 
 
-@kernel("void(float64[:,::1], float64, int64[::1])")
+@kernel("void(float64[:,::1], float64, int64[::1])", entry=True)
 def number_postures(q: Float, apart_rad: float, out: Int) -> None:
     """Number the postures of a path: a row more than ``apart_rad`` from the last that stands begins a new one.
 

@@ -203,7 +203,7 @@ def _corner_speeds(step: Float, length: Float, moves: Bool, velocity: float, acc
     return out
 
 
-@kernel("void(float64[::1], float64[::1], boolean[::1], float64)")
+@kernel("void(float64[::1], float64[::1], boolean[::1], float64)", entry=True)
 def _within_acceleration(point: Float, length: Float, free: Bool, most: float) -> None:
     """Lower the speeds at the ends of free segments until none needs more acceleration; ``v1^2 <= v0^2 + 2 a L``."""
     n = point.shape[0]

@@ -192,7 +192,7 @@ def corrected_joints(chain: ElasticChain, relative: RelativeMotion, q: Float, co
     return out
 
 
-@kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])")
+@kernel("void(float64[:,::1], float64[::1], float64, float64, float64[:,::1])", entry=True)
 def _swing(static: Float, time: Float, omega: float, zeta: float, out: Float) -> None:
     x, v = static[0].copy(), np.zeros(static.shape[1])
     out[0] = x

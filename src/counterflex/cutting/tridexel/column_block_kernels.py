@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple, Protocol
+from typing import Annotated, Final, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from counterflex.core.arrays import Float, Float32
-from counterflex.core.jit import kernel
+from counterflex.core.jit import bundle, kernel
 from counterflex.cutting.envelope_kernels import LANES, Real, Whole
 from counterflex.cutting.sweep_kernels import ROWS
 
@@ -30,15 +30,18 @@ class Columns(NamedTuple):
     is plain; centre of the first column, side, floor of plain blocks (m).
     """
 
-    low: Float32
-    high: Float32
-    held: UInt8
-    tops: Float32
-    plain: UInt8
+    low: Annotated[Float32, "float32[:, :, ::1]"]
+    high: Annotated[Float32, "float32[:, :, ::1]"]
+    held: Annotated[UInt8, "uint8[:, ::1]"]
+    tops: Annotated[Float32, "float32[:, ::1]"]
+    plain: Annotated[UInt8, "uint8[:, ::1]"]
     x0: float
     y0: float
     cell: float
     floor: float
+
+
+COLUMNS: Final = bundle(Columns)
 
 
 class Ends(Protocol):
@@ -98,7 +101,7 @@ def take(columns: Ends, j: Whole, i: Whole, low: Real, high: Real, piece: Float)
     return taken
 
 
-@kernel()
+@kernel("int64(Columns, float64)", entry=True, Columns=COLUMNS)
 def fell_ridges(columns: Ends, ridge: float) -> int:
     """Drop stretches thinner than a ridge that stand above others; returns the most stretches of a column now."""
     ny, nx = columns.held.shape
@@ -140,7 +143,7 @@ def block_top(columns: Columns, block_row: Whole, block: Whole) -> float:
     return float(top)
 
 
-@kernel()
+@kernel("void(Columns)", entry=True, Columns=COLUMNS)
 def survey(columns: Columns) -> None:
     """Fill the highest material of all blocks, and which are plain, from the ends."""
     ny, nx = columns.held.shape

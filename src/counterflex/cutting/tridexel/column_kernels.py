@@ -9,17 +9,18 @@ highest material reaches into the bounds of the sweep, and then at sixteen colum
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Float32, Int
-from counterflex.core.jit import kernel
+from counterflex.core.arrays import Bool, Float, Float1, Float2, Float32, Int
+from counterflex.core.jit import bundle, kernel
 from counterflex.cutting.booking_kernels import EVENTS, VISITED
 from counterflex.cutting.envelope_kernels import LANES, Int32, Real, Whole
-from counterflex.cutting.kernel_arrays import Grid, Scratch
+from counterflex.cutting.kernel_arrays import SCRATCH, Grid, Scratch
 from counterflex.cutting.sweep_kernels import ROWS, stamp_rows
 from counterflex.cutting.tridexel.column_block_kernels import (
+    COLUMNS,
     LOWEST,
     MOST_STRETCHES,
     block_top,
@@ -53,16 +54,19 @@ _BARE = np.float32(1.0e-9)
 class Desk(NamedTuple):
     """Scratch arrays: events, their codes, lanes, what was taken out of a column, frame and bounds of a motion."""
 
-    event: Float32
-    code: Int32
-    line: Float32
-    work: Float32
-    row: Float32
-    piece: Float
-    frame: Float
-    bounds: Float
-    motion: Float
-    point: Float
+    event: Annotated[Float32, "float32[:, ::1]"]
+    code: Annotated[Int32, "int32[:, ::1]"]
+    line: Annotated[Float32, "float32[:, ::1]"]
+    work: Annotated[Float32, "float32[:, ::1]"]
+    row: Annotated[Float32, "float32[::1]"]
+    piece: Float2
+    frame: Float1
+    bounds: Float1
+    motion: Float1
+    point: Float1
+
+
+DESK: Final = bundle(Desk)
 
 
 @kernel()
@@ -281,7 +285,15 @@ def cut_motion(columns: Columns, motion: Float, corners: Float, tool: Float, cei
     return True
 
 
-@kernel()
+@kernel(
+    "int64(Columns, float64[:, ::1], float64[:, ::1], int64[::1], int64[::1], float64[::1], "
+    "float64[::1], float64, boolean, boolean[::1], boolean, int64[:, :, ::1], int64[:, ::1], "
+    "Scratch, Desk)",
+    entry=True,
+    Columns=COLUMNS,
+    Scratch=SCRATCH,
+    Desk=DESK,
+)
 def cut_motions(
     columns: Columns,
     path: Float,

@@ -13,7 +13,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.lattice_kernels import GROUP, Tiles, tile_of
+from counterflex.cutting.tridexel.lattice_kernels import GROUP, TILES, Tiles, tile_of
 from counterflex.cutting.tridexel.swept_solid import stretch
 
 Real = Any
@@ -70,7 +70,12 @@ def _taken(ends: Float, n: int, low: Real, high: Real) -> float:
     return total
 
 
-@kernel()
+@kernel(
+    "void(Tiles, float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, "
+    "::1], int64[::1], float64[::1])",
+    entry=True,
+    Tiles=TILES,
+)
 def engaged_lengths(
     tiles: Tiles, box: Float, turn: Float, base: Float, axis: Float, span: Float, before: Int, out: Float
 ) -> None:

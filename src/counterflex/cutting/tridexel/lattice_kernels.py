@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.jit import kernel
-from counterflex.cutting.tridexel.column_block_kernels import Columns
+from counterflex.core.arrays import Bool, Float, Float2, Int, Int1
+from counterflex.core.jit import bundle, kernel
+from counterflex.cutting.tridexel.column_block_kernels import COLUMNS, Columns
 from counterflex.cutting.tridexel.swept_solid import depth_at, distance, stretch
 from counterflex.cutting.tridexel.turning_line_kernels import MISSED, turning_end
 
@@ -37,12 +37,12 @@ class Tiles(NamedTuple):
     is so for upright tools below their tops; minus infinity where a tool is tilted.
     """
 
-    motions: Float
-    shapes: Float
-    boxes: Float
-    groups: Float
-    first: Int
-    members: Int
+    motions: Float2
+    shapes: Float2
+    boxes: Float2
+    groups: Float2
+    first: Int1
+    members: Int1
     x0: float
     y0: float
     side: float
@@ -50,7 +50,10 @@ class Tiles(NamedTuple):
     ceiling: float
 
 
-@kernel()
+TILES: Final = bundle(Tiles)
+
+
+@kernel("void(int64[:, ::1], int64, int64[::1])", entry=True)
 def count_members(ranges: Int, columns: Whole, count: Int) -> None:
     """Count the groups of each tile; ranges (g, 4) first and last tile in x and y."""
     for k in range(len(ranges)):
@@ -59,7 +62,7 @@ def count_members(ranges: Int, columns: Whole, count: Int) -> None:
                 count[row * columns + column] += 1
 
 
-@kernel()
+@kernel("void(int64[:, ::1], int64, int64[::1], int64[::1])", entry=True)
 def fill_members(ranges: Int, columns: Whole, place: Int, members: Int) -> None:
     """List the groups of each tile; place is where each list begins, and is moved to its end."""
     for k in range(len(ranges)):
@@ -123,7 +126,7 @@ def _holds(runs: Int, n: int, level: int) -> bool:
     return False
 
 
-@kernel()
+@kernel("int64(Columns, int64, int64, float64, float64, int64[:, ::1], boolean[::1])", entry=True, Columns=COLUMNS)
 def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch: float, edge: Int, filled: Bool) -> int:
     """Edges of the lattice along x (0) or y (1) with material at one end only; returns how many there are.
 
@@ -171,7 +174,7 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
     return count
 
 
-@kernel()
+@kernel("int64(Columns, float64, float64, int64[:, ::1], boolean[::1], float64[::1])", entry=True, Columns=COLUMNS)
 def edges_up(columns: Columns, z0: float, pitch: float, edge: Int, filled: Bool, z: Float) -> int:
     """Edges of the lattice along z, as :func:`edges_across`; z (m,) receives where material ends. Returns how many."""
     ny, nx = columns.held.shape
@@ -288,7 +291,7 @@ def _run_of_levels(tiles: Tiles, start: Float, filled: Bool, first: int) -> int:
     return past
 
 
-@kernel()
+@kernel("void(Tiles, int64, float64[:, ::1], float64, boolean[::1], float64[::1])", entry=True, Tiles=TILES)
 def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, filled: Bool, ends: Float) -> None:
     """Where material ends between two nodes of the lattice, one in material and one out of it.
 
@@ -343,7 +346,7 @@ def _least_possible(x: float, y: float, z: float, motion: Float, shape: Float) -
     return float(depth_at(x, y, z, 0.5, motion, shape) - 0.5 * (way + turn * away))
 
 
-@kernel()
+@kernel("void(Tiles, float64[:, ::1], float64, float64[::1])", entry=True, Tiles=TILES)
 def distances(tiles: Tiles, points: Float, reach: float, out: Float) -> None:
     """Signed distance (n,) m of points (n, 3) to what was cut: negative inside; nan where it is more than reach."""
     for n in range(len(points)):

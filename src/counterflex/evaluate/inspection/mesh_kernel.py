@@ -18,7 +18,7 @@ _TIE = 1e-12
 """Distances that differ by less, m, are those to an edge that two triangles share."""
 
 
-@kernel()
+@kernel("void(float64[:, :, ::1], float64[::1], float64, int64[::1], int64[::1])", entry=True)
 def count_cubes(corners: Float, low: Float, side: float, shape: Int, first: Int) -> None:
     """Add to ``first[c + 1]`` the number of triangles whose box touches cube c."""
     for t in range(corners.shape[0]):
@@ -29,7 +29,7 @@ def count_cubes(corners: Float, low: Float, side: float, shape: Int, first: Int)
                     first[(i * shape[1] + j) * shape[2] + k + 1] += 1
 
 
-@kernel()
+@kernel("void(float64[:, :, ::1], float64[::1], float64, int64[::1], int64[::1], int64[::1])", entry=True)
 def list_cubes(corners: Float, low: Float, side: float, shape: Int, place: Int, member: Int) -> None:
     """Write the triangles of each cube, from ``place[c]`` on, which is moved."""
     for t in range(corners.shape[0]):
@@ -55,7 +55,12 @@ def _box(triangle: Float, low: Float, side: float, shape: Int) -> tuple[int, int
     return a[0], b[0], a[1], b[1], a[2], b[2]
 
 
-@kernel(parallel=True)
+@kernel(
+    "void(float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[::1], float64, int64[::1], "
+    "int64[::1], int64[::1], float64, float64[::1])",
+    parallel=True,
+    entry=True,
+)
 def signed_distances(
     points: Float,
     corners: Float,

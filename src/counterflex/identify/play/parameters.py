@@ -94,7 +94,7 @@ def with_spread(fit: Fit, sigma: Float) -> Fit:
     return replace(fit, sigma=np.where(fit.sigma > 0.0, np.hypot(fit.sigma, sigma), 0.0))
 
 
-@kernel()
+@kernel("float64[::1](float64[::1], float64[::1], float64)", entry=True)
 def lagging(steps: Float, values: Float, length: float) -> Float:
     """Values (n,) that follow with a lag of first order, over steps (n,) of time or travel."""
     out = np.empty_like(values)

@@ -31,7 +31,10 @@ from counterflex.robot.elasticity.play import FLOATING_NM, settle_axis
 # and sticking elements yield, slipping ones hold their limit; so it is carried from point to point with the state.
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], float64[::1], float64, float64, float64[::1], float64[::1], float64[::1], float64[:, ::1])",
+    entry=True,
+)
 def follow_with_slopes(
     q: Float,
     torque: Float,

@@ -17,6 +17,7 @@ from counterflex.robot.elasticity.kernels.scalar import balance_torque, chain_pa
     " float64[:, :, ::1])",
     waits=True,
     Chain=CHAIN,
+    entry=True,
 )
 def burdens(chain: Compact, q: Float, w: Float, normals: Float, tips: Float, torque: Float, gain: Float) -> None:
     """Torque on every axis by process, own weight and counterbalance, and motion of the tip by a turn of the axis.

@@ -65,6 +65,7 @@ def deflection_along(chain: Compact, frame: Float, q: Float, w: Float, n: Float)
     "void(Chain, float64[:, ::1], float64[:, ::1], float64[:, :, ::1], float64[::1], int64, int64)",
     waits=True,
     Chain=CHAIN,
+    entry=True,
 )
 def deflection_sizes(chain: Compact, q: Float, w: Float, normals: Float, out: Float, first: int, last: int) -> None:
     """Sizes ``|N d|`` of the deflection in the directions that matter, for the poses first..last-1.

@@ -171,6 +171,7 @@ def turned_about(v: Float, z: Float, c: float, s: float, out: Float) -> None:
     Grid=_GRID,
     Points=_POINTS,
     Survey=_SURVEY,
+    entry=True,
 )
 def survey_edges(
     chain: Compact, grid: Grid, points: Points, stations: Int, survey: Survey, first: int, last: int

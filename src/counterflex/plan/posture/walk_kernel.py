@@ -69,7 +69,7 @@ _EDGES = bundle(Edges)
 _RULES = bundle(Rules)
 
 
-@kernel("float64(Rules, float64[::1], int64, int64)", Rules=_RULES)
+@kernel("float64(Rules, float64[::1], int64, int64)", Rules=_RULES, entry=True)
 def winding(rules: Rules, q: Float, four: int, six: int) -> float:
     """Cost of the turns of axes 4 and 6, infinite outside their limits."""
     total = 0.0
@@ -175,6 +175,7 @@ def turn_in_the_air(edges: Edges, rules: Rules, station: int, value: Float, back
     waits=True,
     Edges=_EDGES,
     Rules=_RULES,
+    entry=True,
 )
 def walk(edges: Edges, rules: Rules, back: Int, hop: Int, value: Float) -> int:
     """Cheapest way to every state of the last station.

@@ -102,7 +102,8 @@ def block_distance(
 
 @kernel(
     "float64(int64, float64[::1], float64[:, ::1], float64[:, ::1], float32[:, ::1], float32[:, ::1], float64[::1], "
-    "float64[::1], float64)"
+    "float64[::1], float64)",
+    entry=True,
 )
 def stock_distance(
     shape: int,

@@ -82,6 +82,7 @@ _ASIDE = 1e-6
     Motion=MOTION,
     State=TURNING_STATE,
     Rows=CUT_ROWS,
+    entry=True,
 )
 def cut_turning_rows(
     first: int,

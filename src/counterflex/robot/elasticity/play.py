@@ -119,7 +119,11 @@ def settle_axis(
     return low + (high - low) * at_low / (at_low - at_high)
 
 
-@kernel()
+@kernel(
+    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, "
+    "::1], float64[:, ::1])",
+    entry=True,
+)
 def follow(
     q: Float, torque: Float, compliance: Float, half_band: Float, limit: Float, slip: Float, torsion: Float
 ) -> None:

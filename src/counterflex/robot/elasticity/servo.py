@@ -27,7 +27,10 @@ from counterflex.robot.model.description import Servo
 _POLE_SEPARATION = 1e-6  # relative distance kept between the two poles
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], float64[::1], float64[::1], float64, float64, float64, float64, float64, float64[::1])",
+    entry=True,
+)
 def yielding(
     q: Float,
     load: Float,

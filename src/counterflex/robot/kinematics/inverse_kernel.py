@@ -9,13 +9,13 @@ vanishes with the residual, so that the iteration still ends exactly. Steps are 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
-from counterflex.core.jit import kernel
-from counterflex.robot.elasticity.kernels.records import Compact
+from counterflex.core.arrays import Float, Float1, Float2, Int1
+from counterflex.core.jit import bundle, kernel
+from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig, loads, rigid_jacobian
 
 OK, UNREACHED, OUTSIDE, SINGULAR = 0, 1, 2, 3
@@ -125,7 +125,11 @@ def _sigma_min(C: Float, squarings: int, B: Float, D: Float) -> float:
     return math.exp(-0.5 * logarithm)
 
 
-@kernel()
+@kernel(
+    "boolean(Compact, float64[:, ::1], float64[::1], int64, int64, float64, float64[::1], float64[::1])",
+    entry=True,
+    Compact=CHAIN,
+)
 def newton(
     chain: Compact, target: Float, w: Float, gravity: int, loaded: int, length: float, q: Float,
     measures: Float,
@@ -219,9 +223,12 @@ class Bounds(NamedTuple):
         sigma_floor: Smallest singular value accepted, at the points and between them.
     """
 
-    limits: Float
+    limits: Float2
     enforce: int
     sigma_floor: float
+
+
+BOUNDS: Final = bundle(Bounds)
 
 
 class Followed(NamedTuple):
@@ -234,13 +241,23 @@ class Followed(NamedTuple):
         fault: (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold.
     """
 
-    q: Float
-    measures: Float
-    axes: Int
-    fault: Float
+    q: Float2
+    measures: Float2
+    axes: Int1
+    fault: Float1
 
 
-@kernel()
+FOLLOWED: Final = bundle(Followed)
+
+
+@kernel(
+    "UniTuple(int64, 3)(Compact, float64[:, :, ::1], float64[:, ::1], int64, int64, float64, "
+    "float64[::1], Bounds, Followed)",
+    entry=True,
+    Compact=CHAIN,
+    Bounds=BOUNDS,
+    Followed=FOLLOWED,
+)
 def follow(
     chain: Compact, targets: Float, ws: Float, gravity: int, loaded: int, length: float, start: Float,
     bounds: Bounds, followed: Followed,

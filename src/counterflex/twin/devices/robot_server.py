@@ -144,7 +144,9 @@ class RobotServer:
         self._step = 0
         self._sent_at = self._reply_s = math.nan
         self._unharmed = False
-        compile_stated("counterflex.core", "counterflex.protocols", "counterflex.integrations")  # no cycle waits for a compilation
+        compile_stated(
+            "counterflex.core", "counterflex.protocols", "counterflex.integrations"
+        )  # no cycle waits for a compilation
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1" if peer[0] in ("127.0.0.1", "localhost") else "0.0.0.0", 0))
         self.address: tuple[str, int] = self._socket.getsockname()

@@ -9,7 +9,13 @@ from counterflex.twin.plant.friction import apply_friction
 from counterflex.twin.plant.loads import apply_loads
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], boolean[::1], int64[::1], "
+    "int64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], "
+    "float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], "
+    "float64[:, ::1], float64[::1], float64, float64[::1], float64[::1])",
+    entry=True,
+)
 def applied_forces(
     qpos: Float,
     qvel: Float,

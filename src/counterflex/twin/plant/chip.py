@@ -208,7 +208,10 @@ def cutting_wrench(
     return status
 
 
-@kernel()
+@kernel(
+    "void(float32[:, ::1], float64[::1], float64, float64, float64, float64, float64, float64, float64[::1])",
+    entry=True,
+)
 def cut(
     z: Float32, grid: Float, ax: float, ay: float, az: float, bx: float, by: float, bz: float, shape: Float
 ) -> None:
@@ -270,7 +273,13 @@ def cut(
             z[j, i] = min(old, np.float32(max(low, bottom)))
 
 
-@kernel()
+@kernel(
+    "int64(float32[:, ::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], int64, "
+    "float64, float64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, "
+    "::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], "
+    "float64[::1])",
+    entry=True,
+)
 def coupled_wrench(
     z: Float32,
     grid: Float,

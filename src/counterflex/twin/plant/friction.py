@@ -39,7 +39,7 @@ def bristle_parameters(frictions: tuple[BristleFriction, ...]) -> Float:
     return out
 
 
-@kernel()
+@kernel("float64(float64, float64, float64, float64[::1])", entry=True)
 def bristle_limit(speed: float, load: float, warm: float, row: Float) -> float:
     """g: torque at which the bristles slide steadily at ``speed`` rad/s under ``load`` N m."""
     ratio = speed / row[2]
@@ -55,7 +55,11 @@ def bristle_torque(before: float, moved: float, stiffness: float, limit: float) 
     return before * decay + limit * (1.0 - decay)
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], float64[::1], int64[::1], int64[::1], float64[::1], float64[::1], "
+    "float64[::1], float64[:, ::1], float64[::1], float64[::1], float64[::1])",
+    entry=True,
+)
 def apply_bristles(
     qpos: Float,
     qvel: Float,
@@ -110,7 +114,7 @@ def slip_parameters(drives: tuple[Drive, ...]) -> tuple[Float, Float]:
     return stiffness, limit
 
 
-@kernel()
+@kernel("float64(float64, float64, float64)", entry=True)
 def play_torque(angle: float, stiffness: float, half_band: float) -> float:
     """Torque of a spring behind a dead band, N m: ``-k (angle - b)`` above b, ``-k (angle + b)`` below -b, else 0."""
     if angle > half_band:

@@ -42,7 +42,11 @@ def balance_torque(angle: float, balance: Float) -> float:
     return float(-balance[1] * balance[2] * math.sin(d) / length * pressure * balance[4])
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], float64[:, ::1], float64[:, ::1], boolean[::1], int64[::1], int64[::1], "
+    "float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])",
+    entry=True,
+)
 def apply_loads(
     qpos: Float,
     anchor: Float,

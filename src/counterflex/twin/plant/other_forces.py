@@ -72,7 +72,7 @@ def gear_parameters(gears: tuple[GearCurve, ...]) -> Float:
     return out
 
 
-@kernel()
+@kernel("float64(float64, float64, float64, float64[::1])", entry=True)
 def gear_torque(angle: float, stiffness: float, half_band: float, curve: Float) -> float:
     """Torque of the curve behind a dead band on the wind-up ``angle``, N m, against it."""
     x = abs(angle) - half_band
@@ -98,7 +98,11 @@ def wind_up(torque: float, stiffness: float, curve: Float) -> float:
     return math.copysign(x / stiffness, torque)
 
 
-@kernel()
+@kernel(
+    "void(float64[::1], int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[::1], "
+    "float64[::1], float64[::1])",
+    entry=True,
+)
 def apply_gears(
     qpos: Float,
     torsion: Int,
@@ -156,7 +160,7 @@ def coupling_parameters(truth: Truth, coordinates: Coordinates) -> tuple[Int, Fl
     return np.array(place, dtype=np.int64).reshape(-1, 3), np.array(value, dtype=np.float64).reshape(-1, 2)
 
 
-@kernel()
+@kernel("void(float64[::1], int64[:, ::1], float64[:, ::1], float64[::1])", entry=True)
 def apply_couplings(qpos: Float, place: Int, value: Float, force: Float) -> None:
     """Add the springs to ``force``.
 
@@ -179,7 +183,7 @@ def apply_couplings(qpos: Float, place: Int, value: Float, force: Float) -> None
 _STILL: Final = 0.0
 
 
-@kernel()
+@kernel("void(float64[::1], int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[::1])", entry=True)
 def gear_loads(qpos: Float, torsion: Int, stiffness: Float, half_band: Float, curves: Float, out: Float) -> None:
     """Set ``out`` (6,) to the torques of the gears without hysteresis, N m; straight ones where the curve is zero."""
     for i in range(6):

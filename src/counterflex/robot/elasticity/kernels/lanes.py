@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
-from counterflex.robot.elasticity.kernels.records import Compact
+from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
 from counterflex.robot.elasticity.kernels.scalar import SMALL, small_asin_ratio, small_cos, small_sin
 
 LANES: Final = 16
@@ -279,7 +279,7 @@ def deflection_blocks(chain: Compact, q: Float, w: Float, out: Float, first: int
     return redone
 
 
-@kernel(parallel=True)
+@kernel("int64(Compact, float64[:, ::1], float64[:, ::1], float64[:, ::1])", parallel=True, entry=True, Compact=CHAIN)
 def deflection_lanes(chain: Compact, q: Float, w: Float, out: Float) -> int:
     """Threaded :func:`deflection_blocks` over all points."""
     redone = 0

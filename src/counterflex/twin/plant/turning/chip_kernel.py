@@ -89,7 +89,13 @@ def _side(
     return length, moment / length if length > 0.0 else 0.0
 
 
-@kernel()
+@kernel(
+    "int64(float32[:, :, ::1], float32[:, :, ::1], uint8[:, ::1], float64[::1], float64[::1], "
+    "float64[::1], float64[::1], float64[:, ::1], int64, float64, float64, float64[::1], float64[:, "
+    "::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1], "
+    "float64[::1], float64[::1], float64[::1])",
+    entry=True,
+)
 def turned_wrench(
     low: Float32,
     high: Float32,

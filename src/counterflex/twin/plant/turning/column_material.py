@@ -211,7 +211,11 @@ def take(low: Float32, high: Float32, held: UInt8, j: int, i: int, first: float,
     return True
 
 
-@kernel()
+@kernel(
+    "boolean(float32[:, :, ::1], float32[:, :, ::1], uint8[:, ::1], float64[::1], float64[::1], "
+    "float64[::1], float64[:, ::1])",
+    entry=True,
+)
 def place_tool(low: Float32, high: Float32, held: UInt8, grid: Float, tip: Float, axis: Float, parts: Float) -> bool:
     """Take away what lies within the tool; False where a column has no room for another stretch.
 
