@@ -42,7 +42,7 @@ FILES = {
     "counterflex_lab/faults/run_rig.py": "in a temporary folder",
     "counterflex_lab/soak/replayed_cell.py": "in a temporary folder",
     "counterflex_lab/soak/soak.py": "in a staging folder",
-    "app/correction/history.py": "in a staging folder",
+    "app/correction/correct.py": "in a staging folder",
     "app/identification/history.py": "in a staging folder",
     "files/cell/update.py": "a trial in a staging folder",
 }

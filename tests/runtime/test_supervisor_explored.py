@@ -59,7 +59,7 @@ def test_every_state_is_reached_and_each_can_be_left() -> None:
     assert set(found.fields("state")) == {int(state) for state in State}
     left = {(int(found.fields("state")[a]), int(found.fields("state")[b])) for a, b, _ in found.edges}
     assert {a for a, b in left if a != b} == {int(state) for state in State}
-    assert len(all_inputs()) == 4608
+    assert len(all_inputs()) == 6144
 
 
 @pytest.mark.long
