@@ -17,14 +17,6 @@ from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 
-def register(twin: typer.Typer) -> None:
-    """Add these commands."""
-    twin.command("netft")(netft)
-    twin.command("wrench")(wrench)
-    twin.command("tracker")(tracker)
-    twin.command("ads")(ads)
-
-
 def netft(
     file: Annotated[
         Path | None,
