@@ -105,5 +105,5 @@ def scenarios(
 for command in (measure, track, scenarios):
     twin.command()(command)
 twin.command("cell")(of_cell)
-for command in (rsi, netft, wrench, tracker, ads, egm, proxy):
-    twin.command()(command)
+for alone in (rsi, netft, wrench, tracker, ads, egm, proxy):
+    twin.command()(alone)
