@@ -21,11 +21,6 @@ Rsi = Annotated[
 ]
 
 
-def register_twin(twin: typer.Typer) -> None:
-    """Add the commands of the simulated cell."""
-    twin.command("cell")(cell)
-
-
 def one_link(rsi: Path | None, egm: object) -> tuple[str, Path | None] | None:
     """The link that is given and its file; None where the cell file is to name it. Raises InputError: two are given."""
     if rsi is not None and egm is not None:

@@ -12,9 +12,9 @@ from counterflex.cli.arguments import LARGEST_SEED, argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.commands.proxy import proxy
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.commands.run import register_twin
+from counterflex.cli.commands.run import cell as of_cell
 from counterflex.cli.commands.simulated.egm import egm
-from counterflex.cli.commands.simulated.instruments import register as register_fakes
+from counterflex.cli.commands.simulated.instruments import ads, netft, tracker, wrench
 from counterflex.cli.commands.simulated.rsi import rsi
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.errors import InputError
@@ -102,11 +102,8 @@ def scenarios(
     print_table("Scenarios", ["name", "what it sets"], [[item, title] for item, title in titles.items()])
 
 
-twin.command("measure")(measure)
-twin.command("track")(track)
-twin.command("scenarios")(scenarios)
-register_twin(twin)
-twin.command()(rsi)
-register_fakes(twin)
-twin.command()(egm)
-twin.command()(proxy)
+for command in (measure, track, scenarios):
+    twin.command()(command)
+twin.command("cell")(of_cell)
+for alone in (rsi, netft, wrench, tracker, ads, egm, proxy):
+    twin.command()(alone)

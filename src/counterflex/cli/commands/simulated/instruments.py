@@ -27,14 +27,6 @@ LoadFile = Annotated[
 ]
 
 
-def register(twin: typer.Typer) -> None:
-    """Add these commands."""
-    twin.command("netft")(netft)
-    twin.command("wrench")(wrench)
-    twin.command("tracker")(tracker)
-    twin.command("ads")(ads)
-
-
 def netft(
     file: LoadFile = None,
     seconds: Seconds = None,
