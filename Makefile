@@ -23,7 +23,7 @@ check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contra
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python tools/check_frames.py src tests examples benchmarks
+	$(BIN)/python tools/check_frames.py src lab tests examples benchmarks
 	$(BIN)/python tools/check_nomenclature.py
 	$(BIN)/python tools/supply_chain.py --check
 
@@ -59,9 +59,9 @@ $(VENV)/.installed-run: requirements/run.txt pyproject.toml | $(BIN)/python
 	$(PIP) install --no-build-isolation --no-deps -e .
 	touch $@
 
-$(VENV)/.installed-dev: requirements/dev.txt pyproject.toml | $(BIN)/python
+$(VENV)/.installed-dev: requirements/dev.txt pyproject.toml lab/pyproject.toml | $(BIN)/python
 	$(PIP) install --require-hashes -r requirements/dev.txt
-	$(PIP) install --no-build-isolation --no-deps -e .
+	$(PIP) install --no-build-isolation --no-deps -e . -e lab
 	touch $@ $(VENV)/.installed-run
 
 clean:

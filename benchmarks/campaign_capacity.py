@@ -29,7 +29,7 @@ import polars
 
 from counterflex.app.campaign import campaign
 from counterflex.app.campaign.axes import Grid, Placement
-from counterflex.app.campaign.results import FILE
+from counterflex.app.campaign.campaign import FILE
 from counterflex.app.long_jobs.cluster import cluster
 from counterflex.app.long_jobs.executors import Executor
 from counterflex.app.long_jobs.step_cache import DONE

@@ -1,7 +1,7 @@
 """Correction of the next part from a measured one, on simulated cells: three parts on every truth.
 
 The first part is made by the program of ``compensate`` with the cell file of the catalogue. Each part is scanned with
-20 um of noise, half a millimetre apart on floors, three heights on walls (counterflex.app.correction.simulated_scan);
+20 um of noise, half a millimetre apart on floors, three heights on walls (counterflex.app.correction.scans);
 the estimator sees the scan only. The figure is the deviation of the part's surface that 99.7 % of the area stay below,
 as the simulation knows it, and beside it that of the path across the feed in the cut, of which a surface does not show
 all. ``--noise`` measures parts that are right but for the noise of the scan, and how much the program would change.
@@ -29,8 +29,7 @@ import numpy as np
 from counterflex.app import examples
 from counterflex.app.compensation.languages import write
 from counterflex.app.correction.decide import measured_error, next_step
-from counterflex.app.correction.scans import Scan
-from counterflex.app.correction.simulated_scan import NOISE_M, simulated_scan
+from counterflex.app.correction.scans import NOISE_M, Scan, simulated_scan
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Judged, Reference, judge, reference_of

@@ -24,7 +24,7 @@ from counterflex.app.run.log import show
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.logs.segments import Segment, read_brief, read_segment
 from counterflex.runtime.record_ring import column
-from counterflex.validation.composed import endurance
+from counterflex_lab.composed import endurance
 
 PERIOD_S: Final = 4e-3
 AT_ONCE: Final = 5

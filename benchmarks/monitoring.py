@@ -1,6 +1,6 @@
 """Process monitoring on made-up signals: how often each thing is seen, how soon, and how often it errs.
 
-Trials of :mod:`counterflex.validation.monitor_trial`, tooth by tooth, with all off that a workshop does not know.
+Trials of :mod:`counterflex_lab.monitor_trial`, tooth by tooth, with all off that a workshop does not know.
 The default prints one cut with all that can go wrong; ``--grid`` counts false and missed alarms over speeds, teeth and
 widths of cut, with stock that becomes thinner or thicker; ``--others`` does so for kinds of cut that nothing was tuned
 on: run-out, variable pitch, interrupted cuts, fast entries, sensors at other rates. Seeds from ``--first`` on. Where
@@ -24,7 +24,7 @@ from counterflex.core.units import MM, UM
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.hidden_tooth import hidden_tooth
 from counterflex.runtime.monitoring.settings import MonitorSettings
-from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, mean_force, run_trial
+from counterflex_lab.monitor_trial import EXPONENT, Cut, Incident, mean_force, run_trial
 
 SLOT_M: Final = 0.12
 LONG_M: Final = 1.5

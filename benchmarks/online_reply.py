@@ -56,9 +56,9 @@ from counterflex.twin.live.live_cell import Report
 from counterflex.twin.live.recorded_pass import RecordedPass
 from counterflex.twin.live.replayed_cell import GATE, ReplayedCell
 from counterflex.twin.live.timed_block import Block
-from counterflex.validation.soak import replayed_cell as steady
-from counterflex.validation.soak.operator import requested_words
-from counterflex.validation.soak.replay_figures import active, in_standstill, micro
+from counterflex_lab.soak import replayed_cell as steady
+from counterflex_lab.soak.operator import requested_words
+from counterflex_lab.soak.replay_figures import active, in_standstill, micro
 
 LOOKED_CYCLES = 125
 """How often the operator looks."""

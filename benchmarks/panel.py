@@ -52,7 +52,7 @@ from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.snapshot import SnapshotMemory, SnapshotReader, snapshot_path
 from counterflex.protocols.system.machine import processor_times
 from counterflex.runtime.state.states import State
-from counterflex.validation.faults.process_rig import ProcessRig
+from counterflex_lab.faults.process_rig import ProcessRig
 
 PERIOD_S: Final = 0.004
 CLIENTS: Final = 4

@@ -36,7 +36,7 @@ from counterflex.protocols.processes.control_array import Life, Request, Shown
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.snapshot import SnapshotMemory
 from counterflex.runtime.state.states import State
-from counterflex.validation.faults.process_rig import ProcessRig
+from counterflex_lab.faults.process_rig import ProcessRig
 
 PASSWORD: Final = "four words and one"
 PATIENCE_S: Final = 60.0

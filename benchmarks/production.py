@@ -47,7 +47,7 @@ from counterflex.identify.production.stretches import stretches_of
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.file import read_truth, write_truth
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 CELL: Final = ROOT / "examples" / "cells" / "kr300_d16_small.toml"

@@ -23,11 +23,11 @@ os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is sh
 LONGEST = (
     "app/proof/test_accuracy_goals.py",
     "cutting/tridexel/test_columns.py",
-    "validation/test_composed_stories.py",
+    "lab/test_composed_stories.py",
     "identify/test_interval_coverage.py",
     "app/production/test_production_twin.py",
     "robot/test_compliance.py",
-    "validation/test_fault_scenarios.py",
+    "lab/test_fault_scenarios.py",
     "cli/test_help.py",
     "runtime/test_force_step.py",
     "runtime/test_step_explored.py",

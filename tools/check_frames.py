@@ -120,4 +120,4 @@ def main(roots: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:] or ["src", "tests", "examples", "benchmarks"]))
+    sys.exit(main(sys.argv[1:] or ["src", "lab", "tests", "examples", "benchmarks"]))

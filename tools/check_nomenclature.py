@@ -243,7 +243,7 @@ def retired_names(source: str, where: str, names: dict[str, str]) -> list[str]:
 
 def texts() -> Iterator[Path]:
     """Everything that is read: code, messages, pages."""
-    for folder in ("src", "tests", "tools", "benchmarks", "docs", "examples"):
+    for folder in ("src", "lab", "tests", "tools", "benchmarks", "docs", "examples"):
         yield from sorted(p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
     yield from (ROOT / "README.md", ROOT / "CONTRIBUTING.md")
 

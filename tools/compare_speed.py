@@ -80,7 +80,10 @@ def measured(tree: Path, name: str) -> Figures:
         file = Path(folder) / "figures.json"
         command = [sys.executable, f"benchmarks/{name}.py", *benchmark.options, "--json"]
         command += [str(file)] if benchmark.to_file else []
-        environment = os.environ | {"PYTHONPATH": str(tree / "src"), "OPENBLAS_NUM_THREADS": "1"}
+        environment = os.environ | {
+            "PYTHONPATH": os.pathsep.join((str(tree / "src"), str(tree / "lab"))),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
         done = subprocess.run(command, cwd=tree, env=environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise SystemExit(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.files.cell.frame import FrameTable
+from counterflex.files.cell.sensing import FrameTable
 from counterflex.files.schema import parse
 from counterflex.protocols.force.frame_format import COMPONENTS
 from counterflex.protocols.frame.link import FrameLink

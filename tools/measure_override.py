@@ -24,7 +24,7 @@ from counterflex.app.run import session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.files.cell.cell import read_cell
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"

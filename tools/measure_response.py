@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.app import examples
-from counterflex.app.proof.response import best_lead, responses
+from counterflex.app.proof.exact import best_lead, responses
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.units import MM, MS
 from counterflex.files.cell.cell import read_cell

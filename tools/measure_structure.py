@@ -3,12 +3,14 @@
     python tools/measure_structure.py
     git worktree add ../before edd1e91 && python tools/measure_structure.py --before ../before --entered
     python tools/measure_structure.py --entered --files
+    python tools/measure_structure.py --hold
 
 Every figure is counted from the syntax trees below src/counterflex; --entered runs a shipped program twice and counts
 the files of which a function is called, without what importing calls: once as `counterflex compensate`, once as the
 call `compensate(program, read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line,
-report and writing of files; --files prints which files those are. The table in docs/adr/0011-folders.md is what it
-prints.
+report and writing of files; --files prints which files those are; --hold ends with status 1 where a figure has passed
+its ceiling below: a ceiling is what stands today, and is lowered with what it counts. The table in
+docs/adr/0011-folders.md is what it prints.
 """
 
 from __future__ import annotations
@@ -27,8 +29,16 @@ from pathlib import Path
 from statistics import median
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
-MANY_ARGUMENTS, COMPLEX, LONG_STAGE = 10, 15, 60
-_BRANCHES = (ast.If, ast.For, ast.AsyncFor, ast.While, ast.ExceptHandler, ast.match_case)
+MANY_ARGUMENTS, COMPLEX, LONG_STAGE, LONG_MODULE, WIDE = 10, 15, 60, 400, 20
+_PATHS, _LONG = (
+    f"functions above complexity {COMPLEX} outside kernels",
+    f"functions above {LONG_STAGE} lines outside kernels",
+)
+_ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
+CEILINGS = {  # what no change may pass
+    "modules": 1400,
+}
+_OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9]*(_[A-Z0-9]+)*$")
 _ENTERED = """
 import sys, threading
@@ -93,11 +103,58 @@ class Module:
 
 
 def complexity(function: Function) -> int:
-    """Independent paths through a function: one, and one for each branch (McCabe 1976), counted as ruff's C901 does."""
-    return 1 + sum(
-        isinstance(node, _BRANCHES) or (isinstance(node, Function) and node is not function)
-        for node in ast.walk(function)
+    """Independent paths through a function (McCabe 1976), counted as radon does, nested functions with it.
+
+    One, and one for each branch, condition joined by `and` or `or`, loop, comprehension and its tests, handler, case.
+    """
+    total = 1
+    for node in ast.walk(function):
+        match node:
+            case ast.If() | ast.IfExp() | ast.Assert():
+                total += 1
+            case ast.For() | ast.AsyncFor() | ast.While():
+                total += 1 + bool(node.orelse)
+            case ast.BoolOp():
+                total += len(node.values) - 1
+            case ast.comprehension():
+                total += 1 + len(node.ifs)
+            case ast.Try():
+                total += len(node.handlers) + bool(node.orelse)
+            case ast.Match():
+                total += len(node.cases) - any(ast.unparse(case.pattern) == "_" for case in node.cases)
+            case ast.FunctionDef() | ast.AsyncFunctionDef():
+                total += node is not function
+    return total
+
+
+def nested(module: Module) -> int:
+    """Functions defined inside of functions; left out are those that the outer one returns, as a decorator does."""
+    total = 0
+    for outer, _ in module.functions():
+        returned = {
+            node.value.id
+            for node in ast.walk(outer)
+            if isinstance(node, ast.Return) and isinstance(node.value, ast.Name)
+        }
+        inner = [node for node in ast.walk(outer) if isinstance(node, Function) and node is not outer]
+        total += sum(node.name not in returned for node in inner)
+    return total
+
+
+def only_data(module: Module) -> int:
+    """Dataclasses without a method or property of their own."""
+    return sum(
+        any("dataclass" in ast.unparse(mark) for mark in node.decorator_list)
+        and not any(isinstance(part, Function) for part in node.body)
+        for node in ast.walk(module.tree)
+        if isinstance(node, ast.ClassDef)
     )
+
+
+def import_lines(module: Module) -> int:
+    """Lines that import, also inside of functions."""
+    nodes = (node for node in ast.walk(module.tree) if isinstance(node, ast.Import | ast.ImportFrom))
+    return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in nodes)
 
 
 def arguments(function: Function) -> int:
@@ -189,20 +246,39 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
         f for m in modules if m.name.startswith("counterflex.runtime") for f, is_kernel in m.functions() if is_kernel
     ]
     text = "\n".join(m.text for m in modules)
+    outside = [f for f, is_kernel in pairs if not is_kernel]
+    lengths = [m.text.count("\n") for m in own]
+    full = [line.strip() for line in text.split("\n") if line.strip()]
+    comments = sum(line.startswith("#") for line in full)
+    classes = Counter(node.name for m in modules for node in ast.walk(m.tree) if isinstance(node, ast.ClassDef))
+
+    def begun(*kinds: type[ast.AST]) -> int:
+        nodes = (node for m in modules for node in ast.walk(m.tree) if isinstance(node, kinds))
+        return sum(bool(_OPENING.match(ast.get_docstring(node) or "")) for node in nodes)  # type: ignore[arg-type]
+
     figures = {
         "modules": len(own),
         "lines": text.count("\n"),
+        "median module": f"{median(lengths):g}",
+        f"modules above {LONG_MODULE} lines": sum(length > LONG_MODULE for length in lengths),
         "widest folder": f"{width[widest]} ({widest.removeprefix('counterflex.')})",
         "median folder": f"{median(width.values()):g}",
+        f"folders above {WIDE} modules": sum(count > WIDE for count in width.values()),
         "files entered by one compensate": len(ways["command"]) if ways else "not run",
         "files entered from program to compensated text": len(ways["text"]) if ways else "not run",
-        f"functions above complexity {COMPLEX} outside kernels": sum(
-            complexity(f) > COMPLEX for f, is_kernel in pairs if not is_kernel
-        ),
-        f"functions with more than {MANY_ARGUMENTS} arguments outside kernels": many.count(False),
+        _PATHS: sum(complexity(f) > COMPLEX for f in outside),
+        _LONG: sum(_code_lines(f) > LONG_STAGE for f in outside),
+        _ARGUMENTS: many.count(False),
         f"functions with more than {MANY_ARGUMENTS} arguments in kernels": many.count(True),
+        "nested functions": sum(nested(m) for m in modules),
         f"kernels of the loop above {LONG_STAGE} lines": sum(_code_lines(f) > LONG_STAGE for f in step),
         "circles": circles(modules),
+        "dataclasses that only carry data": sum(only_data(m) for m in modules),
+        "class names used twice or more": sum(count > 1 for count in classes.values()),
+        "import lines in 1000": f"{1000 * sum(import_lines(m) for m in modules) / len(full):.0f}",
+        "comment lines in 1000": f"{1000 * comments / len(full):.1f}",
+        "module docstrings that begin with What, How, Which": begun(ast.Module),
+        "other docstrings that do": begun(ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef),
         "index constants in kernels": sum(index_constants(f) for f, is_kernel in pairs if is_kernel),
         "index constants in kernels of the loop": sum(index_constants(f) for f in step),
         "`Any`": len(re.findall(r"\bAny\b", text)),
@@ -232,6 +308,7 @@ def main() -> None:
         "--entered", action="store_true", help="run compensate and count the files it enters (some 40 s)"
     )
     parser.add_argument("--files", action="store_true", help="with --entered: print which files these are")
+    parser.add_argument("--hold", action="store_true", help="end with status 1 where a figure has passed its ceiling")
     asked = parser.parse_args()
     if asked.files and not asked.entered:
         parser.error("--files lists what --entered counts: give both")
@@ -245,6 +322,11 @@ def main() -> None:
         for file in sorted({*files["command"], *files["text"]}):
             print(f"{'text   ' if file in files['text'] else 'command'} {file}")
     after = measure(here, files)
+    if asked.hold:
+        passed = [name for name, ceiling in CEILINGS.items() if float(after[name]) > ceiling]
+        for name in passed:
+            print(f"{name}: {after[name]}, at most {CEILINGS[name]}; see CONTRIBUTING.md, or lower what it counts")
+        sys.exit(bool(passed))
     if asked.before is None:
         print("| | now |\n|---|---|")
         print("\n".join(f"| {name} | {value} |" for name, value in after.items()))

@@ -22,7 +22,7 @@ SLOW = 5
 
 @functools.cache
 def _imports(file: Path) -> frozenset[str]:
-    """Modules of the package that a file imports anywhere, as dotted names below ``counterflex``."""
+    """Modules of the package that a file imports anywhere, as dotted names below ``counterflex``; ``_lab`` as is."""
     names = set()
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("counterflex"):
@@ -39,12 +39,12 @@ def _imports(file: Path) -> frozenset[str]:
 @functools.cache
 def _importers(root: Path) -> dict[str, frozenset[str]]:
     """Importing modules of each module of ``src``."""
-    package = root / "src" / "counterflex"
     importers: dict[str, set[str]] = {}
-    for file in package.rglob("*.py"):
-        module = ".".join(file.relative_to(package).with_suffix("").parts)
-        for name in _imports(file):
-            importers.setdefault(name, set()).add(module.removesuffix(".__init__"))
+    for folder, package in ((root / "src", "counterflex"), (root / "lab", "counterflex_lab")):
+        for file in (folder / package).rglob("*.py"):
+            module = ".".join(file.relative_to(folder).with_suffix("").parts).removesuffix(".__init__")
+            for name in _imports(file):
+                importers.setdefault(name, set()).add(module.removeprefix("counterflex").lstrip("."))
     return {name: frozenset(modules) for name, modules in importers.items()}
 
 
@@ -119,7 +119,7 @@ def nearest_tests(root: Path, source: str, name: str) -> tuple[list[str], list[s
             continue
         far = 9 if steps is None else steps
         here = file.relative_to(root / "tests").parts
-        far += SLOW * (file in _long_files(root) or here[0] in ("tools", "outside", "validation"))
+        far += SLOW * (file in _long_files(root) or here[0] in ("tools", "outside", "lab"))
         same_folder = sum(one == other for one, other in zip(here[:-1], parts[:-1], strict=False))
         ranked.append((far - 2 * bool(word and word.search(text)), -same_folder, len(text), file, here[0] == parts[0]))
     ranked.sort(key=lambda row: row[:3])

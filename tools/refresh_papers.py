@@ -3,7 +3,7 @@
 counterflex reproduce all --long --out out/papers
 python tools/refresh_papers.py out/papers
 
-Without a folder only the pages are written, from what is stored. `tests/validation/test_papers_pages.py` fails where
+Without a folder only the pages are written, from what is stored. `tests/lab/test_papers_pages.py` fails where
 the pages are not what the program writes. Of `benchmarks/plan_wall.py` the results in `benchmarks/results` are taken.
 """
 
@@ -17,14 +17,14 @@ from typing import Any
 
 from counterflex import __version__
 from counterflex.core import atomic
-from counterflex.validation.reproduce.papers import table
-from counterflex.validation.reproduce.papers.experiments import EXPERIMENTS
-from counterflex.validation.reproduce.papers.long_runs import RESULT, text_of
-from counterflex.validation.reproduce.papers.read import PAPERS
+from counterflex_lab.reproduce.papers import table
+from counterflex_lab.reproduce.papers.experiments import EXPERIMENTS
+from counterflex_lab.reproduce.papers.long_runs import RESULT, text_of
+from counterflex_lab.reproduce.papers.read import PAPERS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs" / "papers"
-STORED = ROOT / "src" / "counterflex" / "validation" / "reproduce" / "papers" / "stored"
+STORED = ROOT / "lab" / "counterflex_lab" / "reproduce" / "papers" / "stored"
 WALLS = ROOT / "benchmarks" / "results" / "plan_wall.json"
 CHOICES = ("as programmed", "strategy")
 

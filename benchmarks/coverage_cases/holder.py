@@ -21,8 +21,7 @@ from counterflex.sensing.holder_beam import Gauge, HolderBeam
 from counterflex.sensing.strain_holder import StrainHolder
 from counterflex.twin.laboratory.holder_loads import measure
 from counterflex.twin.laboratory.laboratory import laboratory
-from counterflex.twin.plant.strain_frame import HolderShape
-from counterflex.twin.plant.strain_holder import FORCE_N, NOISE, PAPER_TCP_M, instrumented_holder
+from counterflex.twin.plant.strain_holder import FORCE_N, NOISE, PAPER_TCP_M, HolderShape, instrumented_holder
 from counterflex.twin.truth.truth import Truth
 from coverage_cases.counted import Counted, counted
 

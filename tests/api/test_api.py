@@ -212,7 +212,7 @@ HEAVY = {
 def test_reading_a_cell_loads_no_plan_no_loop_and_no_simulation(folder: Path) -> None:
     loaded = modules_loaded(f"cf.read_cell({str(folder / 'cell.toml')!r})")
     assert not loaded & HEAVY
-    rooms = ("twin", "evaluate", "identify", "report", "app", "validation", "protocols.session")
+    rooms = ("twin", "evaluate", "identify", "report", "app", "protocols.session")
     assert not {name for name in loaded if name.startswith(tuple(f"counterflex.{room}" for room in rooms))}
 
 

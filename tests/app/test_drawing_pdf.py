@@ -6,8 +6,8 @@ import re
 
 import pytest
 
-from counterflex.app.benchmark_part.drawing import drawing
 from counterflex.app.benchmark_part.drawing_pdf import pdf_of
+from counterflex.app.benchmark_part.part import drawing
 from counterflex.core.errors import InputError
 
 POINT_MM = 25.4 / 72.0

@@ -23,7 +23,7 @@ from command_parser import command_of
 from counterflex.app import examples
 from counterflex.app.run.session import RunSettings, open_session
 from counterflex.cli import arguments
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.core.errors import CounterflexError
 
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
@@ -203,7 +203,7 @@ def _flags(path: tuple[str, ...]) -> dict[str, list[str]]:
 
 def _options() -> list[Option]:
     found = []
-    for path, function in _commands(app):
+    for path, function in _commands(whole()):
         infos = {
             name: typing.get_args(hint)[1]
             for name, hint in typing.get_type_hints(function, include_extras=True).items()

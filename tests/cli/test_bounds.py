@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import typer
 
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 
 
 def commands(group: typer.Typer, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Callable[..., Any]]]:
@@ -24,7 +24,7 @@ def commands(group: typer.Typer, path: tuple[str, ...] = ()) -> Iterator[tuple[t
 
 def counts() -> Iterator[tuple[str, str, Any]]:
     """Every option and argument that takes a whole number."""
-    for words, callback in commands(app):
+    for words, callback in commands(whole()):
         for name, hint in typing.get_type_hints(callback, include_extras=True).items():
             if typing.get_origin(hint) is not typing.Annotated:
                 continue

@@ -87,7 +87,7 @@ WALK = textwrap.dedent(
     import inspect
     Path("file.txt").write_text("")
     answers = []
-    for path, function in commands(main.app):
+    for path, function in commands(main.whole()):
         hints = typing.get_type_hints(function, include_extras=True)
         signature = inspect.signature(function)
         needed = {n for n, p in signature.parameters.items() if p.default is inspect.Parameter.empty}

@@ -20,7 +20,7 @@ import typer
 from counterflex.app import examples
 from counterflex.app.benchmark_part.part import program_sha256
 from counterflex.app.run.loop import online_loop
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 from counterflex.evaluate.loop_timing import LoopSamples
 from counterflex.files.benchmark_result import MEASURED, BenchmarkResult, FeatureResult, write_benchmark_result
 from counterflex.files.cell.cell import read_cell
@@ -54,7 +54,7 @@ def _commands(command: Any, path: tuple[str, ...] = ()) -> dict[tuple[str, ...],
     return found
 
 
-COMMANDS = _commands(typer.main.get_command(app))
+COMMANDS = _commands(typer.main.get_command(whole()))
 EXAMPLES = [
     example
     for command in COMMANDS.values()
@@ -320,7 +320,7 @@ def test_help_reads_the_options_of_no_command(monkeypatch: pytest.MonkeyPatch, c
 
     monkeypatch.setattr(typer.main, "get_params_from_function", watched)
     assert "compensate" in counterflex("--help").out
-    assert not {info.callback for info in app.registered_commands} & set(read)
+    assert not {info.callback for info in whole().registered_commands} & set(read)
     assert "--scenario" in counterflex("compensate", "--help").out
 
 

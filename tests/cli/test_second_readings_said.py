@@ -11,7 +11,7 @@ import typer
 
 from counterflex.app import inputs
 from counterflex.app.proof.truth import make_truth
-from counterflex.cli.main import app, parsed
+from counterflex.cli.main import parsed, whole
 from counterflex.files.cell.cell import read_cell
 
 CELL: Final = Path(__file__).parents[1] / "data" / "cells" / "small.toml"
@@ -68,7 +68,7 @@ def test_every_command_with_a_program_is_walked_here() -> None:
 
     found = {
         name
-        for name, command in commands(typer.main.get_command(app))
+        for name, command in commands(typer.main.get_command(whole()))
         if any(reads(parameter) for parameter in command.params)
     }
     assert found == {*COMMANDS, *OTHERS}

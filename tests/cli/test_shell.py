@@ -10,7 +10,7 @@ from typing import Any
 
 import typer
 
-from counterflex.cli.main import PANELS, app
+from counterflex.cli.main import PANELS, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -45,7 +45,7 @@ def test_every_command_has_its_heading(counterflex: Any) -> None:
     """In the order of the work: plan, prove, identify, online, devices, tools."""
     named = [name for names in PANELS.values() for name in names]
     assert len(named) == len(set(named))
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(whole())
     assert set(named) == set(group.commands)  # type: ignore[attr-defined]
     said = counterflex("--help").out
     places = [said.index(f"\n{panel}:\n") for panel in PANELS]

@@ -10,10 +10,9 @@ from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.feature_finding import CircularPocket, Groove, find_features
-from counterflex.evaluate.features import FeatureRow, Machined, measure_features
+from counterflex.evaluate.features import FeatureRow, Machined, flatness_k, linear_m, measure_features
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, stands_out
 from counterflex.evaluate.surface import nominal_surface
-from counterflex.evaluate.tolerances import flatness_k, linear_m
 from counterflex.path import FEED, RAPID, ToolPath
 
 CUTTER = Cutter(diameter_m=16e-3)

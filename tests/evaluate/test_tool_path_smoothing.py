@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from counterflex.evaluate.tool_path.readings import ToolReadings
-from counterflex.evaluate.tool_path.smoothing import pieces, smoothed
+from counterflex.evaluate.tool_path.tracked_path import pieces, smoothed
 
 N = 600
 WHOLE = [(0, N)]

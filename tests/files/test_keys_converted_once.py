@@ -14,7 +14,7 @@ from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
 
 SOURCE = Path(counterflex.__path__[0])
-ROOMS = ("app", "cli", "files", "report", "validation")
+ROOMS = ("app", "cli", "files", "report")
 """Rooms that see the tables of the cell file."""
 UNITS = {"DEG", "MM", "MM_PER_S", "MM_PER_MIN", "MS", "UM", "RPM", "MRAD", "pi"}
 TABLES = (PostureTable, LimitsTable, DynamicsTable, ControllerTable)

@@ -17,7 +17,7 @@ from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.segments import read_log
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = ROOT / "examples" / "programs" / "groove.ngc"

@@ -28,7 +28,7 @@ from counterflex.files.dataset.writer import write_dataset
 from counterflex.identify.recipes import RECIPES
 from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.robot.model import catalog
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 ROOT = Path(__file__).parents[2]
 CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"

@@ -19,7 +19,7 @@ from counterflex.cutting.stability.modes import Modes
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.compensate import _cuts
+from counterflex.plan.compensate import _cuts, chattering, limit_of_row
 from counterflex.plan.damping import ASSUMED, ASSUMED_DAMPING, DAMPING_INTERVAL, Damping
 from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.placement import chatter as placement_chatter
@@ -29,7 +29,6 @@ from counterflex.plan.stability.criterion import least_damping, robot_limit
 from counterflex.plan.static_correction import loaded_robot
 from counterflex.plan.strategy.chatter import Standing, depth_used
 from counterflex.plan.strategy.side_cut import SideCuts, feed_axes
-from counterflex.plan.trial_chatter import chattering, limit_of_row
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 MILL = Cutter(0.016, flutes=3, flute_length_m=0.035)

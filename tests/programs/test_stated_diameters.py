@@ -8,7 +8,7 @@ import pytest
 
 from counterflex.core.units import MM
 from counterflex.programs.gcode.read.reader import read_gcode
-from counterflex.programs.stated.diameters import diameters_of
+from counterflex.programs.stated.remarks import diameters_of
 
 BODY = "{unit} G90\nM6 T3\n{inside}\nM3 S9000\nG0 X0 Y0 Z5\nG1 X1 F100\nM30\n"
 FORMS = {

@@ -13,8 +13,8 @@ from counterflex.programs.apt.reader import read_apt
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.program import Program
-from counterflex.programs.stated.diameters import diameters_of
 from counterflex.programs.stated.offsets import offset_reader
+from counterflex.programs.stated.remarks import diameters_of
 from counterflex.programs.stated.two_readings import doubtful_readings
 
 UNKNOWN_MACHINE = MillingMachine(known=False)

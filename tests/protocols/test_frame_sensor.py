@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import CounterflexError, InputError, OutputError
-from counterflex.files.cell.frame import FrameTable
-from counterflex.files.cell.sensing import SensorTable
+from counterflex.files.cell.sensing import FrameTable, SensorTable
 from counterflex.files.schema import parse
 from counterflex.protocols.force.frame_format import COMPONENTS, FrameFormat, crc16_x25
 from counterflex.protocols.force.sensors import Opening, opened

@@ -20,7 +20,7 @@ from counterflex.protocols.session.publisher import LOST, NO_PANEL, THERE
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.protocols.session.snapshot_kernel import lengths_of, share_of
 from counterflex.runtime.state.states import Cause, State
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.protocols.session.tracker_off import tracker_off
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import State
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 END = {
     "loop_ended": "as asked",

@@ -8,9 +8,9 @@ from typing import Any
 
 import typer
 
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 
-COMMANDS: Any = typer.main.get_command(app)
+COMMANDS: Any = typer.main.get_command(whole())
 
 
 def command_of(words: list[str]) -> tuple[Any, list[str]]:

@@ -10,7 +10,7 @@ from counterflex.protocols.processes.control_array import Life
 from counterflex.protocols.processes.operator_words import OperatorFile
 from counterflex.protocols.processes.snapshot import SnapshotMemory
 from counterflex.runtime.state.states import State
-from counterflex.validation.faults.process_rig import ProcessRig
+from counterflex_lab.faults.process_rig import ProcessRig
 
 
 class Run:

@@ -27,9 +27,8 @@ from counterflex.evaluate.inspection.sections import Profile, Section
 from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.evaluate.path_deviation import path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.inspection.page import InspectionData, inspection_page
+from counterflex.report.inspection.page import InspectionData, enlarged, inspection_page
 from counterflex.report.inspection.path_figures import MeasuredPath
-from counterflex.report.inspection.section_figure import enlarged
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
 from counterflex.report.preflight.page import PreflightData, preflight_page
 from counterflex.report.preflight.path_figures import PathCurves, path_figures

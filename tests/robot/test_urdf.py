@@ -20,8 +20,7 @@ from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.kinematics.inverse import inverse, inverse_all
 from counterflex.robot.model import catalog
 from counterflex.robot.model.description import Robot
-from counterflex.robot.model.opw_fit import fit_opw, flange_pose
-from counterflex.robot.model.urdf import load_urdf
+from counterflex.robot.model.urdf import fit_opw, flange_pose, load_urdf
 
 
 def joint_xml(

@@ -21,7 +21,7 @@ from counterflex.robot.model.description import ElasticRegion
 from counterflex.runtime.cycle_inputs import CycleInputs
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.state.supervisor import State
-from counterflex.validation.faults.demonstration import demo_cell, force_only
+from counterflex_lab.faults.demonstration import demo_cell, force_only
 
 CHAIN = demo_cell().chain
 SOURCES = Path(counterflex.__file__).parent

@@ -15,7 +15,7 @@ from counterflex.runtime.monitoring.hidden_tooth import SLIPS, hidden_teeth, hid
 from counterflex.runtime.monitoring.monitor import Monitor
 from counterflex.runtime.monitoring.settings import MonitorSettings
 from counterflex.runtime.monitoring.spindle_lines import CLEAR, NOTCH_S, RESOLVED, is_apart
-from counterflex.validation.monitor_trial import EXPONENT, Cut, Incident, run_trial, trial_plan
+from counterflex_lab.monitor_trial import EXPONENT, Cut, Incident, run_trial, trial_plan
 
 speeds = st.floats(20.0, 480.0)
 teeth_of = st.integers(2, 8)

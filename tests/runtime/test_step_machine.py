@@ -17,7 +17,7 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.place import MOST_ELAPSED
 from counterflex.runtime.step.supervise import SESSION_S
-from counterflex.validation.faults.demonstration import demo_cell, force_only
+from counterflex_lab.faults.demonstration import demo_cell, force_only
 
 Q = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 LEGAL = {

@@ -18,7 +18,7 @@ from counterflex.runtime.state.states import Cause
 from counterflex.sensing.carrier import carrier_pose, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor, idle_wrench
 from counterflex.sensing.strain_holder import StrainHolder, lever, tool_matrix
-from counterflex.validation.reproduce import holder_case
+from counterflex_lab.reproduce import holder_case
 
 N = 6
 Q: Float = np.radians([5.0, -80.0, 95.0, 10.0, 70.0, -20.0])

@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 import pytest
 import typer
 
-from counterflex.cli.main import PANELS, app
+from counterflex.cli.main import PANELS, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 GALLERY = ROOT / "examples" / "gallery"
@@ -135,7 +135,7 @@ def test_the_page_of_the_help_has_every_command(tools: list[ModuleType]) -> None
         inner = (commands(item, f"{before} {name}".strip()) for name, item in below.items())
         return set().union(*inner) if below else {before}
 
-    assert set(found) == commands(typer.main.get_command(app))
+    assert set(found) == commands(typer.main.get_command(whole()))
     for name, text in found.items():
         assert text.startswith(f"Usage: counterflex {name} ")
         assert max(map(len, text.splitlines())) <= LONGEST

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from counterflex.cli.main import app
+from counterflex.cli.main import whole
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -21,7 +21,7 @@ PAGES = [
 _LINK = re.compile(r"\]\(([^)#\s]+)(?:#[^)]*)?\)")
 _SOURCE = re.compile(r"`((?:[a-z_]+/)+[a-z_0-9]+\.(?:py|toml|ngc|csv|sh|txt))`")
 _WRITTEN = re.compile(r"--out ([a-z_0-9-]+)")
-_BASES = (ROOT, ROOT / "src" / "counterflex", ROOT / "docs")
+_BASES = (ROOT, ROOT / "src" / "counterflex", ROOT / "lab", ROOT / "docs")
 
 
 def _pages() -> list[Path]:
@@ -55,6 +55,6 @@ def _commands(group: typer.Typer, before: str = "") -> set[str]:
 
 def test_every_command_has_a_row() -> None:
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
-    commands = _commands(app)
+    commands = _commands(whole())
     assert {"compensate", "cell check"} <= commands
     assert {name for name in commands if f"| `{name}` |" not in text} == set()

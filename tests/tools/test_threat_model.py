@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "src" / "counterflex"
+SOURCES = (ROOT / "src" / "counterflex", ROOT / "lab")
 PAGE = (ROOT / "docs" / "threat-model.md").read_text(encoding="utf-8")
 PORTS = ("Ports that listen", "Ports that only ask", "Simulated devices")
 FILES = ("Files that are written",)
@@ -57,8 +57,9 @@ def writes(source: str) -> bool:
 
 
 def found(test: object) -> set[str]:
-    files = {path.relative_to(SOURCE).as_posix(): path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
-    return {name for name, text in files.items() if test(text)}  # type: ignore[operator]
+    files = {path.relative_to(base).as_posix(): path for base in SOURCES for path in base.rglob("*.py")}
+    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
+    return {name for name, text in texts.items() if test(text)}  # type: ignore[operator]
 
 
 def named(*headings: str) -> set[str]:

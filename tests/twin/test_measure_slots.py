@@ -16,8 +16,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, RPM
 from counterflex.files.cell.cell import read_cell
+from counterflex.identify.cutting.proposal import machine_settings
 from counterflex.identify.cutting.recipe import RECIPE
-from counterflex.identify.cutting.settings import machine_settings
 from counterflex.identify.cutting.steady_cuts import pieces_of
 from counterflex.identify.data.dataset import of_arrays
 from counterflex.identify.data.model import CellModel

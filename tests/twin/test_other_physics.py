@@ -22,10 +22,16 @@ from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.live_cell import true_answer
 from counterflex.twin.plant.bristle_friction import apply_bristles, bristle_parameters, bristle_torque
 from counterflex.twin.plant.controller import as_it_is, moving_mean
-from counterflex.twin.plant.coupled_springs import apply_couplings, coupling_parameters
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.twin.plant.gear_curves import apply_gears, gear_parameters, gear_torque, wind_up
 from counterflex.twin.plant.mjcf import coordinates
+from counterflex.twin.plant.other_forces import (
+    apply_couplings,
+    apply_gears,
+    coupling_parameters,
+    gear_parameters,
+    gear_torque,
+    wind_up,
+)
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.process import as_ground
 from counterflex.twin.plant.record import Record

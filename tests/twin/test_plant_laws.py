@@ -19,9 +19,9 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.twin.plant.controller import Controller, as_it_is, interpolate, moving_mean
 from counterflex.twin.plant.friction import play_torque
-from counterflex.twin.plant.gear_curves import gear_torque, wind_up
 from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.mjcf import coordinates as coordinates_of
+from counterflex.twin.plant.other_forces import gear_torque, wind_up
 from counterflex.twin.plant.posture_springs import PostureSprings
 from counterflex.twin.plant.process import LAG_CELLS, Process, as_ground
 from counterflex.twin.plant.slow_changes import SlowChanges

@@ -17,15 +17,16 @@ from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.force_sensor import force_sensor, sensor_place
 from counterflex.twin.plant.hose import Hose
 from counterflex.twin.plant.plant import Plant
-from counterflex.twin.plant.strain_frame import HolderShape, strain_frame
 from counterflex.twin.plant.strain_holder import (
     HYSTERESIS_AT,
     HYSTERESIS_SHARE,
     PAPER_GAUGES,
     PAPER_TCP_M,
+    HolderShape,
     compliance_at,
     hysteresis,
     instrumented_holder,
+    strain_frame,
 )
 from counterflex.twin.truth.file import from_dict, to_dict
 from counterflex.twin.truth.truth import SensorPlace, Truth

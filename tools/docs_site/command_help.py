@@ -13,7 +13,7 @@ import typer
 from docutils import nodes
 from sphinx.util.docutils import SphinxDirective
 
-from counterflex.cli.main import PANELS, app
+from counterflex.cli.main import PANELS, whole
 
 WIDTH: Final = 88
 """Characters of a line: what a page shows without scrolling."""
@@ -25,10 +25,10 @@ def texts(heading: str) -> Iterator[tuple[str, str]]:
     Args:
         heading: One of those of ``counterflex --help``.
     """
-    whole = typer.main.get_command(app)
-    top = _context(whole, "counterflex", None)
+    command = typer.main.get_command(whole())
+    top = _context(command, "counterflex", None)
     for name in PANELS[heading]:
-        yield from _below(getattr(whole, "commands")[name], name, top)  # noqa: B009  # typer's classes do not state it
+        yield from _below(getattr(command, "commands")[name], name, top)  # noqa: B009  # typer's classes do not state it
 
 
 def _below(command: Any, name: str, parent: Any) -> Iterator[tuple[str, str]]:

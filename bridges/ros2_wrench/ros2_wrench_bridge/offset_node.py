@@ -34,7 +34,7 @@ def main() -> None:
     from geometry_msgs.msg import PoseStamped, TwistStamped
     from rclpy.node import Node
 
-    from counterflex.app.opcua.observed_run import ObservedRun
+    from counterflex.app.opcua.server import ObservedRun
 
     rclpy.init()
     node = Node("counterflex_offsets")

@@ -200,7 +200,7 @@ def shot_of(run: Any) -> Shot | None:
 
     Args:
         run: With ``seen`` (an enumeration with the value ``"running"``) and ``last`` (fields of a snapshot):
-            :class:`counterflex.app.opcua.observed_run.ObservedRun`, polled before.
+            :class:`counterflex.app.opcua.server.ObservedRun`, polled before.
 
     Returns:
         None where no loop lives or nothing was seen yet.

@@ -42,17 +42,11 @@ _DIGITS: Final = 4
 
 @dataclass(frozen=True)
 class TunedAxis:
-    """What was found for an axis.
-
-    Attributes:
-        plant: How it answers.
-        design: Its controller, or None.
-        refused: Why there is none.
-    """
+    """What was found for an axis."""
 
     plant: TrackerPlant
-    design: AxisDesign | None
-    refused: str = ""
+    design: AxisDesign | None  # Its controller, or None
+    refused: str = ""  # Why there is none
 
 
 def axis_plants(cell: Cell, settings: OnlineSettings) -> tuple[TrackerPlant, ...]:
@@ -65,7 +59,6 @@ def axis_plants(cell: Cell, settings: OnlineSettings) -> tuple[TrackerPlant, ...
 
     Args:
         cell: The cell; its posture is that at the highest corner of the blank.
-        settings: Of the loop.
     """
     q = posture_at_blank(cell)
     mode, chain = lowest_mode(cell, q), swinging_chain(cell, q).chain

@@ -33,30 +33,17 @@ COUNT: Final = 6
 
 @dataclass(frozen=True, eq=False)
 class PostureModes:
-    """The modes of a cell in a posture.
-
-    Attributes:
-        cell: The cell.
-        q: (6,) rad.
-        chain: With the masses that were taken.
-        free: Undamped, drives held.
-        tip: (6, m) motion of the tool's tip in each mode, m and rad, base axes.
-        intervals: (n, 2) Hz, what nine of ten cells have, the lowest mode first.
-        damping_s: beta of the damping beta K.
-        spread: How well masses and stiffnesses are known.
-        driven: Modes with the drives on, where loop gains are known.
-        summary: Plain values.
-    """
+    """The modes of a cell in a posture."""
 
     cell: Cell
-    q: Float
+    q: Float  # (6,) rad
     chain: ElasticChain
     free: Modes
-    tip: Float
-    intervals: Float
-    damping_s: float
-    spread: Spread
-    driven: tuple[Mode, ...]
+    tip: Float  # (6, m) motion of the tool's tip in each mode, m and rad, base axes
+    intervals: Float  # (n, 2) Hz, what nine of ten cells have, the lowest mode first
+    damping_s: float  # beta of the damping beta K
+    spread: Spread  # How well masses and stiffnesses are known
+    driven: tuple[Mode, ...]  # Modes with the drives on, where loop gains are known
     summary: dict[str, Any]
 
 
@@ -64,9 +51,7 @@ def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> Postu
     """The modes of a cell.
 
     Args:
-        cell: The cell.
         q: (6,) rad; None is at the blank, or all axes at zero where the cell has no part.
-        count: Modes in the summary.
 
     Raises:
         InputError: Axes of unknown stiffness, or nothing that yields.

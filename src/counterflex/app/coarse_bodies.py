@@ -31,9 +31,7 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     cell is seen along a tilted tool, bodies of the part stand as they do in the part frame, not in the working plane.
 
     Args:
-        job: The program.
         cell: The cell, perhaps in the working plane of a tilted tool.
-        stock: Its blank, likewise.
     """
     R_part_plane = cell.R_part_plane
     if R_part_plane is not None:

@@ -26,9 +26,6 @@ def softest(cell: Cell) -> Float:
 
     The largest singular value of the translational 3 x 3 compliance. Published figures of milling robots lie between
     0.5 and 10 um/N (Denkena2018, Berger2013).
-
-    Args:
-        cell: With its chain.
     """
     out = np.zeros(len(_POSES_DEG))
     for k, pose in enumerate(_POSES_DEG):
@@ -39,9 +36,6 @@ def softest(cell: Cell) -> Float:
 
 def require_plausible(cell: Cell) -> None:
     """Refuse a cell that no milling robot can be.
-
-    Args:
-        cell: To be corrected with.
 
     Raises:
         ModelError: The compliance at one of three poses is outside of 0.1 to 30 um/N.

@@ -51,11 +51,8 @@ def run(
     """Write a program in another language into ``out``: whole, or not at all.
 
     Args:
-        program_file: The program.
         cell_file: The cell that frames, process words and the free rotation about the tool are taken from.
-        out: Folder; made when missing.
         language: Name at the prompt, see :func:`~counterflex.programs.language.at_prompt`.
-        reading: How the program is read.
         tolerance_m: Largest distance of straight pieces from a helix, for languages without one.
         points_per_file: Most motions of a file of a robot language; None takes the limit of the language.
 

@@ -17,11 +17,6 @@ from counterflex.robot.elasticity.axis_springs import axis_deflections
 def require_stiffness_for(job: Job, cell: Cell, progress: Progress = silent) -> None:
     """Refuse to plan a program on axes of unknown stiffness.
 
-    Args:
-        job: The program.
-        cell: The cell.
-        progress: Progress callback, fraction 0 to 1.
-
     Raises:
         InputError: An axis has no stiffness; says what it yields in this cut, and what to do.
         CounterflexError: The program does not fit the cell otherwise.
@@ -35,11 +30,6 @@ def cost_in_cut(job: Job, cell: Cell, progress: Progress = silent) -> Expected |
 
     The force is that of the undisturbed cut, the deflection at rest: ``sum_i J_i (J_i^T w) / k_i`` with k_i drawn from
     the robot's class.
-
-    Args:
-        job: The program.
-        cell: The cell.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Its distribution; None where the class says nothing or nothing is cut.

@@ -26,23 +26,14 @@ _SHARE: Final = 0.997
 
 @dataclass(frozen=True, eq=False)
 class CutPoints:
-    """Points with the load on the tool.
+    """Points with the load on the tool."""
 
-    Attributes:
-        q: (n, 6) rad.
-        w_tcp_base: (n, 6) N, N m.
-        feed_base: (n, 3) direction of the path, base axes; zero where every direction counts.
-        weight_m: (n,) length of path that each stands for.
-        of: What they are, for messages.
-        row: (n,) rows of the path.
-    """
-
-    q: Float
-    w_tcp_base: Float
-    feed_base: Float
-    weight_m: Float
+    q: Float  # (n, 6) rad
+    w_tcp_base: Float  # (n, 6) N, N m
+    feed_base: Float  # (n, 3) direction of the path, base axes; zero where every direction counts
+    weight_m: Float  # (n,) length of path that each stands for
     of: str
-    row: Int
+    row: Int  # (n,) rows of the path
 
     def sizes(self, displacements: Float) -> Float:
         """What 99.7 % of the path stay below, square to it.
@@ -61,14 +52,7 @@ class CutPoints:
 
 
 def points_of_plan(plan: Plan, cell: Cell, name: str, places: ExternalPlaces | None = None) -> CutPoints | None:
-    """Points of the cut of a plan; None where nothing is cut.
-
-    Args:
-        plan: The plan.
-        cell: The cell.
-        name: Of the program.
-        places: Of external axes that move along it.
-    """
+    """Points of the cut of a plan; None where nothing is cut."""
     Ts_base_part = None if places is None else places.Ts_base_part(plan.path.place)
     return _points(cell, plan.path.p_part_tcp, plan.q, plan.w_tcp_part, plan.judged, name, Ts_base_part)
 
@@ -77,9 +61,7 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     """Points of the cut of a program, with the force of the undisturbed cut.
 
     Args:
-        job: The program.
         cell: The cell; what its robot yields does not matter.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The points; None where nothing is cut.
@@ -99,11 +81,8 @@ def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float | N
     """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
 
     Args:
-        cell: The cell.
-        cut: The path with its load.
         q: (n, 6) rad along it.
         T_base_part: (4, 4) where the part stands; None: where the cell file has it.
-        name: Of the program.
     """
     return _points(cell, cut.p_part, q, cut.w_tcp_part, cut.weight_m > 0.0, name, T_base_part)
 
@@ -121,13 +100,7 @@ def corner_points(cell: Cell) -> CutPoints:
 
 
 def _points(
-    cell: Cell,
-    p_part: Float,
-    q: Float,
-    w_tcp_part: Float,
-    cutting: Bool,
-    name: str,
-    T_base_part: Float | None = None,
+    cell: Cell, p_part: Float, q: Float, w_tcp_part: Float, cutting: Bool, name: str, T_base_part: Float | None = None
 ) -> CutPoints | None:
     if cell.holds_part:
         return None

@@ -46,17 +46,10 @@ _Q: Final = np.radians([0.0, -90.0, 120.0, 0.0, 30.0, 0.0])
 
 @dataclass(frozen=True, eq=False)
 class Checkup:
-    """What was measured of this machine and what it means.
-
-    Attributes:
-        machine: What the operating system says.
-        granted: What it allowed the loop's process.
-        samples: What was measured.
-        judgement: See :func:`counterflex.evaluate.loop_timing.judge`.
-    """
+    """What was measured of this machine and what it means."""
 
     machine: Machine
-    granted: Granted
+    granted: Granted  # What it allowed the loop's process
     samples: LoopSamples
     judgement: Judgement
 
@@ -147,13 +140,10 @@ def probe(seconds: float, folder: Path, progress: Progress = silent) -> tuple[Lo
     """Measure for some time, while this process writes what a recorder would.
 
     Args:
-        seconds: How long.
         folder: On the disk of the run log to come; it, or the folder above it that is there.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: ``seconds`` out of range.
-        OutputError: The folder cannot be written, or loopback cannot be used.
     """
     if not 0.1 <= seconds <= 3600.0:
         raise InputError("time to measure", value=seconds, limit="0.1 .. 3600 s")
@@ -241,10 +231,8 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
     """Measure and judge this machine, and keep the verdict for arming.
 
     Args:
-        seconds: How long to measure.
         folder: Where run logs will be written.
         keep: Keep the verdict; what was measured for too short a time to judge is never kept.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: ``seconds`` out of range.
@@ -276,7 +264,6 @@ def require_fit(now: datetime | None = None) -> None:
 
     Raises:
         InputError: There is no verdict, or one that is too old, of another machine, or against it.
-        FileFormatError: What is kept cannot be read.
     """
     path = machine_file()
     why = against(

@@ -55,10 +55,6 @@ def write(cell: Path) -> list[Path]:
 def with_robot(cell: str, robot: str) -> str:
     """Text of a demonstration cell with another robot of the catalogue; all else, the part's place too, is as it was.
 
-    Args:
-        cell: Text of the cell file.
-        robot: Name in the catalogue.
-
     Raises:
         InputError: The catalogue has no such robot.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -36,33 +37,25 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
 
 @dataclass(frozen=True)
 class Extension:
-    """One thing that is registered by name.
+    """One thing that is registered by name."""
 
-    Attributes:
-        group: Of its entry points, for example ``counterflex.force_laws``.
-        name: As a cell file or a command line names it.
-        package: That brings it, with version.
-        title: What it is, in one line.
-        fault: Why it cannot be used, or empty.
-    """
-
-    group: str
-    name: str
+    group: str  # Of its entry points, for example ``counterflex.force_laws``
+    name: str  # As a cell file or a command line names it
     package: str
     title: str
-    fault: str
+    fault: str  # Why it cannot be used, or empty
 
 
-def extensions() -> list[Extension]:
+def extensions(registries: Sequence[Registry[Any]] = REGISTRIES) -> list[Extension]:
     """Everything that is registered, our own first in each group."""
-    return [_looked_at(registry, name) for registry in REGISTRIES for name in registry]
+    return [_looked_at(registry, name) for registry in registries for name in registry]
 
 
 def _looked_at(registry: Registry[Any], name: str) -> Extension:
     title, fault = "", ""
     try:
         entry = registry[name]
-        title = str(getattr(entry, "title", entry))
+        title = str(getattr(entry, "title", entry.__doc__ if callable(entry) else entry))
     except CounterflexError as problem:
         fault = str(problem)
     return Extension(registry.group, name, registry.package(name), title, fault)

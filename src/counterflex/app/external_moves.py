@@ -34,11 +34,6 @@ _SAME: Final = 0.01
 def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
     """Changes of place of a program.
 
-    Args:
-        program: As read.
-        path: As sampled, external axes standing.
-        cell: The cell.
-
     Raises:
         FileFormatError: The places of the cell file belong to another program.
         ProgramError: A program for a robot moves its axes otherwise than the cell file says.
@@ -126,27 +121,13 @@ def _require_same(program: RobotProgram, changes: tuple[Change, ...], cell: Cell
 
 
 def written_places(places: ExternalPlaces | None, cell: Cell, language: str) -> list[dict[int, float]]:
-    """Values of the external axes at each place, as a language for robots writes them; empty where they stand.
-
-    Args:
-        places: Along the program.
-        cell: The cell.
-        language: Dialect.
-
-    Raises:
-        InputError: As :func:`require_frames`.
-    """
+    """Values of the external axes at each place, as a language for robots writes them; empty where they stand."""
     require_frames(places, cell, language)
     return [] if places is None else [places.shown(place) for place in range(len(places.values))]
 
 
 def require_frames(places: ExternalPlaces | None, cell: Cell, language: str) -> None:
     """Refuse axes that move where the frame of the targets does not go with them, or nothing says whether it does.
-
-    Args:
-        places: Along the program.
-        cell: The cell.
-        language: Dialect of the program.
 
     Raises:
         InputError: It does not.
@@ -194,7 +175,6 @@ def require_clear(path: ToolPath, volume_m3: Float, program: Program) -> None:
     Args:
         path: n rows.
         volume_m3: (n,) removed on the way to each row.
-        program: That it was sampled from.
 
     Raises:
         InputError: One does.
@@ -214,9 +194,6 @@ def require_allowed(path: ToolPath, setting: Setting, cell: Cell, program: Progr
 
     Args:
         path: n rows.
-        setting: With the places.
-        cell: The cell.
-        program: That it was sampled from.
 
     Raises:
         InputError: One does.
@@ -241,7 +218,6 @@ def refuse_places(count: int, where: str | Path) -> None:
 
     Args:
         count: Places along a program, a plan or the moves of a cell file.
-        where: Its file.
 
     Raises:
         InputError: There are several.

@@ -50,18 +50,12 @@ def run(
     """Write ``report.html``, ``summary.json`` and, with a choice of places, ``holder.toml`` into ``out``: all or none.
 
     Args:
-        holder: Drawing.
-        out: Folder; made when missing.
         mesh_mm: Largest edge of a brick.
         bricks: Fewest over the height, width and depth of every pocket and over the wall behind it; half as many are
             solved too, to say how far the figures have settled.
         choose_count: Bridges to choose places for, pockets like the first of the drawing; None takes the drawing's.
         lost_percent: Largest loss of stiffness at the tool tip that a choice may cost, any direction.
         spindle: The cell and the angles at which its spindle may be mounted; None leaves the maps out.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         CounterflexError: The drawing or the cell does not allow it.

@@ -19,28 +19,18 @@ from counterflex.robot.kinematics.inverse import inverse_all
 
 @dataclass(frozen=True)
 class Spindle:
-    """What is mapped.
-
-    Attributes:
-        cell: Cell file.
-        mounting: Body and angles of the spindle, or None: as the cell file has it.
-        force_n: Radial force at the tool tip.
-        points: Places along each axis of a map.
-    """
+    """What is mapped."""
 
     cell: Path
-    mounting: Mounting | None = None
+    mounting: Mounting | None = None  # Body and angles of the spindle, or None: as the cell file has it
     force_n: float = 500.0
-    points: int = 9
+    points: int = 9  # Places along each axis of a map
 
 
 def spindle_maps(settings: Spindle) -> dict[str, Any]:
     """Radial and axial compliance at the tool tip, tool vertical, over an upright plane in front of the robot.
 
     At each place the posture of least radial compliance is taken. Radial is the softest direction across the tool.
-
-    Args:
-        settings: See :class:`Spindle`.
 
     Returns:
         The places, and for each angle of the spindle the two maps in um/N and the figures of the middle of the map.

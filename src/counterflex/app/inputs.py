@@ -52,60 +52,40 @@ STEP_M = 0.25 * MM
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A program, ready for work.
-
-    Attributes:
-        program: As read.
-        path: As sampled, with the start made known: an axis that the program has not named yet stands where it is
-            first sent to (a program begins wherever the machine is; without this it would begin at zero, in the stock).
-        sampled: As sampled, axes that were not named yet at zero; for writing the program back.
-        line_of_motion: (motions,) source line of each motion.
-        machined: ``path`` without the stops that planning puts in: what a machine runs.
-        feeds: Where the feed can be changed.
-        turned: Of a program that turns the tool, ``path`` in the part frame and the words at its rows.
-        words: What those words mean; None where the tool stays along z.
-        changes: Where external axes go to another place.
-        places: Their places; None where they stand in one.
-    """
+    """A program, ready for work."""
 
     program: Program
+    # As sampled, with the start made known: an axis that the program has not named yet stands where it is first sent to
+    # (a program begins wherever the machine is; without this it would begin at zero, in the stock)
     path: ToolPath
-    sampled: ToolPath
-    line_of_motion: Int
-    machined: ToolPath
-    feeds: FeedGroups
+    sampled: ToolPath  # As sampled, axes that were not named yet at zero; for writing the program back
+    line_of_motion: Int  # (motions,) source line of each motion
+    machined: ToolPath  # ``path`` without the stops that planning puts in: what a machine runs
+    feeds: FeedGroups  # Where the feed can be changed
+    # Of a program that turns the tool, ``path`` in the part frame and the words at its rows
     turned: TurnedPath | None = None
-    words: Words | None = None
-    changes: tuple[Change, ...] = ()
-    places: ExternalPlaces | None = None
+    words: Words | None = None  # What those words mean; None where the tool stays along z
+    changes: tuple[Change, ...] = ()  # Where external axes go to another place
+    places: ExternalPlaces | None = None  # Their places; None where they stand in one
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a program is read.
+    """How a program is read."""
 
-    Attributes:
-        dialect: Language, one of :func:`~counterflex.programs.language.dialects`.
-        parameters: LinuxCNC parameter file of the machine that the program was written for, or None.
-        complete: Refuse a program that stops without M2, M30 or a closing ``%``.
-        listed: Keep motions to and from places that are not known, marked: for a list of the motions.
-    """
-
-    dialect: str = BY_ENDING
-    parameters: Path | None = None
-    complete: bool = True
-    listed: bool = False
+    dialect: str = BY_ENDING  # Language, one of :func:`~counterflex.programs.language.dialects`
+    parameters: Path | None = None  # LinuxCNC parameter file of the machine that the program was written for, or None
+    complete: bool = True  # Refuse a program that stops without M2, M30 or a closing ``%``
+    listed: bool = False  # Keep motions to and from places that are not known, marked: for a list of the motions
 
     def program(self, file: str | Path, cell: Cell | None = None) -> Program:
         """Read a program, and remark every word of it that has a second reading.
 
         Args:
-            file: The program.
             cell: That frames and process words of a robot program are held against.
 
         Raises:
             ProgramError: It cannot be read exactly.
-            FileFormatError: The parameter file cannot be used.
         """
         program = self._read(file, cell)
         for sentence in doubtful_readings(program):
@@ -274,8 +254,6 @@ def in_working_plane(program: str | Path, cell: Cell, reading: Reading = AS_IT_I
 
     Args:
         program: G-code file; of a compensated program its original, whose direction is exact.
-        cell: As read.
-        reading: How the program is read.
 
     Raises:
         ProgramError: The program cannot be read, or its words do not fit the machine.

@@ -33,19 +33,12 @@ ASSUMED_MASS: Final = 0.5
 
 @dataclass(frozen=True)
 class Estimate:
-    """A lowest mode.
-
-    Attributes:
-        mode: Frequency and damping.
-        low_hz: 5 % of robots with these masses and springs swing more slowly; nan where it was measured.
-        high_hz: 5 % swing faster.
-        origin: Where it comes from.
-    """
+    """A lowest mode."""
 
     mode: Mode
-    low_hz: float
-    high_hz: float
-    origin: str
+    low_hz: float  # 5 % of robots with these masses and springs swing more slowly; nan where it was measured
+    high_hz: float  # 5 % swing faster
+    origin: str  # Where it comes from
 
     @property
     def between(self) -> str:
@@ -69,7 +62,6 @@ def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
     """What a tap test of the cell file says, otherwise what masses and springs do.
 
     Args:
-        cell: The cell.
         q: (6,) rad; None is at the highest corner of the blank, or all axes at zero where there is no part.
     """
     measured = cell.tables.dynamics.mode
@@ -85,7 +77,6 @@ def estimate(cell: Cell, q: Float) -> Estimate:
     :data:`MASS` of a mass, each by itself. That unknown drives yield, which makes every mode slower, is not in it.
 
     Args:
-        cell: The cell.
         q: (6,) rad.
     """
     chain, measured = cell.chain, cell.tables.dynamics.mode
@@ -114,17 +105,11 @@ def frequency_intervals(swinging: SwingingChain, q: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class SwingingChain:
-    """A chain that can be moved, with how well its constants are known.
+    """A chain that can be moved, with how well its constants are known."""
 
-    Attributes:
-        chain: With assumed masses where an axis has none behind it.
-        spread: How well its constants are known.
-        origin: Where its modes come from.
-    """
-
-    chain: ElasticChain
+    chain: ElasticChain  # With assumed masses where an axis has none behind it
     spread: Spread
-    origin: str
+    origin: str  # Where its modes come from
 
 
 def swinging_chain(cell: Cell, q: Float) -> SwingingChain:

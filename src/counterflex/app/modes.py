@@ -32,17 +32,11 @@ def run(
     """The modes of a cell; with ``out``, write ``summary.json`` and ``report.html`` there.
 
     Args:
-        cell_file: Cell file.
         out: Folder, made when missing; None writes nothing.
         joints_deg: Six axes as the controller shows them, deg; None is at the blank.
         assume_class: Take the median of the robot's class for axes of unknown stiffness.
-        count: Modes that are listed.
         tap_test: File of a tap test in this posture, or None.
         up_to_hz: Rows of it that count; None is :data:`counterflex.app.tap_test.UP_TO_HZ`.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         CounterflexError: The cell cannot be read, has no stiffness, or its blank is out of reach.

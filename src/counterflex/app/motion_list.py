@@ -28,16 +28,10 @@ def listed(program: str | Path, reading: Reading, cell_file: str | Path | None =
     Motions to and from places that are not known (G53, G28) are kept and marked.
 
     Args:
-        program: The file.
-        reading: How it is read.
         cell_file: Its tools (by name), frames, work offsets and rotary machine are used.
 
     Returns:
         The program, and how the tool is held at the end of each motion.
-
-    Raises:
-        ProgramError: It cannot be read.
-        FileFormatError: The cell file or parameter file cannot be used.
     """
     cell = None if cell_file is None else read_cell(cell_file)
     read = replace(reading, listed=True).program(program, cell)

@@ -16,7 +16,6 @@ def with_files(data: Any, program: Program) -> Any:
     Args:
         data: Plain values. A row with a whole number as ``line`` gets ``place`` (``cut.src:8``), ``lines`` get
             ``places``, and ``line 8`` in a sentence becomes the place.
-        program: The program that the lines are of.
     """
     if not any(program.blocks[motion.block].file for motion in program.motions):
         return data

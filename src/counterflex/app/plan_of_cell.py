@@ -29,12 +29,6 @@ def require_of_cell(plan: Plan, about: Mapping[str, Any], cell: Cell, where: str
     The joint angles of the plan lead the tool of this cell to the points of the plan in the part frame of this cell, or
     the plan was made for another one. Plans for a part that the robot holds are compared by the robot's name alone.
 
-    Args:
-        plan: As read.
-        about: Its metadata.
-        cell: The cell it is used with.
-        where: Its file.
-
     Raises:
         InputError: It was made for another cell, or external axes move along it.
     """
@@ -65,11 +59,6 @@ def require_same_cell(made: Cell, cell: Cell, where: str | Path) -> None:
     """Refuse a part that was machined in another cell: by another robot, with other tools, at another place.
 
     Stiffness, force constants and a part frame that was measured again may differ: they are what is corrected.
-
-    Args:
-        made: Cell that the part was machined in.
-        cell: The cell in use.
-        where: Folder of the part.
 
     Raises:
         InputError: Names what differs.

@@ -60,11 +60,7 @@ def joints_of_pose(chain: ElasticChain, xyz_mm: list[float], abc_deg: list[float
 
 
 def checked_joints(chain: ElasticChain, joints_deg: list[float]) -> Float:
-    """Angles of the model, rad, for axes as the controller shows them.
-
-    Raises:
-        InputError: One is outside its limits.
-    """
+    """Angles of the model, rad, for axes as the controller shows them. Raises InputError: one is outside its limits."""
     shown: Float = as_float("--joints-deg", joints_deg, (6,)) * DEG
     low, high = shown_limits(chain.axes, chain.joint_limits_rad).T
     outside = (shown < low) | (shown > high)

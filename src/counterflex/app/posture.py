@@ -43,21 +43,13 @@ MAP: Final = "postures.csv"
 
 @dataclass(frozen=True, eq=False)
 class PostureOf:
-    """A posture chosen for a program.
-
-    Attributes:
-        job: The program.
-        cell: As given.
-        task: The program on its cell.
-        chosen: The posture.
-        summary: In shop units.
-    """
+    """A posture chosen for a program."""
 
     job: Job
     cell: Cell
     task: Task
     chosen: Chosen
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # In shop units
 
 
 def loaded_path(
@@ -68,10 +60,6 @@ def loaded_path(
     Args:
         path: n points.
         line: (n,) source line of each.
-        stock: The blank; left as it is.
-        setting: Tools, force law.
-        surface: Which surface matters.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program cannot be cut so.
@@ -115,12 +103,8 @@ def posture_of(
     """Choose the posture of a program.
 
     Args:
-        program: G-code file.
         cell: The cell; its present posture is what the result is compared with.
-        reading: How the program is read.
-        surface: Which surface matters.
         freedom: What may be chosen; None is a posture held all along.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program, the cell or the reach does not allow it.
@@ -152,18 +136,7 @@ def posture_of(
 def run(
     program: str | Path, cell_file: str | Path, out: str | Path, *, progress: Progress = silent, **options: Any
 ) -> dict[str, Any]:
-    """Write ``cell.toml`` with the chosen posture, ``postures.csv`` and ``summary.json`` into ``out``: all or none.
-
-    Args:
-        program: G-code file.
-        cell_file: Cell file.
-        out: Folder; made when missing.
-        progress: Progress callback, fraction 0 to 1.
-        options: As for :func:`posture_of`.
-
-    Returns:
-        The summary.
-    """
+    """Write ``cell.toml`` with the chosen posture, ``postures.csv`` and ``summary.json`` into ``out``: all or none."""
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:
         done = posture_of(program, cell, progress=progress, **options)
@@ -246,12 +219,7 @@ def expected_um(
     None where one surface alone matters or the robot holds the part: neither is counted.
 
     Args:
-        what: The posture.
-        job: The program.
-        cell: The cell.
-        cut: The path with its load.
         T_base_part: (4, 4) where the part stands; None: where the cell file has it.
-        surface: Which surface matters.
     """
     points = None
     if surface == "both":

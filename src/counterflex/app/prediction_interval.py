@@ -60,26 +60,16 @@ _SWING_SEED: Final = 11
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Path error of a plan over cells that differ by all that is not known of this one.
+    """Path error of a plan over cells that differ by all that is not known of this one."""
 
-    Attributes:
-        nominal: 99.7 % of the path error across the feed, of the program as it is.
-        compensated: The same of the compensated program.
-        worse_share: Share of the cells, 0 to 1, in which the compensated program leaves more than the program as it is.
-    """
-
-    nominal: Expected
-    compensated: Expected
+    nominal: Expected  # 99.7 % of the path error across the feed, of the program as it is
+    compensated: Expected  # The same of the compensated program
+    # Share of the cells, 0 to 1, in which the compensated program leaves more than the program as it is
     worse_share: float
 
 
 def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Foreseen | None:
     """Return the predicted path errors with what is not known.
-
-    Args:
-        plan: The plan, with its predictions.
-        cell: The cell it was made for.
-        places: Of external axes that move along it.
 
     Returns:
         The figures; None where nothing is cut, nothing was predicted, or the robot holds the part (which this does not
@@ -112,9 +102,6 @@ def with_intervals(
 
     Args:
         figures: With ``predicted_nominal`` and ``predicted_compensated`` where they were predicted; left as it is.
-        plan: The plan.
-        cell: The cell.
-        places: Of external axes that move along it.
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
@@ -151,7 +138,6 @@ def expected_deflection(cell: Cell, points: CutPoints) -> Expected:
     """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known.
 
     Args:
-        cell: The cell.
         points: Where it is judged.
     """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)

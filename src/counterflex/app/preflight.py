@@ -45,17 +45,11 @@ READING, CHECKING = "reading the program", "checking"
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A checked program.
-
-    Attributes:
-        job: The program as read.
-        result: What was found.
-        summary: What is printed as JSON and written to ``summary.json``.
-    """
+    """A checked program."""
 
     job: Job
     result: Preflight
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
 
 
 def check(
@@ -69,12 +63,8 @@ def check(
     """Check a program on a cell.
 
     Args:
-        program: G-code file.
-        cell: The cell.
-        reading: How the program is read.
         language: Of the robot, for the size of the program, see
             :func:`counterflex.app.compensation.program_size.program_size`.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program cannot be read, or the cell describes no milling. What the program cannot do on
@@ -129,9 +119,6 @@ def as_written(job: Job, cell: Cell, language: str | None, *, known_offsets: boo
     """Statements of a program about its run on the controller.
 
     Args:
-        job: The program.
-        cell: Its cell.
-        language: See :func:`check`.
         known_offsets: A parameter file or the cell file gives the work offsets.
     """
     remarks, program = stated(job.program, known_offsets), job.program
@@ -213,15 +200,7 @@ def run(
     """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
 
     Args:
-        program: G-code file.
-        cell_file: Cell file.
         out: Folder, made when missing; None writes nothing.
-        reading: How the program is read.
-        language: See :func:`check`.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
     """
     cell = read_cell(cell_file)
     if out is None:

@@ -89,7 +89,6 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
     None or empty, ``missing_for_milling`` names the tables.
 
     Args:
-        path: The cell file.
         program: G-code file in whose cut the unknowns are judged; None is a force at a corner of the blank.
     """
     from counterflex.app.unknown_stiffness import unknown_stiffness

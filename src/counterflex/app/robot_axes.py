@@ -45,12 +45,7 @@ def axes_of_posture(cell: Cell, language: str, q: Float) -> list[float]:
     """Axes of a posture as a program of a language says them.
 
     Args:
-        cell: The cell.
-        language: Of the program.
         q: (6,) rad, angles of the model.
-
-    Raises:
-        InputError: See :func:`axes_in`.
     """
     axes, _ = axes_in(cell, language)
     shown = axes.shown(q)
@@ -80,12 +75,7 @@ def tcp_of_axes(cell: Cell, language: str, axes_rad: Float) -> Float:
     """(..., 4, 4) m, pose of the TCP in the robot's base for axes as a program of a language says them.
 
     Args:
-        cell: The cell.
-        language: Of the program.
         axes_rad: (..., 6) rad.
-
-    Raises:
-        InputError: See :func:`axes_in`.
     """
     return forward(cell.controller_chain, axes_in(cell, language)[0].model(axes_rad))
 

@@ -22,14 +22,12 @@ def read_program(path: Path, suffixes: tuple[str, ...], what: str, language: str
     """Text of a robot program, byte for byte.
 
     Args:
-        path: The file.
         suffixes: Lower-case endings that it may have; the first is named.
         what: For example ``KRL program``.
         language: As ``compensate --as`` calls it.
 
     Raises:
         ProgramError: Another ending, or no text.
-        FileFormatError: It cannot be read.
     """
     if path.suffix.lower() not in suffixes:
         raise ProgramError(
@@ -61,11 +59,7 @@ def require_other_folder(out: str | Path, program: Path | None) -> None:
 
 
 def refuse_errors(findings: Iterable[Finding]) -> None:
-    """Refuse to write what has a finding of severity error.
-
-    Raises:
-        InputError: The first of them.
-    """
+    """Refuse to write what has a finding of severity error. Raises InputError: the first of them."""
     bad = next((item for item in findings if item.severity == "error"), None)
     if bad is not None:
         raise InputError(bad.what, where=bad.where, value=bad.value, limit=bad.safe, hint=bad.hint)
@@ -91,10 +85,7 @@ def write_folder(
     """Write programs as they were read, other texts and ``summary.json``, all of them or none.
 
     Args:
-        out: Folder; made when missing.
-        programs: By file name.
         texts: By file name, UTF-8.
-        summary: Plain values.
     """
     with atomic.atomic_folder(out) as staging:
         for name, text in texts.items():
@@ -106,16 +97,11 @@ def write_folder(
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """Files that connect a controller to the loop.
-
-    Attributes:
-        title: Controller and interface.
-        check: Findings in files that are there, by the settings of ``check``.
-        make: Files for a cell into a folder: the folder, and by name the settings of ``make``.
-    """
+    """Files that connect a controller to the loop."""
 
     title: str
-    check: Callable[..., tuple[Finding, ...]]
+    check: Callable[..., tuple[Finding, ...]]  # Findings in files that are there, by the settings of ``check``
+    # Files for a cell into a folder: the folder, and by name the settings of ``make``
     make: Callable[..., dict[str, Any]]
 
 

@@ -36,7 +36,6 @@ def robot_named(name_or_cell: str) -> Robot:
 
     Raises:
         InputError: No such robot; the nearest names are listed.
-        FileFormatError: The cell file cannot be read.
     """
     if Path(name_or_cell).suffix == ".toml" or Path(name_or_cell).is_file():
         from counterflex.files.cell.cell import read_cell  # half a second, which a bare robot does not need

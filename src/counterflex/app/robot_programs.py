@@ -54,7 +54,6 @@ def robot_cell(cell: Cell, dialect: str) -> RobotCell:
     """What a robot program in a language is held against.
 
     Args:
-        cell: The cell.
         dialect: One of :func:`~counterflex.programs.language.robot_dialects`.
 
     Raises:
@@ -108,7 +107,6 @@ def by_axes_of(program: Program, cell: Cell) -> ByAxes:
 
     Args:
         program: As read; others than programs of robots have none.
-        cell: The cell.
     """
     if not isinstance(program, RobotProgram):
         return ByAxes()
@@ -138,7 +136,6 @@ def held_as_programmed(program: Program, cell: Cell) -> Cell:
     """The cell with the rotation about the tool axis that a robot program states; others leave it as it is.
 
     Args:
-        program: As read.
         cell: With its working plane, if it has one.
 
     Raises:

@@ -38,21 +38,13 @@ _LINES: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A judged program.
-
-    Attributes:
-        job: The program as read.
-        margins: Of every stretch.
-        diagrams: By tool, at its worst stretch.
-        summary: What is printed as JSON and written to ``summary.json``.
-        table: One row for each stretch.
-    """
+    """A judged program."""
 
     job: Job
-    margins: list[Margin]
+    margins: list[Margin]  # Of every stretch
     diagrams: dict[int, Diagram]
-    summary: dict[str, Any]
-    table: pl.DataFrame
+    summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
+    table: pl.DataFrame  # One row for each stretch
 
 
 def structure_of(
@@ -61,14 +53,12 @@ def structure_of(
     """The swinging structure.
 
     Args:
-        cell: The cell.
         damping_ratio: Of the robot's modes; None: of the cell's tap test, or assumed.
         response: CSV of a measured response of the tool tip, or None.
         modal: CSV of modal parameters of spindle and tool, or None.
 
     Raises:
         InputError: Both are given.
-        FileFormatError: One cannot be used.
     """
     if response is not None and modal is not None:
         raise InputError("the tool tip is given twice", where="--response and --modal", hint="Give one of them")
@@ -79,21 +69,9 @@ def structure_of(
 
 
 def judge(
-    program: str | Path,
-    cell: Cell,
-    structure: Structure,
-    *,
-    reading: Reading = AS_IT_IS,
-    progress: Progress = silent,
+    program: str | Path, cell: Cell, structure: Structure, *, reading: Reading = AS_IT_IS, progress: Progress = silent
 ) -> Judged:
     """Judge a program.
-
-    Args:
-        program: G-code file.
-        cell: The cell.
-        structure: What swings.
-        reading: How the program is read.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program cannot be read, reached or cut, cuts nothing, or no modes are known.
@@ -255,20 +233,10 @@ def run(
     """Judge a program; with ``out``, write ``summary.json``, ``stability.csv``, ``lobes.csv`` and ``report.html``.
 
     Args:
-        program: G-code file.
-        cell_file: Cell file.
         out: Folder, made when missing; None writes nothing.
         response: CSV of a measured response of the tool tip.
         modal: CSV of modal parameters of spindle and tool.
         damping_ratio: Of the robot's modes.
-        reading: How the program is read.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
-
-    Raises:
-        CounterflexError: As :func:`structure_of` and :func:`judge`.
     """
     cell = read_cell(cell_file)
     structure = structure_of(cell, damping_ratio, response, modal)

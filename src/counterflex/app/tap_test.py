@@ -28,8 +28,6 @@ def beside_tap_test(done: PostureModes, file: str | Path, up_to_hz: float = UP_T
 
     Args:
         done: Modes in the posture of the tap test.
-        file: See :mod:`counterflex.files.tap_test`.
-        up_to_hz: Rows of higher frequency are left out.
 
     Returns:
         Plain values: agreement before and after, modes before and after, masses with what is known of each.

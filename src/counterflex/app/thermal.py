@@ -32,35 +32,25 @@ _ADDED: Final = {2: ("walk_weights",)}
 
 @dataclass(frozen=True)
 class ThermalSettings:
-    """What is asked.
-
-    Attributes:
-        touches: File of touches.
-        axis_part: (3,) direction from the spindle to the tip, part axes.
-        limit_m: Largest growth or drift that is tolerated.
-        per_kelvin_m: Growth per kelvin of the spindle's temperature, or None.
-        model: Written by an earlier call, or None.
-    """
+    """What is asked."""
 
     touches: Path
-    axis_part: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    limit_m: float = 30.0 * UM
-    per_kelvin_m: float | None = None
-    model: Path | None = None
+    axis_part: tuple[float, float, float] = (0.0, 0.0, -1.0)  # (3,) direction from the spindle to the tip, part axes
+    limit_m: float = 30.0 * UM  # Largest growth or drift that is tolerated
+    per_kelvin_m: float | None = None  # Growth per kelvin of the spindle's temperature, or None
+    model: Path | None = None  # Written by an earlier call, or None
 
 
 def run(settings: ThermalSettings, out: Path | None = None) -> dict[str, Any]:
     """Follow growth and drift through the touches, and judge them.
 
     Args:
-        settings: See there.
         out: File for what was learnt of this machine; None writes none.
 
     Returns:
         Summary: a row per touch, the model, alerts; :attr:`alert` is whether there are any.
 
     Raises:
-        FileFormatError: A file cannot be used.
         InputError: Values that cannot be.
     """
     touches = read_touches(settings.touches)

@@ -36,14 +36,7 @@ OPTION: Final = "--assume-class"
 
 @dataclass(frozen=True)
 class Expected:
-    """A length that is known by its distribution over the robots of a class.
-
-    Attributes:
-        median_m: Half of them have less.
-        low_m: One of twenty has less.
-        high_m: One of twenty has more.
-        of: What it is, for messages.
-    """
+    """A length that is known by its distribution over the robots of a class."""
 
     median_m: float
     low_m: float
@@ -62,7 +55,6 @@ def expected(sizes_m: Float, of: str) -> Expected:
 
     Args:
         sizes_m: (robots,) m.
-        of: What it is.
     """
     median, low, high = (float(value) for value in np.quantile(sizes_m, _QUANTILES))
     return Expected(median, low, high, of)
@@ -72,7 +64,6 @@ def drawn_deflections(prior: ClassPrior, per_stiffness: Float, axes: tuple[int, 
     """Deflections of robots of a class.
 
     Args:
-        prior: Of the class.
         per_stiffness: (n, axes, 3) N m2/rad, see :func:`counterflex.robot.elasticity.axis_springs.axis_deflections`.
         axes: Numbers 0..5 of the second index.
 
@@ -134,7 +125,6 @@ def refusal(cell: Cell, cost: Expected | None) -> InputError:
     """The error of a job that would take axes of unknown stiffness as rigid.
 
     Args:
-        cell: The cell.
         cost: What they yield, if it can be said.
     """
     axes, why = axis_names(cell.unknown_axes), why_no_prior(cell)

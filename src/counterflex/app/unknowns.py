@@ -63,35 +63,21 @@ _COUNT: Final = 20
 
 @dataclass(frozen=True)
 class Unknown:
-    """Something that is not known of a cell.
-
-    Attributes:
-        name: What.
-        known_from: What is known of it, and from where.
-        cost: What it leaves uncorrected; None where that cannot be said at rest.
-        recipe: What to measure: ``identify`` with these words, the recipe first.
-    """
+    """Something that is not known of a cell."""
 
     name: str
-    known_from: str
-    cost: Expected | None
-    recipe: str
+    known_from: str  # What is known of it, and from where
+    cost: Expected | None  # What it leaves uncorrected; None where that cannot be said at rest
+    recipe: str  # What to measure: ``identify`` with these words, the recipe first
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """An unknown as it displaces the tool.
-
-    Attributes:
-        name: As in :class:`Unknown`.
-        known_from: As in :class:`Unknown`.
-        displacements: (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest.
-        recipe: As in :class:`Unknown`.
-    """
+    """An unknown as it displaces the tool."""
 
     name: str
     known_from: str
-    displacements: Float | None
+    displacements: Float | None  # (draws, n, 3) m, base axes, left uncorrected; None where that cannot be said at rest
     recipe: str
 
 
@@ -99,7 +85,6 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
     """Everything that is not known of a cell, the most expensive first.
 
     Args:
-        cell: The cell.
         points: Where it is judged.
     """
     listed = [
@@ -118,7 +103,6 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
     """Everything that is not known of a cell, each drawn by itself.
 
     Args:
-        cell: The cell.
         points: Where it is judged.
     """
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]

@@ -32,15 +32,7 @@ def run(
     """Compensate a program; one that cannot be written back in its loops is written out first.
 
     Args:
-        program: The program.
-        cell_file: Cell file.
         out: Folder; of a program that was written out it also has that one, in :data:`FOLDER`.
-        reading: How the program is read.
-        progress: Progress callback, fraction 0 to 1.
-        options: As for :func:`counterflex.app.compensation.compensate.run`.
-
-    Returns:
-        The summary.
     """
     try:
         return compensate.run(program, cell_file, out, reading=reading, progress=progress, **options)

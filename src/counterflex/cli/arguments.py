@@ -28,9 +28,19 @@ MOST_PROPOSED: Final = 500
 MOST_RECORDS: Final = 100_000_000
 """Cycles, samples, datagrams: four days at 4 ms."""
 LARGEST_PORT: Final = 65535
-
-
 Param = typer.CallbackParam
+Check = Callable[..., Any]
+"""Takes the option and its value, and hands the value on or raises."""
+
+
+def option(name: str, text: str, check: Check | None = None, metavar: str | None = None, **more: Any) -> Any:
+    """An option of a command: its names with blanks between, its help, what checks a value, what stands for one."""
+    return typer.Option(*name.split(), help=text, callback=check, metavar=metavar, **more)
+
+
+def argument(text: str, check: Check | None = None, metavar: str | None = None, **more: Any) -> Any:
+    """An argument of a command: its help, what checks a value, what stands for one."""
+    return typer.Argument(help=text, callback=check, metavar=metavar, **more)
 
 
 def _paths(value: Any) -> list[Path]:
@@ -59,11 +69,7 @@ def _readable(param: Param, path: Path) -> None:
 
 
 def file(param: Param, value: Any) -> Any:
-    """A file that is read.
-
-    Raises:
-        InputError: There is none, or it is a folder, or may not be read.
-    """
+    """A file that is read. Raises InputError: there is none, or it is a folder, or may not be read."""
     for path in _read(value):
         if path.is_dir():
             raise InputError("it is a folder", where=_named(param, path), limit="a file")
@@ -74,11 +80,7 @@ def file(param: Param, value: Any) -> Any:
 
 
 def folder(param: Param, value: Any) -> Any:
-    """A folder that is read.
-
-    Raises:
-        InputError: There is none, or it is a file.
-    """
+    """A folder that is read. Raises InputError: there is none, or it is a file."""
     for path in _read(value):
         if not path.exists():
             raise InputError("no such folder", where=_named(param, path), hint=missing_file(path))
@@ -89,11 +91,7 @@ def folder(param: Param, value: Any) -> Any:
 
 
 def file_or_folder(param: Param, value: Any) -> Any:
-    """A file or folder that is read.
-
-    Raises:
-        InputError: There is none.
-    """
+    """A file or folder that is read. Raises InputError: there is none."""
     for path in _read(value):
         if not path.exists():
             raise InputError("no such file or folder", where=_named(param, path), hint=missing_file(path))
@@ -155,11 +153,7 @@ def _writable(param: Param, path: Path, folder: Path) -> None:
 
 
 def host_port(param: Param, value: Any) -> Any:
-    """An address ``HOST:PORT``.
-
-    Raises:
-        InputError: It is none.
-    """
+    """An address ``HOST:PORT``."""
     if value is not None:
         address(value, param.opts[0] if param.opts[0].startswith("--") else "HOST:PORT")
     return value
@@ -186,11 +180,7 @@ def seeds(text: str) -> range:
 
 
 def address(text: str, option: str) -> tuple[str, int]:
-    """Host and port of ``HOST:PORT``.
-
-    Raises:
-        InputError: It is none.
-    """
+    """Host and port of ``HOST:PORT``."""
     host, colon, port = text.rpartition(":")
     if not colon or not host or not port.isascii() or not port.isdigit() or not 0 <= int(port) <= 65535:
         raise InputError(f"{option} is no address", value=text, limit="HOST:PORT, for example 192.168.1.1:49152")
@@ -198,11 +188,7 @@ def address(text: str, option: str) -> tuple[str, int]:
 
 
 def angles_of_body(param: Param, value: Any) -> Any:
-    """Angles of a body, ``spindle.b_deg=0,-35``.
-
-    Raises:
-        InputError: The text says something else.
-    """
+    """Angles of a body, ``spindle.b_deg=0,-35``. Raises InputError: the text says something else."""
     if value is not None:
         body_angles(value, param.opts[0])
     return value
@@ -267,11 +253,7 @@ def numbers_of(count: int) -> Callable[[Param, Any], Any]:
 
 
 def numbers(text: str | None, name: str, count: int) -> list[float] | None:
-    """Read ``1,2,3`` as that many numbers.
-
-    Raises:
-        InputError: They are not, or not as many, or not finite.
-    """
+    """Read ``1,2,3`` as that many numbers. Raises InputError: they are not, or not as many, or not finite."""
     if text is None:
         return None
     try:
@@ -321,8 +303,6 @@ def one_of(
 
     Args:
         names: Allowed ones, or a function that returns them.
-        what: What they are, for the message.
-        more: Further ones.
     """
 
     def check(param: Param, value: Any) -> Any:
@@ -357,11 +337,7 @@ def between(low: float, high: float) -> Callable[[Param, Any], Any]:
 
 
 def robot_or_cell(param: Param, value: Any) -> Any:
-    """A robot of the catalogue, or a cell file.
-
-    Raises:
-        InputError: Neither.
-    """
+    """A robot of the catalogue, or a cell file. Raises InputError: neither."""
     if value is None:
         return value
     settle(value)
@@ -388,11 +364,7 @@ def frame_name(param: Param, value: Any) -> Any:
 
 
 def robot(_: Param, value: Any) -> Any:
-    """A robot of the catalogue.
-
-    Raises:
-        InputError: There is none of this name.
-    """
+    """A robot of the catalogue. Raises InputError: there is none of this name."""
     if value is not None:
         from counterflex.robot.model import catalog
 
@@ -401,11 +373,7 @@ def robot(_: Param, value: Any) -> Any:
 
 
 def scheduler(_: Param, value: Any) -> Any:
-    """Address of a scheduler of dask.
-
-    Raises:
-        InputError: It is none.
-    """
+    """Address of a scheduler of dask."""
     if value is not None:
         from counterflex.app.long_jobs.scheduler import require_scheduler_address
 
@@ -431,11 +399,7 @@ def postures(param: Param, value: Any) -> Any:
 
 
 def material(_: Param, value: Any) -> Any:
-    """Name of a row of the material tables.
-
-    Raises:
-        InputError: There is no such row.
-    """
+    """Name of a row of the material tables. Raises InputError: there is no such row."""
     if value is not None:
         from counterflex.cutting import material as table
 
@@ -444,11 +408,7 @@ def material(_: Param, value: Any) -> Any:
 
 
 def faults(_: Param, value: Any) -> Any:
-    """Faults in short form.
-
-    Raises:
-        CounterflexError: One of them is none.
-    """
+    """Faults in short form. Raises CounterflexError: one of them is none."""
     if value:
         from counterflex.files.fault_file import short_fault
 
@@ -464,11 +424,7 @@ def settings(_: Param, value: Any) -> Any:
 
 
 def pairs(texts: list[str]) -> dict[str, str]:
-    """Settings ``KEY=VALUE`` by key.
-
-    Raises:
-        InputError: No ``=``, or a key given twice.
-    """
+    """Settings ``KEY=VALUE`` by key. Raises InputError: no ``=``, or a key given twice."""
     out: dict[str, str] = {}
     for text in texts:
         key, mark, value = text.partition("=")

@@ -103,11 +103,6 @@ def interruptible() -> Iterator[None]:
 
 
 def end(line: str, status: int = 2) -> NoReturn:
-    """End the command with a line on standard error.
-
-    Args:
-        line: What is wrong.
-        status: Exit status.
-    """
+    """End the command with a line on standard error."""
     print(f"error: {' '.join(line.split())}", file=sys.stderr)
     sys.exit(status)

@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from counterflex import __version__
+from counterflex.cli.arguments import option
 from counterflex.cli.commands import (
     ads,
     benchmark_part,
@@ -28,7 +29,6 @@ from counterflex.cli.commands import (
     doctor,
     egm,
     extensions,
-    faults,
     holder,
     identify,
     inspection,
@@ -40,15 +40,14 @@ from counterflex.cli.commands import (
     prove,
     question,
     rsi,
-    soak,
     thermal,
     tracker,
     twin,
 )
 from counterflex.cli.commands import run as online
+from counterflex.cli.commands.extensions import COMMANDS
 from counterflex.cli.commands.operate import opcua, operator, panel
 from counterflex.cli.commands.plan import group as plan
-from counterflex.cli.commands.reproduce import group as reproduce
 from counterflex.cli.commands.standards import dcc, iso230, iso9283
 from counterflex.cli.interrupt import end
 from counterflex.cli.output import line_period_s, warn
@@ -111,6 +110,8 @@ def _with_own_classes(app: typer.Typer) -> None:
             _with_own_classes(group.typer_instance)
 
 
+LAB: Final = ("soak", "faults", "reproduce")
+"""Commands of the package counterflex-lab, which proves counterflex and comes beside it in a clone."""
 PANELS: Final = {
     "Plan": (
         "cell",
@@ -131,7 +132,7 @@ PANELS: Final = {
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
-    "Tools": ("doctor", "extensions", "soak", "faults", "reproduce"),
+    "Tools": ("doctor", "extensions", *LAB),
 }
 """Commands by what they are for, in the order of ``--help``."""
 
@@ -147,19 +148,23 @@ class _Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands, under the headings of their use where there are any."""
-        for heading, names in (self.panels or {"Commands": self.list_commands(ctx)}).items():
-            with formatter.section(heading):
-                formatter.write_dl([(name, self.commands[name].get_short_help_str(200)) for name in names])
+        left = self.list_commands(ctx)
+        for heading, names in {**self.panels, "Other packages" if self.panels else "Commands": tuple(left)}.items():
+            there = [name for name in names if name in left]
+            left = [name for name in left if name not in there]
+            if there:
+                with formatter.section(heading):
+                    formatter.write_dl([(name, self.commands[name].get_short_help_str(200)) for name in there])
 
 
 class _Groups(_Group):
-    """The commands in the order of :data:`PANELS`."""
+    """The commands in the order of :data:`PANELS`, those of other packages behind them."""
 
     panels = PANELS
 
     def list_commands(self, ctx: Any) -> list[str]:
         names = [name for listed in PANELS.values() for name in listed]
-        return sorted(super().list_commands(ctx), key=names.index)
+        return sorted(super().list_commands(ctx), key=[*names, *super().list_commands(ctx)].index)
 
 
 app = typer.Typer(
@@ -183,9 +188,14 @@ def _in_panels(app: typer.Typer) -> None:
     """Put every command under the heading of its use."""
     panel_of = {name: panel for panel, names in PANELS.items() for name in names}
     for command in app.registered_commands:
-        command.rich_help_panel = panel_of[str(command.name or getattr(command.callback, "__name__", ""))]
+        command.rich_help_panel = panel_of[_name(command)]
     for group in app.registered_groups:
-        group.rich_help_panel = panel_of[str(group.name)]
+        group.rich_help_panel = panel_of[_name(group)]
+
+
+def _name(info: Any) -> str:
+    """The word that calls a command or a group."""
+    return str(info.name or getattr(getattr(info, "callback", None), "__name__", ""))
 
 
 for room in (
@@ -207,28 +217,58 @@ for room in (
     campaign,
 ):
     room.register(app)
-for room in (plan, holder, online, operator, panel, opcua, log, doctor, extensions, soak, faults, rsi, egm, reproduce):
+for room in (plan, holder, online, operator, panel, opcua, log, doctor, extensions, rsi, egm):
     room.register(app)
 for room in (iso9283, iso230, dcc, thermal, benchmark_part):
     room.register(app)
 _in_panels(app)
 _with_own_classes(app)
+_OWN: Final = frozenset(map(_name, (*app.registered_commands, *app.registered_groups)))
+
+
+def whole() -> typer.Typer:
+    """The commands, those that other packages add (:data:`COMMANDS`) among them; a package that is broken adds none."""
+    together = copy.copy(app)
+    together.registered_commands, together.registered_groups = [*app.registered_commands], [*app.registered_groups]
+    for name, add in COMMANDS.items():
+        if name not in _OWN:
+            add(together)
+    _with_own_classes(together)
+    return together
+
+
+def _among(called: str) -> typer.Typer:
+    """The commands that a called one stands among: of other packages nothing is imported for one of our own.
+
+    Args:
+        called: The word; empty where the commands are listed.
+
+    Raises:
+        InputError: Its package is broken, or is not installed.
+    """
+    if called in _OWN:
+        return app
+    if called in COMMANDS:
+        COMMANDS[called]  # what is wrong with its package is said, not that there is no such command
+    elif called in LAB:
+        raise InputError(
+            "this command belongs to the package counterflex-lab, which is not installed",
+            value=f"counterflex {called}",
+            hint="In a clone of counterflex: python -m pip install -e lab",
+        )
+    return whole()
 
 
 def _only(words: Sequence[str]) -> typer.Typer:
-    """The commands, with the options of the one that is called only: those of all take longer to read than a stop may.
-
-    Args:
-        words: Of the command line.
-    """
+    """The commands, with the options of the one that is called only: reading all takes longer than a stop may."""
     called = next((word for word in words if not word.startswith("-")), "")
-    small = copy.copy(app)
+    commands = _among(called)
+    small = copy.copy(commands)
     small.registered_commands = [
-        info if called in (info.name, getattr(info.callback, "__name__", "")) else _named_only(info)
-        for info in app.registered_commands
+        info if called == _name(info) else _named_only(info) for info in commands.registered_commands
     ]
     small.registered_groups = [
-        info if called == info.name else _without_commands(info) for info in app.registered_groups
+        info if called == info.name else _without_commands(info) for info in commands.registered_groups
     ]
     return small
 
@@ -241,7 +281,7 @@ def _named_only(info: Any) -> Any:
 
     named.__doc__ = info.callback.__doc__
     copied = copy.copy(info)
-    copied.name, copied.callback = info.name or info.callback.__name__, named
+    copied.name, copied.callback = _name(info), named
     return copied
 
 
@@ -264,10 +304,7 @@ def _version(value: bool) -> None:
 @app.callback()
 def _main(
     version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_version, is_eager=True, help="Print version, commit, Python and platform, and stop."
-        ),
+        bool, option("--version", "Print version, commit, Python and platform, and stop.", _version, is_eager=True)
     ] = False,
 ) -> None:
     pass
@@ -287,7 +324,7 @@ def parsed(words: Sequence[str]) -> object:
     """
     if line_period_s() > 0.0:
         compiling.tell(_Compiling(line_period_s()))
-    commands = app if "_COUNTERFLEX_COMPLETE" in os.environ else _only(words)
+    commands = whole() if "_COUNTERFLEX_COMPLETE" in os.environ else _only(words)
     try:
         return commands(list(words), prog_name="counterflex", standalone_mode=False)
     except _CommandLineFault as fault:

@@ -26,12 +26,7 @@ def print_json(data: Any) -> None:
 
 
 def say_written(out: Path, line: str) -> None:
-    """Say what was written; on standard error where the output itself goes to standard output.
-
-    Args:
-        out: File that was written.
-        line: What to say.
-    """
+    """Say what was written; on standard error where the output itself goes to standard output."""
     import typer
 
     typer.echo(line, err=is_printed(out))
@@ -50,7 +45,6 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
 
     Args:
         out: File or folder to be written.
-        inputs: Files that are read.
         option: Name of the option that says ``out``.
 
     Raises:
@@ -67,11 +61,7 @@ def keep_inputs(out: Path, *inputs: Path, option: str = "--out") -> None:
 
 
 def keep_folders(out: Path, *folders: Path) -> None:
-    """Refuse to write results into a folder that is read.
-
-    Raises:
-        InputError: ``out`` is one of them.
-    """
+    """Refuse to write results into a folder that is read. Raises InputError: ``out`` is one of them."""
     for folder in folders:
         if out.resolve() == folder.resolve():
             raise InputError(
@@ -152,11 +142,6 @@ def progress_bar(what: str, *, quiet: bool = False) -> Iterator[Progress]:
 @contextlib.contextmanager
 def resumable_progress(what: str, out: Path | None, kept: str = "finished runs") -> Iterator[Progress]:
     """As :func:`progress_bar`, for a job that the same command continues.
-
-    Args:
-        what: The job.
-        out: Its folder.
-        kept: What is stored in it by then.
 
     Raises:
         Interrupted: Ctrl-C; it says what is stored.

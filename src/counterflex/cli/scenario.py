@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 
 Layers = Annotated[
     list[str] | None,
-    typer.Option(
-        "--scenario",
-        "-s",
-        help="What is set once for a trial, repeatable, the later one wins: a file, a name out of `twin scenarios`, or "
+    option(
+        "--scenario -s",
+        "What is set once for a trial, repeatable, the later one wins: a file, a name out of `twin scenarios`, or "
         "TABLE.KEY=VALUE.",
         metavar="SCENARIO",
     ),

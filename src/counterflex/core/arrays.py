@@ -56,7 +56,6 @@ def as_float(name: str, value: Any, shape: tuple[int | None, ...] | None = None)
 
     Args:
         name: Name of the argument, used in the error.
-        value: Anything NumPy can turn into numbers.
         shape: Expected shape; ``None`` as an entry allows any length there. ``None`` skips the shape check.
 
     Returns:

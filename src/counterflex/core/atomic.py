@@ -111,7 +111,6 @@ def write_made(target: str | os.PathLike[str], make: Callable[[BinaryIO], object
     thrift: transport error").
 
     Args:
-        target: File.
         make: Writes the content into the stream that it is given.
     """
     stream = io.BytesIO()

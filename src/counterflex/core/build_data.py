@@ -24,14 +24,7 @@ def commit() -> str | None:
 
 
 def commit_of(root: Path) -> str | None:
-    """Commit that is checked out in a folder; None where it is no work tree of git.
-
-    Args:
-        root: Top folder of the work tree.
-
-    Raises:
-        OSError: A file of git cannot be read.
-    """
+    """Commit that is checked out in a folder; None where it is no work tree of git."""
     entry = root / ".git"
     if not (root / "pyproject.toml").is_file() or not entry.exists():
         return None
@@ -51,11 +44,7 @@ def commit_of(root: Path) -> str | None:
 
 
 def sentence(version: str) -> str:
-    """Version and build data in one line, for reports of faults.
-
-    Args:
-        version: Of the package.
-    """
+    """Version and build data in one line, for reports of faults."""
     known = commit()
     made = "commit not known" if known is None else f"commit {known}"
     return (

@@ -181,11 +181,8 @@ def dispatcher(
     """Return the compiled function of a kernel; nothing is compiled yet. The caller holds the lock of the compiler.
 
     Args:
-        function: The kernel in Python.
-        options: Of Numba.
         signatures: The only ones that it will have, or None.
         records: Types by the names that signatures give them.
-        folder: Of its compiled code.
     """
     numba.config.CACHE_DIR = str(folder)
     compiled = Dispatcher(function, targetoptions=options)

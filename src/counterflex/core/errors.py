@@ -19,7 +19,6 @@ class CounterflexError(Exception):
     Args:
         what: The fault in one sentence, without a full stop.
         where: Place of the fault, for example ``"part.ngc:12:5"`` or ``"cell.toml: robot.catalog"``.
-        value: The offending value as met.
         limit: The limit or the expectation that the value broke.
         hint: What the user can do about it.
         data: Further machine-readable facts (frames that exist, last samples, ...).

@@ -46,10 +46,8 @@ def readable(
     Only the reading belongs into the block: every exception in it is taken for a fault of the file.
 
     Args:
-        path: The file.
         kind: What it should be, with its article: ``"a Parquet table"``.
         hint: What to do where the content is wrong.
-        family: Class of the error.
 
     Raises:
         FileFormatError: Missing, a folder, not permitted, damaged, of another kind, or in a folder whose writing was
@@ -93,7 +91,6 @@ def text(path: str | os.PathLike[str], hint: str = "Save it as UTF-8 text") -> s
     """Return the text of a file in UTF-8, with or without byte order mark.
 
     Args:
-        path: The file.
         hint: What to do where it is no such text.
 
     Raises:
@@ -117,11 +114,7 @@ def decoded(data: bytes, path: str | os.PathLike[str], hint: str = "Save it as U
 
 
 def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AGAIN) -> Any:
-    """Return the value of a JSON file.
-
-    Raises:
-        FileFormatError: As :func:`text`, or it is no JSON.
-    """
+    """Return the value of a JSON file."""
     content_text = text(path, hint)
     with readable(path, kind, hint):
         return json.loads(content_text)
@@ -129,10 +122,6 @@ def json_value(path: str | os.PathLike[str], kind: str = "JSON", hint: str = _AG
 
 def require_small(path: str | os.PathLike[str], unpacked_bytes: int) -> None:
     """Refuse a packed file by the size that it states before it is unpacked.
-
-    Args:
-        path: The file.
-        unpacked_bytes: As its own tables say.
 
     Raises:
         FileFormatError: It would take more than :data:`LARGEST_TABLE_BYTES` of memory.
@@ -149,10 +138,6 @@ def require_small(path: str | os.PathLike[str], unpacked_bytes: int) -> None:
 
 def parquet(path: str | os.PathLike[str], data: bytes) -> polars.DataFrame:
     """Return the table of a Parquet file whose columns are numbers, times or texts.
-
-    Args:
-        path: The file, for messages.
-        data: Its content.
 
     Raises:
         FileFormatError: Damaged, too large when unpacked, or with columns of lists or other nested values.
@@ -179,12 +164,7 @@ def arrays(path: str | os.PathLike[str], kind: str, hint: str) -> Iterator[Any]:
     """Open a file of NumPy arrays (``.npz``), which are unpacked one by one; no objects.
 
     Args:
-        path: The file.
-        kind: What it should be, with its article.
         hint: What to do where it is none.
-
-    Raises:
-        FileFormatError: As :func:`readable`, or too large when unpacked.
     """
     import numpy as np
 

@@ -28,9 +28,6 @@ _HELD: Final = (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK)
 def own(handle: int) -> bool | None:
     """Hold an open file alone, as long as it is open.
 
-    Args:
-        handle: Of the file.
-
     Returns:
         True: it is held; False: another holds it; None: the file system has no locks, so that nothing is known.
     """
@@ -51,9 +48,6 @@ def own(handle: int) -> bool | None:
 
 def share(handle: int) -> bool:
     """Hold an open file together with others, as long as it, or memory that is mapped from it, is open.
-
-    Args:
-        handle: Of the file.
 
     Returns:
         Whether the file still has a name: it may have been cleared before it was held.

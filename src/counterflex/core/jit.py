@@ -106,21 +106,15 @@ def cache_folder(module: str) -> Path:
 
 @dataclass(frozen=True)
 class Bundle:
-    """A NamedTuple of arrays and numbers that a kernel takes.
-
-    Attributes:
-        kind: The NamedTuple.
-        fields: Kinds of its fields, in order.
-    """
+    """A NamedTuple of arrays and numbers that a kernel takes."""
 
     kind: type
-    fields: tuple[Any, ...]
+    fields: tuple[Any, ...]  # Kinds of its fields, in order
 
     def numba_type(self, of: Callable[[Any], Any], tuple_of: Callable[[list[Any], type], Any]) -> Any:
         """Return its type.
 
         Args:
-            of: Returns the type of a field.
             tuple_of: Returns the type of a NamedTuple with fields of some types.
         """
         return tuple_of([of(field) for field in self.fields], self.kind)
@@ -130,7 +124,6 @@ def bundle(kind: type, /, **fields: Any) -> Bundle:
     """Return the type of a NamedTuple of arrays and numbers, for a kernel that takes one.
 
     Args:
-        kind: The NamedTuple.
         fields: Type of each of its fields: as a signature writes it (``"float64[:, ::1]"``), ``(DTYPE,)`` for an array
             of records of one dimension, or another bundle.
 
@@ -146,7 +139,6 @@ class Kernel:
     Everything else that it is asked for is asked of Numba's dispatcher: signatures, options, type.
 
     Attributes:
-        py_func: The function in Python.
         states: It has stated signatures and no others.
     """
 

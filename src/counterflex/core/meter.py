@@ -48,7 +48,6 @@ class Meter:
 
     Attributes:
         fraction: Done, 0..1; never falls.
-        what: What is being worked on.
         heard: Called when something was reported, or None.
     """
 

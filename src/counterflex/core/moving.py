@@ -41,11 +41,7 @@ _TRIES: Final = 20
 
 
 def sync_file(path: Path) -> None:
-    """Put the content of a file on the disk.
-
-    Raises:
-        OSError: The disk failed.
-    """
+    """Put the content of a file on the disk. Raises OSError: the disk failed."""
     handle = os.open(path, os.O_RDWR | getattr(os, "O_BINARY", 0))
     try:
         os.fsync(handle)
@@ -64,11 +60,7 @@ def sync_folder(path: Path) -> None:
 
 
 def sync_tree(folder: Path) -> None:
-    """Put a folder with all that is in it on the disk.
-
-    Raises:
-        OSError: The disk failed.
-    """
+    """Put a folder with all that is in it on the disk. Raises OSError: the disk failed."""
     for place, _, names in os.walk(folder, topdown=False):
         for name in names:
             if (path := Path(place) / name).is_file() and not path.is_symlink():

@@ -45,7 +45,6 @@ def clear_leftovers(folder: Path, name: str) -> None:
 
     Args:
         folder: Where temporary files for the output lie.
-        name: Name of the output.
     """
     if os.name != "posix":  # elsewhere there is no harmless way to ask for a process
         return
@@ -88,26 +87,20 @@ _MOST_LINKS: Final = 40
 
 @dataclass(frozen=True)
 class Place:
-    """Where an output really goes.
+    """Where an output really goes."""
 
-    Attributes:
-        path: The file itself, behind all symbolic links; need not be there.
-        through: Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and
-            never replaced.
-        descriptor: Of this process, where ``path`` names one (``/dev/stdout``, ``/dev/fd/3``); else None.
-        before: State of the regular file that is there already; None where there is none.
-    """
-
-    path: Path
+    path: Path  # The file itself, behind all symbolic links; need not be there
+    # Something that is not a regular file (device, pipe, socket, open descriptor): it is written into and never
+    # replaced
     through: bool = False
+    # Of this process, where ``path`` names one (``/dev/stdout``, ``/dev/fd/3``); else None
     descriptor: int | None = None
-    before: os.stat_result | None = None
+    before: os.stat_result | None = None  # State of the regular file that is there already; None where there is none
 
     def keep_rights(self, made: Path, mode: int) -> None:
         """Give a file that takes this place the mode and owner of the one before, else the usual rights.
 
         Args:
-            made: File that was made for this place.
             mode: Rights of a file made in the usual way, before the umask.
         """
         if self.before is None:
@@ -130,11 +123,7 @@ class Place:
             shutil.copyfileobj(source, sink)
 
     def opened(self, encoding: str) -> TextIO:
-        """A stream of text that begins anew here, line ends as written.
-
-        Raises:
-            OSError: It cannot be opened.
-        """
+        """A stream of text that begins anew here, line ends as written. Raises OSError: it cannot be opened."""
         return os.fdopen(self._descriptor(), "w", encoding=encoding, newline="")
 
     def _descriptor(self) -> int:

@@ -24,7 +24,6 @@ def in_parts(progress: Progress, parts: Mapping[str, float]) -> dict[str, Progre
     :class:`~counterflex.core.meter.Meter` has it).
 
     Args:
-        progress: Of the whole job.
         parts: Work of each part in the order in which they are done, in any common unit; the name says what is done.
 
     Returns:
@@ -45,7 +44,6 @@ def share_of(progress: Progress, fraction_before: float, fraction_after: float, 
     """Progress of a stretch of a job, for loops.
 
     Args:
-        progress: Of the whole job.
         fraction_before: Fraction of the job done before, 0..1.
         fraction_after: Fraction of the job done after.
         what: What is said whatever the stretch says; empty leaves it to the stretch.

@@ -10,11 +10,6 @@ _MOST_DIGITS: Final = 15
 def told_apart(value: float, limit: float, digits: int = 2) -> tuple[str, str]:
     """Return value and limit as texts that differ where the numbers do.
 
-    Args:
-        value: The value as met.
-        limit: What it broke.
-        digits: Significant digits to begin with.
-
     Returns:
         Both texts: ``("2", "1")``, ``("2.02", "2")``.
     """

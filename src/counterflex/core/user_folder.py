@@ -45,7 +45,6 @@ def made_own(folder: Path) -> Path:
     A folder of this user that others can read is closed to them; so is an empty one that they could write into.
 
     Raises:
-        SharedFolderError: See :func:`require_own`.
         OSError: It cannot be made.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)

@@ -19,19 +19,12 @@ METHODS: Final = ("uncompensated", "catalogue", "identified", "corrected", "onli
 
 
 class Measured(NamedTuple):
-    """What the drawing states of one quantity.
+    """What the drawing states of one quantity."""
 
-    Attributes:
-        feature: Its name, as :func:`counterflex.evaluate.feature_finding.find_features` gives it.
-        quantity: As in :class:`counterflex.evaluate.features.FeatureRow`.
-        nominal_mm: Nominal value.
-        tolerance_mm: Permitted deviation, +-; width of the zone where the nominal value is 0.
-    """
-
-    feature: str
+    feature: str  # Its name, as :func:`counterflex.evaluate.feature_finding.find_features` gives it
     quantity: str
     nominal_mm: float
-    tolerance_mm: float
+    tolerance_mm: float  # Permitted deviation, +-; width of the zone where the nominal value is 0
 
 
 def _groove(name: str, width_mm: float, depth_mm: float) -> tuple[Measured, ...]:

@@ -95,11 +95,7 @@ class FaultTable(Table):
         return self
 
     def fault(self) -> Fault:
-        """The fault in SI.
-
-        Raises:
-            InputError: Its numbers contradict each other.
-        """
+        """The fault in SI. Raises InputError: its numbers contradict each other."""
         offset = (0.0, 0.0, 0.0)
         if self.offset_mm is not None:
             offset = (self.offset_mm[0] * MM, self.offset_mm[1] * MM, self.offset_mm[2] * MM)
@@ -131,9 +127,6 @@ def short_fault(text: str) -> FaultTable:
         text: ``KIND[=VALUE][@FROM[+FOR]][#FIRST[+COUNT]][,KEY=VALUE...]``: VALUE is the share, for ``status`` the bits,
             for ``counter`` the step, for ``offset`` millimetres ``X:Y:Z``; FROM and FOR are seconds, FIRST and COUNT
             datagrams, KEY a key of the table.
-
-    Raises:
-        InputError: The fault cannot be used.
     """
     match = _SHORT.fullmatch(text.strip())
     if match is None:

@@ -62,14 +62,7 @@ class HolderFile(Versioned):
         return self.noise_um_m * MICRO
 
     def drawing(self, where: str) -> Drawing:
-        """The drawing in SI.
-
-        Args:
-            where: Name of the file, for messages.
-
-        Raises:
-            FileFormatError: Cheeks or pockets that cannot be made.
-        """
+        """The drawing in SI. Raises FileFormatError: cheeks or pockets that cannot be made."""
         c = self.cheeks
         try:
             beam = HolderBeam(
@@ -92,11 +85,7 @@ class HolderFile(Versioned):
 
 
 def read_holder(path: str | Path) -> HolderFile:
-    """Read a drawing.
-
-    Raises:
-        FileFormatError: Not a drawing, an unknown key, a value out of range.
-    """
+    """Read a drawing. Raises FileFormatError: not a drawing, an unknown key, a value out of range."""
     return HolderFile.read(path, kind=KIND, version=VERSION)
 
 

@@ -20,15 +20,10 @@ INPUTS: Final = "inputs"
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One identification of an archive.
+    """One identification of an archive."""
 
-    Attributes:
-        folder: Where it is kept.
-        result: Content of its ``result.json``.
-    """
-
-    folder: Path
-    result: dict[str, Any]
+    folder: Path  # Where it is kept
+    result: dict[str, Any]  # Content of its ``result.json``
 
 
 def run_name(date: str, recipe: str, taken: Path) -> str:
@@ -36,7 +31,6 @@ def run_name(date: str, recipe: str, taken: Path) -> str:
 
     Args:
         date: ``2026-11-21 22:31:05 UTC``.
-        recipe: Its name.
         taken: Archive in which the name must be new.
     """
     stem = f"{date.removesuffix(' UTC').replace(' ', '_').replace(':', '')}_{recipe}"
@@ -52,7 +46,6 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
 
     Args:
         folder: Of the run; gets ``inputs/cell.toml`` and ``inputs/1``, ``inputs/2``, ... with one dataset each.
-        cell: Cell file.
         manifests: Of the datasets. Files that lie elsewhere than below their manifest are put beside the copy, and
             the copied manifest names them there.
     """

@@ -65,7 +65,6 @@ def fit_table(fit: Fit, place: Place) -> dict[str, Any]:
     """A fit as plain values.
 
     Args:
-        fit: What was found.
         place: Where rows stand.
     """
     covariance = covariance_shop(fit)
@@ -128,11 +127,7 @@ def write_identification(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def read_identification(path: Path) -> dict[str, Any]:
-    """Read a result.
-
-    Raises:
-        FileFormatError: Missing, not JSON, another format, or newer than this program.
-    """
+    """Read a result. Raises FileFormatError: missing, not JSON, another format, or newer than this program."""
     data = file_content.json_value(path)
     if not isinstance(data, dict):
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))

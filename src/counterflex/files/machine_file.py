@@ -20,25 +20,14 @@ OLDEST: Final = timedelta(days=7)
 
 @dataclass(frozen=True)
 class StoredVerdict:
-    """A verdict on a machine.
-
-    Attributes:
-        host: Name of the machine.
-        kernel: Of its operating system.
-        date: When it was measured, with time zone.
-        verdict: As judged.
-        fits: 99.9 % of the replies are in time.
-        p999_s: What they take at most; None where some never came.
-        budget_s: What they may take.
-        reasons: As judged.
-    """
+    """A verdict on a machine."""
 
     host: str
     kernel: str
-    date: datetime
+    date: datetime  # When it was measured, with time zone
     verdict: str
-    fits: bool
-    p999_s: float | None
+    fits: bool  # 99.9 % of the replies are in time
+    p999_s: float | None  # What they take at most; None where some never came
     budget_s: float
     reasons: tuple[str, ...]
 
@@ -49,11 +38,7 @@ def machine_file() -> Path:
 
 
 def write_verdict(path: Path, stored: StoredVerdict) -> None:
-    """Keep a verdict.
-
-    Raises:
-        OutputError: The file cannot be written, or others can write into its folder.
-    """
+    """Keep a verdict. Raises OutputError: the file cannot be written, or others can write into its folder."""
     try:
         made_own(path.parent)
     except OutputError:
@@ -124,9 +109,6 @@ def against(stored: StoredVerdict | None, *, host: str, kernel: str, now: dateti
 
     Args:
         stored: Or None where there is none.
-        host: Name of this machine.
-        kernel: Of its operating system.
-        now: With time zone.
     """
     if stored is None:
         return "this computer has not been measured for the loop"

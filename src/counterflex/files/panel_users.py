@@ -46,9 +46,6 @@ class UserTables(Versioned):
 class PanelUsers:
     """The users of a file; who is added to it or removed from it later counts at once.
 
-    Args:
-        path: Of the file.
-
     Raises:
         FileFormatError: It is none, or a name stands there twice.
     """
@@ -88,7 +85,6 @@ def set_user(path: Path, name: str, role: Role, password: str) -> None:
         password: At least :data:`LEAST` characters.
 
     Raises:
-        InputError: The name or the password cannot be used.
         FileFormatError: The file is none.
         OutputError: It cannot be written, or another process edits it.
     """
@@ -103,10 +99,6 @@ def set_user(path: Path, name: str, role: Role, password: str) -> None:
 
 def remove_user(path: Path, name: str) -> None:
     """Remove a user from a file.
-
-    Args:
-        path: Of the file.
-        name: Of the user.
 
     Raises:
         InputError: There is no such user.

@@ -21,20 +21,12 @@ _KEY = "counterflex"
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a file and where its values live in memory.
+    """A column of a file and where its values live in memory."""
 
-    Attributes:
-        name: In the file, with unit suffix.
-        field: Attribute of the object, dotted for a part of it.
-        index: Component of that attribute, or None.
-        unit: SI value of one file unit.
-        whole: Whole numbers.
-    """
-
-    name: str
-    field: str
-    index: int | None = None
-    unit: float = 1.0
+    name: str  # In the file, with unit suffix
+    field: str  # Attribute of the object, dotted for a part of it
+    index: int | None = None  # Component of that attribute, or None
+    unit: float = 1.0  # SI value of one file unit
     whole: bool = False
 
 
@@ -44,16 +36,7 @@ def columns(names: str, field: str, unit: float = 1.0) -> tuple[Column, ...]:
 
 
 def write(path: Path, kind: str, version: int, layout: tuple[Column, ...], data: Any, about: Mapping[str, Any]) -> None:
-    """Write the attributes of ``data`` as a table, whole or not at all.
-
-    Args:
-        path: Target.
-        kind: Format name.
-        version: Format version.
-        layout: Columns.
-        data: Object that holds the attributes.
-        about: Further metadata, plain JSON values.
-    """
+    """Write the attributes of ``data`` as a table, whole or not at all."""
     frame = table(layout, data)
     meta = json.dumps({"format": kind, "version": version, **about}, allow_nan=False)
     atomic.write_made(path, lambda stream: frame.write_parquet(stream, compression="zstd", metadata={_KEY: meta}))
@@ -79,10 +62,6 @@ def read(
     """Read a table back as attributes.
 
     Args:
-        path: The file.
-        kind: Format name.
-        version: Newest format version that is read.
-        layout: Columns.
         optional: Further columns, all of them or none.
 
     Returns:

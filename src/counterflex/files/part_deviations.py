@@ -26,42 +26,24 @@ LAYOUT: Final = (
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """What a part's deviations come from: the metadata of the file.
+    """What a part's deviations come from: the metadata of the file."""
 
-    Attributes:
-        program: Name of the program that made the part.
-        program_sha256: Hash of that program's bytes, hexadecimal.
-        source: Name of the file that was measured.
-        unit: Unit of the lengths in that file.
-        datum_faces: Names of the faces that placed the scan on the nominal part; empty where it was given in the part
-            frame.
-        residual_um: Root mean square of the distances of the scan to the datum faces after registration, um.
-    """
-
-    program: str
-    program_sha256: str
-    source: str
-    unit: str
+    program: str  # Name of the program that made the part
+    program_sha256: str  # Hash of that program's bytes, hexadecimal
+    source: str  # Name of the file that was measured
+    unit: str  # Unit of the lengths in that file
+    # Names of the faces that placed the scan on the nominal part; empty where it was given in the part frame
     datum_faces: tuple[str, ...]
-    residual_um: float
+    residual_um: float  # Root mean square of the distances of the scan to the datum faces after registration, um
 
 
 def write_part_deviations(path: Path, deviations: PartDeviations, part: MeasuredPart) -> None:
-    """Write the deviations of a part, whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write the deviations of a part, whole or not at all. Raises OutputError: the folder cannot be written."""
     write(path, KIND, VERSION, LAYOUT, deviations, asdict(part))
 
 
 def read_part_deviations(path: Path) -> tuple[PartDeviations, MeasuredPart]:
-    """Read the deviations of a part, in SI, and what they come from.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`; or a row or an entry of the metadata is no
-            valid one.
-    """
+    """Read the deviations of a part, in SI, and what they come from."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     require_whole(path.parent)
     try:

@@ -27,11 +27,7 @@ def write_path_error(path: Path, error: MeasuredError, about: Mapping[str, Any])
 
 
 def read_path_error(path: Path) -> tuple[MeasuredError, dict[str, Any]]:
-    """Read the error of a path and its metadata.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
-    """
+    """Read the error of a path and its metadata."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     data["seen"] = data["seen"] != 0
     return MeasuredError(**data), about

@@ -68,8 +68,6 @@ LAYOUT = (
     Column("extrapolated", "extrapolated", whole=True),
     *columns("nominal_fx_n nominal_fy_n nominal_fz_n nominal_mx_nm nominal_my_nm nominal_mz_nm", "w_nominal_part"),
 )
-
-
 MEASURED = columns("measured_x_um measured_y_um measured_z_um", "measured_part", UM)
 """Columns of version 2: plans that measured parts have corrected; all others are written as version 1."""
 
@@ -84,11 +82,8 @@ def write_plan(path: Path, plan: Plan, about: Mapping[str, Any], axes: Controlle
     """Write a plan.
 
     Args:
-        path: The file.
-        plan: The plan.
         about: Which program, cell and version made it; ``job_hash`` is added to it, and how the controller counts axes
             that are not the angles of the model.
-        axes: Of the robot.
     """
     measured = plan.measured_part is not None
     layout, version = (LAYOUT + MEASURED, VERSION) if measured else (LAYOUT, VERSION - 1)
@@ -98,11 +93,7 @@ def write_plan(path: Path, plan: Plan, about: Mapping[str, Any], axes: Controlle
 
 
 def read_plan(path: Path) -> tuple[Plan, dict[str, Any]]:
-    """Read a plan and its metadata; its folder must be whole, see ``require_whole``.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
-    """
+    """Read a plan and its metadata; its folder must be whole, see ``require_whole``."""
     layout = LAYOUT + MEASURED if is_corrected(path) else LAYOUT
     data, about = read(path, KIND, VERSION, layout)
     require_whole(path.parent)

@@ -51,11 +51,7 @@ def write_production_run(path: Path, stretches: Stretches, about: Mapping[str, A
 
 
 def read_production_run(path: Path) -> tuple[Stretches, dict[str, Any]]:
-    """Read them back, with what is said about them.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
-    """
+    """Read them back, with what is said about them."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     for name, shape in _SHAPES.items():
         data[name] = np.ascontiguousarray(data[name].reshape(-1, *shape))

@@ -31,8 +31,6 @@ LAYOUT = (
     Column("axial_depth_mm", "depth_m", unit=MM),
     *columns("q1_deg q2_deg q3_deg q4_deg q5_deg q6_deg", "q_motor", DEG),
 )
-
-
 AXIS = columns("axis_x axis_y axis_z", "axis_part")
 """Direction of the tool, from the tip to the spindle: of runs that have it."""
 
@@ -43,12 +41,7 @@ def write_run(path: Path, run: Run, about: Mapping[str, Any]) -> None:
 
 
 def read_run(path: Path) -> tuple[Run, dict[str, Any]]:
-    """Read a run and its metadata; its folder must be whole.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read` and
-            :func:`counterflex.files.summary_file.require_whole`.
-    """
+    """Read a run and its metadata; its folder must be whole."""
     data, about = read(path, KIND, VERSION, LAYOUT, AXIS)
     require_whole(path.parent)
     return Run(**data), about

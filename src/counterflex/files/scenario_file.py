@@ -212,7 +212,6 @@ def read_scenario(layers: Iterable[str], tables: Sequence[str]) -> Scenario:
         tables: That the command reads: a single key of another one is refused, it would have no effect.
 
     Raises:
-        FileFormatError: A file cannot be used.
         InputError: A name or key is unknown, or a value is out of range.
     """
     results: dict[str, Any] = {}

@@ -25,16 +25,12 @@ from counterflex.geometry import pose
 Model = TypeVar("Model", bound="Table")
 
 _STIFFNESS = re.compile(r"stiff|^k_|^k[abc]$|_per_rad$|_n_per_", re.IGNORECASE)
-
-
 SOFTEST_UM_PER_KN: Final = 1e5
 """Softest element that a file may hold, translation: 1e4 N/m."""
 SOFTEST_URAD_PER_KNM: Final = 1e6
 """Softest element that a file may hold, rotation: 1000 N m/rad; the joints of milling robots have 1e5 to 1e7."""
 STIFFEST: Final = 1e-3
 """Stiffest element that is not rigid, um/kN and urad/kNm: 1e12 N/m and 1e12 N m/rad."""
-
-
 Length = Annotated[float, Field(ge=-20000.0, le=20000.0)]
 """A place in a cell, mm; what lies beyond is a unit mistake."""
 Angle = Annotated[float, Field(ge=-720.0, le=720.0)]
@@ -129,7 +125,6 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
     """Parse a TOML file.
 
     Args:
-        path: The file.
         kind: Its ``format``, for messages.
 
     Raises:

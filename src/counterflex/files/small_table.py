@@ -39,10 +39,6 @@ def read_rows(path: str | Path) -> list[tuple[int, list[str]]]:
 def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
     """As :func:`read_rows`, of a text.
 
-    Args:
-        text: Of the file.
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
     """

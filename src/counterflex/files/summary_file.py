@@ -34,7 +34,6 @@ def write_folder_summary(folder: Path, data: Mapping[str, Any]) -> None:
 
     Args:
         folder: Staging folder in which all files that other commands read are written.
-        data: As :func:`write_summary`.
     """
     files = [file for file in sorted(folder.rglob("*")) if file.is_file() and file.name != SUMMARY]
     listed = {file.relative_to(folder).as_posix(): _sha256(file) for file in files}

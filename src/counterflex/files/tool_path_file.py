@@ -27,67 +27,41 @@ LAYOUT: Final = (
 
 @dataclass(frozen=True, eq=False)
 class ToolPathRows:
-    """Deviation of the tool from the program's path, part frame.
+    """Deviation of the tool from the program's path, part frame."""
 
-    Attributes:
-        time_s: (k,) s, of the log.
-        length_m: (k,) m, place on the program's path.
-        line: (k,) line of the program.
-        nominal: (k, 3) m, nearest place of the program's path.
-        deviation_m: (k, 3) m, actual minus nominal: to the left of the feed, along the tool's axis away from the part,
-            along the feed (nan: not known).
-        normal_m: (k, 3) m, along the normals of the floor, the wall on the left and the wall on the right that the
-            station makes, positive = material left; nan where it makes none.
-        standard_deviation_m: (k,) m, of a component across the feed: noise of the readings and uncertainty of a fitted
-            frame.
-        cutting: (k,) 1 where the tool cut, 0 where it did not, -1 where it is not known.
-    """
-
-    time_s: Float
-    length_m: Float
-    line: Int
-    nominal: Float
+    time_s: Float  # (k,) s, of the log
+    length_m: Float  # (k,) m, place on the program's path
+    line: Int  # (k,) line of the program
+    nominal: Float  # (k, 3) m, nearest place of the program's path
+    # (k, 3) m, actual minus nominal: to the left of the feed, along the tool's axis away from the part, along the feed
+    # (nan: not known)
     deviation_m: Float
+    # (k, 3) m, along the normals of the floor, the wall on the left and the wall on the right that the station makes,
+    # positive = material left; nan where it makes none
     normal_m: Float
+    # (k,) m, of a component across the feed: noise of the readings and uncertainty of a fitted frame
     standard_deviation_m: Float
-    cutting: Int
+    cutting: Int  # (k,) 1 where the tool cut, 0 where it did not, -1 where it is not known
 
 
 @dataclass(frozen=True)
 class LoggedPath:
-    """What a path comes from: the metadata of the file.
-
-    Attributes:
-        program: Name of the program.
-        program_sha256: Hash of its bytes, hexadecimal.
-        source: Name of the log.
-        position: Which position of the tool was logged, in words.
-        frame: Frame that the log was in, in words.
-        frame_fitted: That frame was fitted to the program's path.
-    """
+    """What a path comes from: the metadata of the file."""
 
     program: str
-    program_sha256: str
+    program_sha256: str  # Hash of its bytes, hexadecimal
     source: str
-    position: str
-    frame: str
-    frame_fitted: bool
+    position: str  # Which position of the tool was logged, in words
+    frame: str  # Frame that the log was in, in words
+    frame_fitted: bool  # That frame was fitted to the program's path
 
 
 def write_tool_path(path: Path, rows: ToolPathRows, logged: LoggedPath) -> None:
-    """Write a measured path, whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a measured path, whole or not at all. Raises OutputError: the folder cannot be written."""
     write(path, KIND, VERSION, LAYOUT, rows, asdict(logged))
 
 
 def read_tool_path(path: Path) -> tuple[ToolPathRows, dict[str, Any]]:
-    """Read a measured path, in SI, and its metadata.
-
-    Raises:
-        FileFormatError: See :func:`counterflex.files.parquet_table.read`.
-    """
+    """Read a measured path, in SI, and its metadata."""
     data, about = read(path, KIND, VERSION, LAYOUT)
     return ToolPathRows(**data), about

@@ -31,9 +31,6 @@ SOFTEST_UM_PER_N: Final = 1e3
 def read_response(path: str | Path) -> Response:
     """Read a measured frequency response of the tool tip.
 
-    Args:
-        path: CSV.
-
     Returns:
         The response in the TCP frame; directions without rows are rigid.
 

@@ -17,11 +17,9 @@ class CountedShare:
     """Coverage of one recipe.
 
     Attributes:
-        recipe: Its name.
         share: Of all intervals that hold the truth.
         worst_share: Of those of the worst parameter.
         worst_name: Of that parameter.
-        seeds: Simulated campaigns.
         errors: What they have that the recipe's model lacks.
     """
 

@@ -22,7 +22,6 @@ class Figure:
     Attributes:
         name: Key in ``result.json``, with unit suffix: ``holdout_mean_mm``.
         text: What it is, in words.
-        value: The number.
         nominal: The same before identification, or None.
         limit: What it should be at most (or None).
     """
@@ -60,10 +59,8 @@ class Identification:
     """What a recipe found.
 
     Attributes:
-        recipe: Its name.
         fits: By name; most recipes have one, named as the recipe.
         headline: The error on data not used, nominal beside it; what decides acceptance is its first entry.
-        figures: Further figures.
         changes: What goes into the cell file.
         remarks: Sentences for the report: what was assumed, what the data cannot see, what to measure next.
         pictures: For the report.
@@ -155,12 +152,8 @@ class Recipe:
     ) -> Identification:
         """Find what the recipe is for. The head of all recipes: it checks and completes what they get.
 
-        Args:
-            cell: What is known before.
-            data: Datasets that parameters are fitted to.
-            holdout: Datasets that are predicted only; empty means parts of ``data`` held out in turn.
-            settings: Those that differ from the defaults.
-            progress: Progress callback, fraction 0 to 1.
+        ``holdout``: Datasets that are predicted only; empty means parts of ``data`` held out in turn. ``progress``:
+        Progress callback, fraction 0 to 1.
 
         Returns:
             Fits, the error on data not used, and what goes into the cell file.

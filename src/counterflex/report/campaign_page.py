@@ -11,40 +11,24 @@ from counterflex.report.page import render
 
 @dataclass(frozen=True)
 class FigureRow:
-    """A figure of an identification.
-
-    Attributes:
-        text: What it is.
-        before: With the cell before it, as printed, or empty.
-        value: With what was identified, as printed.
-    """
+    """A figure of an identification."""
 
     text: str
-    before: str
+    before: str  # With the cell before it, as printed, or empty
     value: str
 
 
 @dataclass(frozen=True)
 class RecipeRow:
-    """One recipe of one campaign.
-
-    Attributes:
-        recipe: Name.
-        rows: Measured rows, fit and validation, as printed.
-        verdict: ``accepted``, or why it was not.
-        accepted: Whether the cell file took it over.
-        figures: Headline first.
-        seconds: Time taken, as printed.
-        report: Where the report of the identification is, relative to the page, or empty.
-    """
+    """One recipe of one campaign."""
 
     recipe: str
-    rows: str
-    verdict: str
-    accepted: bool
+    rows: str  # Measured rows, fit and validation, as printed
+    verdict: str  # ``accepted``, or why it was not
+    accepted: bool  # Whether the cell file took it over
     figures: tuple[FigureRow, ...]
     seconds: str
-    report: str = ""
+    report: str = ""  # Where the report of the identification is, relative to the page, or empty
 
 
 @dataclass(frozen=True)
@@ -60,43 +44,23 @@ class TruthRow:
 
 @dataclass(frozen=True)
 class CampaignOfSeed:
-    """One truth.
-
-    Attributes:
-        seed: As printed.
-        recipes: In order.
-        truths: By group: what planning uses, stiffness, ...
-    """
+    """One truth."""
 
     seed: str
-    recipes: tuple[RecipeRow, ...]
-    truths: Mapping[str, tuple[TruthRow, ...]]
+    recipes: tuple[RecipeRow, ...]  # In order
+    truths: Mapping[str, tuple[TruthRow, ...]]  # By group: what planning uses, stiffness, ..
 
 
 @dataclass(frozen=True)
 class CampaignData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
-        verdict: The result in one sentence, or empty where nothing was machined.
-        cards: Name, big value, remark.
-        columns: Header of the table over the seeds.
-        rows: Its rows.
-        seeds: Campaigns.
-        facts: Cell, robot, program.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     created: str
-    verdict: str
+    verdict: str  # The result in one sentence, or empty where nothing was machined
     cards: Sequence[tuple[str, str, str]]
-    columns: Sequence[str]
+    columns: Sequence[str]  # Header of the table over the seeds
     rows: Sequence[Sequence[str]]
     seeds: tuple[CampaignOfSeed, ...]
     facts: tuple[Fact, ...] = ()

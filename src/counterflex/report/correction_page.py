@@ -16,27 +16,16 @@ from counterflex.report.page import render
 
 @dataclass(frozen=True, eq=False)
 class CorrectionData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
-        summary: Section ``correct`` of the summary.
-        way_m: (k,) m, length along the cut.
-        error_m: (k, 3) m, error of the path that the last part showed; nan between runs.
-        sigma_m: (k, 3) m.
-        change_m: (k, 3) m, change of the correction.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     created: str
-    summary: Mapping[str, Any]
-    way_m: Float
-    error_m: Float
-    sigma_m: Float
-    change_m: Float
+    summary: Mapping[str, Any]  # Section ``correct`` of the summary
+    way_m: Float  # (k,) m, length along the cut
+    error_m: Float  # (k, 3) m, error of the path that the last part showed; nan between runs
+    sigma_m: Float  # (k, 3) m
+    change_m: Float  # (k, 3) m, change of the correction
 
 
 def correction_page(data: CorrectionData) -> str:

@@ -15,220 +15,129 @@ from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 
 @dataclass(frozen=True)
 class Fact:
-    """One line of a fact table.
-
-    Attributes:
-        name: What it is.
-        value: With its unit, as printed.
-        source: Where the value comes from, or empty.
-        note: Anything the reader should know, or empty.
-    """
+    """One line of a fact table."""
 
     name: str
-    value: str
-    source: str = ""
-    note: str = ""
+    value: str  # With its unit, as printed
+    source: str = ""  # Where the value comes from, or empty
+    note: str = ""  # Anything the reader should know, or empty
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One constant that the truth has different from the model.
-
-    Attributes:
-        name: The constant.
-        model: Value the planner used, with unit.
-        truth: Value of the simulated cell, with unit.
-        change: Difference as printed, for example ``+8.3 %``.
-    """
+    """One constant that the truth has different from the model."""
 
     name: str
-    model: str
-    truth: str
-    change: str
+    model: str  # Value the planner used, with unit
+    truth: str  # Value of the simulated cell, with unit
+    change: str  # Difference as printed, for example ``+8.3 %``
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A series over time.
+    """A series over time."""
 
-    Attributes:
-        time_s: (n,) s.
-        value: (n,) in the unit of the plot.
-    """
-
-    time_s: Float
-    value: Float
+    time_s: Float  # (n,) s
+    value: Float  # (n,) in the unit of the plot
 
 
 @dataclass(frozen=True)
 class CellDrawing:
-    """The robot in one posture, its reach and the blank: what the page draws from the side and from above.
-
-    Attributes:
-        robot: Name.
-        caption: What is special about the posture, for example the line and axes of the largest deflection.
-        links_m: (k, 3) m, base frame: foot of the robot, its axes from the foot outward, flange, tool tip.
-        flange: Index of the flange in ``links_m``; what lies behind it is the tool.
-        reach_m: Curves (m, 2) m, horizontal distance from axis 1 and height of the flange with the wrist stretched:
-            the border of what the joint limits of axes 2 and 3 allow.
-        blank_m: (8, 3) m, corners of the blank, base frame.
-        path_m: (n, 3) m, tool tip along the feed motions, base frame, thinned.
-    """
+    """The robot in one posture, its reach and the blank: what the page draws from the side and from above."""
 
     robot: str
-    caption: str
-    links_m: Float
-    flange: int
+    caption: str  # What is special about the posture, for example the line and axes of the largest deflection
+    links_m: Float  # (k, 3) m, base frame: foot of the robot, its axes from the foot outward, flange, tool tip
+    flange: int  # Index of the flange in ``links_m``; what lies behind it is the tool
+    # Curves (m, 2) m, horizontal distance from axis 1 and height of the flange with the wrist stretched: the border of
+    # what the joint limits of axes 2 and 3 allow
     reach_m: tuple[Float, ...]
-    blank_m: Float
-    path_m: Float
+    blank_m: Float  # (8, 3) m, corners of the blank, base frame
+    path_m: Float  # (n, 3) m, tool tip along the feed motions, base frame, thinned
 
 
 @dataclass(frozen=True)
 class VariantData:
-    """One machining as the report shows it.
-
-    Attributes:
-        deviation: Path deviation stations.
-        surface: Surface deviation, or None where no part was simulated.
-        force_n: Magnitude of the process force over time, or None.
-    """
+    """One machining as the report shows it."""
 
     deviation: PathDeviation
-    surface: SurfaceDeviation | None = None
-    force_n: Curve | None = None
+    surface: SurfaceDeviation | None = None  # Surface deviation, or None where no part was simulated
+    force_n: Curve | None = None  # Magnitude of the process force over time, or None
 
 
 @dataclass(frozen=True)
 class ReportData:
-    """Everything on the page that compares an uncompensated with a compensated machining.
+    """Everything on the page that compares an uncompensated with a compensated machining."""
 
-    Attributes:
-        title: Headline, for example the part's name.
-        subtitle: One line below it.
-        created: Date as printed.
-        summary: From :func:`counterflex.evaluate.summary`; all headline numbers and tables are read from it.
-        nominal: The original program on the simulated cell.
-        compensated: The compensated program on the same cell.
-        facts: Part, robot, tool, material, program, truth seed.
-        nominal_surface: Floors and walls of the undisturbed part, or None where no part was simulated.
-        engagement_label: Name and unit of the engagement measure.
-        engagement_scale: Factor from the stations' engagement to that unit.
-        features: Measured features; variants ``nominal`` and ``compensated``.
-        budget: Error budget of the uncompensated machining.
-        assumptions: Every assumption with value and source.
-        differences: How the truth differed from the model.
-        timing: Steps of the job and what they took.
-        versions: Program and library names to versions.
-        notes: Paragraphs below the headline that the reader must know (what was simulated, what was not).
-        drawing: Robot, reach and blank, or None.
-        next_steps: What to do with the result, most important first.
-        expected: What the plan expected of all such cells, or None where it was not predicted.
-    """
-
-    title: str
+    title: str  # Headline, for example the part's name
     subtitle: str
     created: str
+    # From :func:`counterflex.evaluate.summary`; all headline numbers and tables are read from it
     summary: Mapping[str, Any]
-    nominal: VariantData
-    compensated: VariantData
-    facts: tuple[Fact, ...] = ()
+    nominal: VariantData  # The original program on the simulated cell
+    compensated: VariantData  # The compensated program on the same cell
+    facts: tuple[Fact, ...] = ()  # Part, robot, tool, material, program, truth seed
+    # Floors and walls of the undisturbed part, or None where no part was simulated
     nominal_surface: NominalSurface | None = None
-    engagement_label: str = "engagement"
-    engagement_scale: float = 1.0
-    features: tuple[FeatureRow, ...] = ()
+    engagement_label: str = "engagement"  # Name and unit of the engagement measure
+    engagement_scale: float = 1.0  # Factor from the stations' engagement to that unit
+    features: tuple[FeatureRow, ...] = ()  # Measured features; variants ``nominal`` and ``compensated``
     budget: tuple[BudgetLine, ...] = ()
-    assumptions: tuple[Fact, ...] = ()
-    differences: tuple[Difference, ...] = ()
-    timing: tuple[Fact, ...] = ()
+    assumptions: tuple[Fact, ...] = ()  # Every assumption with value and source
+    differences: tuple[Difference, ...] = ()  # How the truth differed from the model
+    timing: tuple[Fact, ...] = ()  # Steps of the job and what they took
     versions: Mapping[str, str] = field(default_factory=dict)
+    # Paragraphs below the headline that the reader must know (what was simulated, what was not)
     notes: tuple[str, ...] = ()
-    drawing: CellDrawing | None = None
-    next_steps: tuple[str, ...] = ()
-    expected: Headline | None = None
+    drawing: CellDrawing | None = None  # Robot, reach and blank, or None
+    next_steps: tuple[str, ...] = ()  # What to do with the result, most important first
+    expected: Headline | None = None  # What the plan expected of all such cells, or None where it was not predicted
 
 
 @dataclass(frozen=True, eq=False)
 class FeedData:
-    """The feed of a program within limits.
+    """The feed of a program within limits."""
 
-    Attributes:
-        way_m: (n,) m, along the program.
-        programmed_m_s: (n,) m/s.
-        feed_m_s: (n,) m/s, within the limits; nan in rapids.
-        binds: (n,) name of the limit that binds, or empty.
-    """
-
-    way_m: Float
-    programmed_m_s: Float
-    feed_m_s: Float
-    binds: tuple[str, ...]
+    way_m: Float  # (n,) m, along the program
+    programmed_m_s: Float  # (n,) m/s
+    feed_m_s: Float  # (n,) m/s, within the limits; nan in rapids
+    binds: tuple[str, ...]  # (n,) name of the limit that binds, or empty
 
 
 @dataclass(frozen=True)
 class Headline:
-    """99.7 % of the predicted path error, as in ``summary.json``.
+    """99.7 % of the predicted path error, as in ``summary.json``."""
 
-    Attributes:
-        model_mm: Before and after by the model without its unknowns.
-        before_mm: Median and ends of the 90 % interval over all that is not known; None where that was not counted.
-        after_mm: The same with compensation.
-        worse: Probability that compensation makes it worse, as printed.
-    """
-
-    model_mm: tuple[float, float]
+    model_mm: tuple[float, float]  # Before and after by the model without its unknowns
+    # Median and ends of the 90 % interval over all that is not known; None where that was not counted
     before_mm: tuple[float, ...] | None = None
-    after_mm: tuple[float, ...] | None = None
-    worse: str = ""
+    after_mm: tuple[float, ...] | None = None  # The same with compensation
+    worse: str = ""  # Probability that compensation makes it worse, as printed
 
 
 @dataclass(frozen=True)
 class PredictionData:
-    """The page of a planned program: what is predicted and corrected, with no machining simulated.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
-        time_s: (n,) s, at the programmed speed.
-        p_part_tcp: (n, 3) m, programmed tool tip.
-        deflection_m: (n, 3) m, predicted deflection in part axes, before compensation.
-        correction_m: (n, 3) m, correction added to the program.
-        force_n: (n,) N, magnitude of the predicted mean force.
-        cutting: (n,) True where material is removed.
-        line: (n,) line of the program.
-        error_before_m: (n,) m, predicted distance of the tool from the programmed path across the feed, without
-            compensation; None where it was not predicted.
-        error_after_m: (n,) m, the same with compensation, or None.
-        headline: Figures that the page begins with; None where the error was not predicted.
-        drawing: Robot in the posture of the largest deflection, reach and blank, or None.
-        feed: What limits made of the feed, or None.
-        load: What to load on the controller, and what must be set there.
-        next_steps: What to do next, in order.
-        facts: See :class:`ReportData`.
-        assumptions: See there.
-        timing: See there.
-        versions: See there.
-        notes: See there.
-    """
+    """The page of a planned program: what is predicted and corrected, with no machining simulated."""
 
     title: str
     subtitle: str
     created: str
-    time_s: Float
-    p_part_tcp: Float
-    deflection_m: Float
-    correction_m: Float
-    force_n: Float
-    cutting: Bool
-    line: Int
+    time_s: Float  # (n,) s, at the programmed speed
+    p_part_tcp: Float  # (n, 3) m, programmed tool tip
+    deflection_m: Float  # (n, 3) m, predicted deflection in part axes, before compensation
+    correction_m: Float  # (n, 3) m, correction added to the program
+    force_n: Float  # (n,) N, magnitude of the predicted mean force
+    cutting: Bool  # (n,) True where material is removed
+    line: Int  # (n,) line of the program
+    # (n,) m, predicted distance of the tool from the programmed path across the feed, without compensation; None where
+    # it was not predicted
     error_before_m: Float | None = None
-    error_after_m: Float | None = None
-    headline: Headline | None = None
-    drawing: CellDrawing | None = None
-    feed: FeedData | None = None
-    load: tuple[Fact, ...] = ()
-    next_steps: tuple[str, ...] = ()
+    error_after_m: Float | None = None  # (n,) m, the same with compensation, or None
+    headline: Headline | None = None  # Figures that the page begins with; None where the error was not predicted
+    drawing: CellDrawing | None = None  # Robot in the posture of the largest deflection, reach and blank, or None
+    feed: FeedData | None = None  # What limits made of the feed, or None
+    load: tuple[Fact, ...] = ()  # What to load on the controller, and what must be set there
+    next_steps: tuple[str, ...] = ()  # What to do next, in order
     facts: tuple[Fact, ...] = ()
     assumptions: tuple[Fact, ...] = ()
     timing: tuple[Fact, ...] = ()

@@ -79,7 +79,6 @@ def thin(x: Float, y: Float, keep: Bool, limit: int) -> tuple[Float, Float]:
         x: (n,).
         y: (n,).
         keep: (n,) False where the curve is to have a gap.
-        limit: Points wanted.
     """
     shown: Float = np.where(keep, y, np.nan)
     n = len(x)

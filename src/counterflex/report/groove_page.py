@@ -21,93 +21,51 @@ _EDGE: Final = "#1b2530"
 
 @dataclass(frozen=True, eq=False)
 class GrooveRun:
-    """One groove.
-
-    Attributes:
-        variant: Way of correcting.
-        edge: Name of the edge that the tool leaves through.
-        seed: Of the truth.
-        place_m: (k,) place along the cut, 0 where the tool's centre enters the blank.
-        left_m: (k,) error across the feed to the left, seen from the spindle; m.
-        axis_m: (k,) error along the tool axis, positive is too little depth; m.
-        force_n: (k,) size of the process force.
-        cutting: (k,) material is removed.
-        entering: (k,) from first contact to the plateau, part of ``cutting``.
-        leaving: (k,) where the tool leaves, likewise.
-    """
+    """One groove."""
 
     variant: str
-    edge: str
+    edge: str  # Name of the edge that the tool leaves through
     seed: int
-    place_m: Float
-    left_m: Float
-    axis_m: Float
-    force_n: Float
-    cutting: Bool
-    entering: Bool
-    leaving: Bool
+    place_m: Float  # (k,) place along the cut, 0 where the tool's centre enters the blank
+    left_m: Float  # (k,) error across the feed to the left, seen from the spindle; m
+    axis_m: Float  # (k,) error along the tool axis, positive is too little depth; m
+    force_n: Float  # (k,) size of the process force
+    cutting: Bool  # (k,) material is removed
+    entering: Bool  # (k,) from first contact to the plateau, part of ``cutting``
+    leaving: Bool  # (k,) where the tool leaves, likewise
 
 
 @dataclass(frozen=True)
 class Dot:
-    """Largest errors of one groove.
-
-    Attributes:
-        variant: Way of correcting.
-        edge: Name.
-        seed: Of the truth.
-        path_mm: Over the whole cut.
-        exit_mm: Where the tool leaves.
-    """
+    """Largest errors of one groove."""
 
     variant: str
     edge: str
     seed: int
     path_mm: float
-    exit_mm: float
+    exit_mm: float  # Where the tool leaves
 
 
 @dataclass(frozen=True)
 class GrooveData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed, or empty.
-        verdict: The result in one sentence.
-        cards: Name, value and remark.
-        parts: Names of the columns of the table under each edge.
-        rows: Variant, cells, figure of the paper, runs counted.
-        refused: What is said of runs that are not counted, or empty.
-        edges: Length of the cut by name of the edge, m.
-        edge_titles: What the edges are, in words.
-        dots: Largest errors.
-        runs: Grooves that are drawn.
-        first_seed: Truth that is drawn at first.
-        paper: Published figure by variant, mm.
-        goals: Goal by variant, mm.
-        slender: Variants that are drawn only when asked for.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
-    created: str
+    created: str  # Date as printed, or empty
     verdict: str
     cards: Sequence[tuple[str, str, str]]
-    parts: Sequence[str]
-    rows: Sequence[tuple[str, Sequence[str], str, str]]
-    refused: str
-    edges: Mapping[str, float]
+    parts: Sequence[str]  # Names of the columns of the table under each edge
+    rows: Sequence[tuple[str, Sequence[str], str, str]]  # Variant, cells, figure of the paper, runs counted
+    refused: str  # What is said of runs that are not counted, or empty
+    edges: Mapping[str, float]  # Length of the cut by name of the edge, m
     edge_titles: Mapping[str, str]
-    dots: Sequence[Dot]
+    dots: Sequence[Dot]  # Largest errors
     runs: Sequence[GrooveRun]
     first_seed: int
-    paper: Mapping[str, float]
-    goals: Mapping[str, float]
-    slender: Sequence[str] = ()
+    paper: Mapping[str, float]  # Published figure by variant, mm
+    goals: Mapping[str, float]  # Goal by variant, mm
+    slender: Sequence[str] = ()  # Variants that are drawn only when asked for
     timing: tuple[Any, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
 

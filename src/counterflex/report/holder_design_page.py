@@ -22,7 +22,6 @@ def holder_design_page(summary: Mapping[str, Any], surface: Mapping[str, Any]) -
     """The page, as HTML text.
 
     Args:
-        summary: See :func:`counterflex.app.holder_design.run`.
         surface: ``y_mm``, ``z_mm`` and ``strain`` (rows by z) of the outer face of a cheek, um/m by 1 kN along x.
     """
     figures = {"compliance": _bars(summary), "strain": _heat(surface["y_mm"], surface["z_mm"], surface["strain"],

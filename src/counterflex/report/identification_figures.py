@@ -88,12 +88,7 @@ def intervals_figure(fit: Fit) -> dict[str, Any] | None:
 
 
 def residuals_figure(fit: Fit, names: tuple[str, ...]) -> dict[str, Any]:
-    """Size of every row's weighted residual; rows that lost weight stand out.
-
-    Args:
-        fit: What was found.
-        names: Of its blocks.
-    """
+    """Size of every row's weighted residual; rows that lost weight stand out."""
     traces: list[dict[str, Any]] = []
     first = 0
     for name, rows, weights, factor, colour in zip(
@@ -146,12 +141,7 @@ def correlation_figure(fit: Fit) -> dict[str, Any] | None:
             "height": min(960, 220 + 17 * len(names)),
             "margin": {"l": 10, "r": 10, "t": 10, "b": 10},
             "xaxis": {"automargin": True, "showticklabels": len(names) <= 60, "tickangle": -60, "dtick": 1},
-            "yaxis": {
-                "automargin": True,
-                "showticklabels": len(names) <= 60,
-                "autorange": "reversed",
-                "dtick": 1,
-            },
+            "yaxis": {"automargin": True, "showticklabels": len(names) <= 60, "autorange": "reversed", "dtick": 1},
         },
     }
 

@@ -40,7 +40,6 @@ def identification_page(identification: Identification, result: Mapping[str, Any
     All numbers in tables are read from ``result``, so page and ``result.json`` cannot differ.
 
     Args:
-        identification: What the recipe found: fits and pictures.
         result: The content of ``result.json``.
     """
     figures: dict[str, Any] = {}

@@ -24,36 +24,23 @@ _BAND_MM: Final = 2.0
 
 @dataclass(frozen=True)
 class MapPicture:
-    """A deviation map thinned for the screen: every pixel shows the largest deviation in its block of cells.
+    """A deviation map thinned for the screen: every pixel shows the largest deviation in its block of cells."""
 
-    Attributes:
-        x_mm: (nx,) pixel centres.
-        y_mm: (ny,) pixel centres.
-        value_mm: (ny, nx) deviation, NaN where nothing was machined. Walls are drawn as a band just outside the floor.
-    """
-
-    x_mm: Float
-    y_mm: Float
+    x_mm: Float  # (nx,) pixel centres
+    y_mm: Float  # (ny,) pixel centres
+    # (ny, nx) deviation, NaN where nothing was machined. Walls are drawn as a band just outside the floor.
     value_mm: Float
 
 
 @dataclass(frozen=True)
 class Callout:
-    """A place that both maps point at.
-
-    Attributes:
-        label: Number shown.
-        x_mm: Place.
-        y_mm: Place.
-        before_mm: Deviation before, NaN where unknown.
-        after_mm: Deviation after, NaN where unknown.
-    """
+    """A place that both maps point at."""
 
     label: str
     x_mm: float
     y_mm: float
-    before_mm: float
-    after_mm: float
+    before_mm: float  # Deviation before, NaN where unknown
+    after_mm: float  # Deviation after, NaN where unknown
 
 
 def map_picture(surface: NominalSurface, measured: SurfaceDeviation, limit_cells: int = LIMIT_CELLS) -> MapPicture:
@@ -295,7 +282,7 @@ def figure_3d(surface: NominalSurface, deviation: SurfaceDeviation, limit_mm: fl
                     "title": {"text": "deviation, mm", "side": "top"},
                 },
                 "hovertemplate": "%{x:.1f}, %{y:.1f} mm<br>%{surfacecolor:+.3f} mm<extra></extra>",
-            },
+            }
         ],
         "layout": {
             "height": 480,

@@ -25,25 +25,15 @@ _TOOL: Final = "#26384a"
 
 @dataclass(frozen=True, eq=False)
 class ModesData:
-    """Everything on the page.
-
-    Attributes:
-        summary: See :func:`counterflex.app.cell_modes.modes_in`.
-        points_m: (k, 3) m, base axes, from the robot's foot to the tool's tip.
-        moved_m: (k, 3, m) m, their motion in each mode, of any size.
-        flange: Index of the flange among the points.
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed, or empty.
-    """
+    """Everything on the page."""
 
     summary: Mapping[str, Any]
-    points_m: Float
-    moved_m: Float
-    flange: int
+    points_m: Float  # (k, 3) m, base axes, from the robot's foot to the tool's tip
+    moved_m: Float  # (k, 3, m) m, their motion in each mode, of any size
+    flange: int  # Index of the flange among the points
     title: str = "Modes"
     subtitle: str = ""
-    created: str = ""
+    created: str = ""  # Date as printed, or empty
 
 
 def modes_page(data: ModesData) -> str:
@@ -65,17 +55,13 @@ def mode_figure(points_m: Float, moved_m: Float, flange: int) -> dict[str, Any]:
     Args:
         points_m: (k, 3) m, base axes.
         moved_m: (k, 3) m, motion of the points in the mode, of any size.
-        flange: Index of the flange among the points.
     """
     length = float(np.sum(np.linalg.norm(np.diff(points_m, axis=0), axis=1)))
     largest = float(np.max(np.linalg.norm(moved_m, axis=1)))
     moved = moved_m * (_DRAWN * length / largest if largest > 0.0 else 0.0)
     tip = points_m[-1, :2]
     along = tip / max(float(np.linalg.norm(tip)), 1e-9)
-    views = (
-        np.array([[along[0], along[1], 0.0], [0.0, 0.0, 1.0]]),
-        np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    )
+    views = (np.array([[along[0], along[1], 0.0], [0.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
     parts = ((slice(0, flange + 1), "robot", _ARM), (slice(flange, len(points_m)), "tool", _TOOL))
     rest = [_line(points_m @ V.T, view, "at rest", _REST, 3.0) for view, V in enumerate(views)]
     phase = np.sin(2.0 * np.pi * np.arange(_PHASES) / _PHASES)

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 import jinja2
 import numpy as np
@@ -15,18 +15,18 @@ from markupsafe import Markup
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import InputError
 from counterflex.core.printable import printable
-from counterflex.core.units import MM
+from counterflex.core.units import MM, MM_PER_MIN
 from counterflex.evaluate.summary import check_summary, seed_rows, table_rows
 from counterflex.report.cell_figure import cell_figure
-from counterflex.report.data import Headline, PredictionData, ReportData
+from counterflex.report.data import FeedData, Headline, PredictionData, ReportData
 from counterflex.report.distribution_figure import budget_figure, histogram_figure
-from counterflex.report.feed_figure import feed_figure
 from counterflex.report.figure_data import (
     COLOUR_BLIND,
     METROLOGY,
     NOT_MACHINED,
     STEPS,
     edges_mm,
+    numbers,
     scale_limit_mm,
     script_json,
     stepped,
@@ -35,6 +35,41 @@ from counterflex.report.glossary import GLOSSARY
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture
 from counterflex.report.remaining_figure import remaining_figure, space_figure
 from counterflex.report.series_figure import prediction_figure, prediction_map, series_figure, signed_figure
+
+COLOURS: Final = ("#b91c1c", "#1d4ed8", "#15803d", "#b45309", "#7e22ce", "#0e7490", "#be185d", "#4d7c0f", "#334155")
+
+
+def feed_figure(data: FeedData) -> dict[str, Any]:
+    """Programmed feed as a grey line, the written one in the colour of the limit that binds, black where none does."""
+    way = data.way_m
+    feed = data.feed_m_s / MM_PER_MIN
+    traces: list[dict[str, Any]] = [
+        _line("programmed", way, np.where(np.isnan(feed), np.nan, data.programmed_m_s / MM_PER_MIN), "#94a3b8", "dot")
+    ]
+    binds = np.array(data.binds)
+    colours = dict(zip(sorted(set(data.binds) - {""}), COLOURS * 3, strict=False))
+    for name, colour in {"": "#0f172a", **colours}.items():
+        own = binds == name
+        shown = own | np.append(own[1:], False)  # a row is the end of its segment: its beginning belongs to it
+        if own.any():
+            traces.append(_line(name or "no limit binds", way, np.where(shown, feed, np.nan), colour, "solid"))
+    layout = {
+        "height": 300,
+        "margin": {"l": 64, "r": 12, "t": 8, "b": 48},
+        "legend": {"orientation": "h", "y": 1.12},
+        "xaxis": {"title": {"text": "way along the program, m"}, "zeroline": False},
+        "yaxis": {"title": {"text": "feed, mm/min"}, "rangemode": "tozero"},
+    }
+    return {"data": traces, "layout": layout}
+
+
+def _line(name: str, way_m: Any, feed: Any, colour: str, dash: str) -> dict[str, Any]:
+    return {
+        "type": "scatter", "mode": "lines", "name": name, "x": numbers(way_m, 4), "y": numbers(feed, 1),
+        "line": {"color": colour, "dash": dash, "width": 1.5 if dash == "dot" else 2.5, "shape": "vh"},
+        "connectgaps": False,
+    }  # fmt: skip
+
 
 _ROW_NAMES = {
     "path": "Path error, all cutting",
@@ -135,11 +170,7 @@ def prediction_page(data: PredictionData) -> str:
 
 
 def write_page(page: str, path: str | os.PathLike[str]) -> None:
-    """Write a page whole or not at all.
-
-    Raises:
-        OutputError: The folder cannot be written.
-    """
+    """Write a page whole or not at all. Raises OutputError: the folder cannot be written."""
     write_text(path, page.encode("utf-8", "backslashreplace").decode("utf-8"))  # names of files need not be UTF-8
 
 
@@ -147,7 +178,6 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     """Fill a template of this room that extends ``base.html.j2``.
 
     Args:
-        template: Its file name.
         figures: Plotly figures by the name that ``data-figure`` has in the template.
         scales: Colour scales of the maps, if any.
         values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.
@@ -155,10 +185,7 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     from plotly.offline import get_plotlyjs
 
     palettes = {"metrology": stepped(METROLOGY), "colour-blind": stepped(COLOUR_BLIND)}
-    solid = {
-        "metrology": stepped((*METROLOGY, NOT_MACHINED)),
-        "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED)),
-    }
+    solid = {"metrology": stepped((*METROLOGY, NOT_MACHINED)), "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED))}
     controls = {"palettes": palettes, "solid": solid, "beyond": 1.0 + 2.0 / STEPS, "scales": scales}
     return (
         _environment()

@@ -22,15 +22,10 @@ _FIGURES: Final = {
 
 @dataclass(frozen=True, eq=False)
 class MapData:
-    """Everything on the page.
-
-    Attributes:
-        summary: See :func:`counterflex.app.placement.placement_map.run`.
-        rows: Of ``map.csv``.
-    """
+    """Everything on the page."""
 
     summary: Mapping[str, Any]
-    rows: Sequence[Mapping[str, Any]]
+    rows: Sequence[Mapping[str, Any]]  # Of ``map.csv``
 
 
 @dataclass(frozen=True)

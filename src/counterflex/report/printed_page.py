@@ -20,12 +20,7 @@ class _Head:
 
 
 def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
-    """The page, as HTML text.
-
-    Args:
-        summary: See :func:`counterflex.validation.reproduce.papers.table.run`.
-        titles: Of the papers.
-    """
+    """The page, as HTML text."""
     papers, figures = [], {}
     for paper in summary["by_paper"]:
         own = [row for row in summary["figures"] if row["paper"] == paper]

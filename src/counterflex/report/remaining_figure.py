@@ -83,11 +83,7 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
                 "y": numbers(p[cut, 1], 2),
                 "z": numbers(p[cut, 2], 2),
                 "customdata": [int(line) for line in data.line[cut]],
-                "marker": {
-                    "size": 3.2,
-                    "color": numbers(size[cut], 1),
-                    "coloraxis": "coloraxis",
-                },
+                "marker": {"size": 3.2, "color": numbers(size[cut], 1), "coloraxis": "coloraxis"},
                 "hovertemplate": "line %{customdata}<br>%{x:.1f}, %{y:.1f}, %{z:.1f} mm<br>"
                 "%{marker.color:.0f} µm<extra></extra>",
                 "showlegend": False,

@@ -94,11 +94,7 @@ def prediction_map(data: PredictionData) -> dict[str, Any]:
                 "mode": "markers",
                 "x": numbers(x[order], 2),
                 "y": numbers(y[order], 2),
-                "marker": {
-                    "size": 5,
-                    "color": numbers(size[::step][order], 4),
-                    "coloraxis": "coloraxis",
-                },
+                "marker": {"size": 5, "color": numbers(size[::step][order], 4), "coloraxis": "coloraxis"},
                 "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>%{marker.color:.3f} mm<extra></extra>",
             }
         ],
@@ -133,7 +129,6 @@ def components_figure(paths: Sequence[tuple[str, str, PathDeviation]], *, along:
     """Signed components of paths, each with its name and colour, over the length of the program.
 
     Args:
-        paths: Name, colour and deviation.
         along: Whether the component along the feed is known.
     """
     lines = []

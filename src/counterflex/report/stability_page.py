@@ -14,25 +14,16 @@ from counterflex.report.page import render
 _POINTS: Final = 3000
 _SHOWN: Final = 20.0
 """Margins above are drawn at this height: nothing is to be read from them."""
-_TEXTS: Final = {
-    "stable": "Stable along the whole path.",
-    "chatter": "The program chatters: do not run it as it is.",
-}
+_TEXTS: Final = {"stable": "Stable along the whole path.", "chatter": "The program chatters: do not run it as it is."}
 
 
 @dataclass(frozen=True, eq=False)
 class StabilityData:
-    """Everything on the page.
-
-    Attributes:
-        summary: See :func:`counterflex.app.stability.judge`.
-        stretches: Rows of ``stability.csv``.
-        lobes: Rows of ``lobes.csv``.
-    """
+    """Everything on the page."""
 
     summary: Mapping[str, Any]
-    stretches: Sequence[Mapping[str, Any]]
-    lobes: Sequence[Mapping[str, Any]]
+    stretches: Sequence[Mapping[str, Any]]  # Rows of ``stability.csv``
+    lobes: Sequence[Mapping[str, Any]]  # Rows of ``lobes.csv``
     title: str = "Stability"
 
 

@@ -35,75 +35,43 @@ _GRID, _TEXT = "#d1d5db", "#374151"
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve or points.
-
-    Attributes:
-        name: In the legend.
-        x: (n,).
-        y: (n,); nan interrupts the line.
-        style: ``line``, ``dashed`` or ``points``.
-        colour: CSS colour; empty takes the next of :data:`COLOURS`.
-    """
+    """A curve or points."""
 
     name: str
-    x: Float
-    y: Float
-    style: Literal["line", "dashed", "points"] = "line"
-    colour: str = ""
+    x: Float  # (n,)
+    y: Float  # (n,); nan interrupts the line
+    style: Literal["line", "dashed", "points"] = "line"  # ``line``, ``dashed`` or ``points``
+    colour: str = ""  # CSS colour; empty takes the next of :data:`COLOURS`
 
 
 @dataclass(frozen=True)
 class Level:
-    """A printed value, or a band of values, across the whole picture.
-
-    Attributes:
-        name: In the legend.
-        low: Value.
-        high: Upper end of a band; None is a line.
-    """
+    """A printed value, or a band of values, across the whole picture."""
 
     name: str
     low: float
-    high: float | None = None
+    high: float | None = None  # Upper end of a band; None is a line
 
 
 @dataclass(frozen=True)
 class Still:
-    """A picture.
+    """A picture."""
 
-    Attributes:
-        name: File name without extension.
-        title: What it shows, for readers who do not see it.
-        caption: Below it.
-        x: Label of the horizontal axis, with unit.
-        y: Label of the vertical axis, with unit.
-        curves: Drawn in this order.
-        levels: Printed values.
-        ticks: Names of places 0, 1, 2 ... on the horizontal axis instead of numbers.
-        equal: One unit is as long on both axes.
-        log: Vertical axis logarithmic; values > 0.
-        shape: Of the picture, see :data:`HEIGHT`.
-    """
-
-    name: str
-    title: str
+    name: str  # File name without extension
+    title: str  # What it shows, for readers who do not see it
     caption: str
-    x: str
-    y: str
-    curves: Sequence[Curve] = field(default=())
+    x: str  # Label of the horizontal axis, with unit
+    y: str  # Label of the vertical axis, with unit
+    curves: Sequence[Curve] = field(default=())  # Drawn in this order
     levels: Sequence[Level] = field(default=())
-    ticks: Sequence[str] = field(default=())
-    equal: bool = False
-    log: bool = False
-    shape: Literal["low", "normal", "square"] = "normal"
+    ticks: Sequence[str] = field(default=())  # Names of places 0, 1, 2 ... on the horizontal axis instead of numbers.
+    equal: bool = False  # One unit is as long on both axes
+    log: bool = False  # Vertical axis logarithmic; values > 0
+    shape: Literal["low", "normal", "square"] = "normal"  # Of the picture, see :data:`HEIGHT`
 
 
 def svg(still: Still) -> str:
-    """The picture as SVG text.
-
-    Raises:
-        InputError: Nothing to draw.
-    """
+    """The picture as SVG text. Raises InputError: nothing to draw."""
     legend, rows = _legend(still)
     top = _TOP + _LEGEND * rows
     (x0, x1), (y0, y1) = _range(still)

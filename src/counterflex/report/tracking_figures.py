@@ -25,40 +25,25 @@ _WIDE: Final = {"l": 70, "r": 12, "t": 8, "b": 44}
 
 @dataclass(frozen=True)
 class TrackedRun:
-    """One controller on one path.
-
-    Attributes:
-        name: Of the controller.
-        time_s: (n,) s.
-        p_command: (n, 3) m, where the tool should have been at that time.
-        p_actual: (n, 3) m, where it was.
-        p_path: (n, 3) m, point of the path nearest to that.
-        shown: (n,) samples that count.
-        reversals: Samples at which an axis turned round, and which axis, 1..6.
-    """
+    """One controller on one path."""
 
     name: str
-    time_s: Float
-    p_command: Float
-    p_actual: Float
-    p_path: Float
-    shown: Bool
+    time_s: Float  # (n,) s
+    p_command: Float  # (n, 3) m, where the tool should have been at that time
+    p_actual: Float  # (n, 3) m, where it was
+    p_path: Float  # (n, 3) m, point of the path nearest to that
+    shown: Bool  # (n,) samples that count
+    # Samples at which an axis turned round, and which axis, 1..6
     reversals: Sequence[tuple[int, int]] = field(default_factory=tuple)
 
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Frequency response of a loop from deviation to correction and back.
-
-    Attributes:
-        name: Of the controller.
-        frequency_hz: (k,) rising.
-        response: (k,) complex L.
-    """
+    """Frequency response of a loop from deviation to correction and back."""
 
     name: str
-    frequency_hz: Float
-    response: NDArray[np.complex128]
+    frequency_hz: Float  # (k,) rising
+    response: NDArray[np.complex128]  # (k,) complex L
 
 
 def over_time(runs: Sequence[TrackedRun]) -> dict[str, Any]:
@@ -115,9 +100,7 @@ def corner(runs: Sequence[TrackedRun], p_part: Float, reach_m: float) -> dict[st
     """What controllers make of a corner, seen from above at true scale.
 
     Args:
-        runs: Of the path.
         p_part: (3,) m, the corner.
-        reach_m: Half of what is shown.
     """
     lines: list[dict[str, Any]] = []
     for k, run in enumerate(runs):
@@ -205,20 +188,13 @@ def _square_layout() -> dict[str, Any]:
 
 
 def figures(
-    circle: Sequence[TrackedRun],
-    square: Sequence[TrackedRun],
-    loops: Sequence[OpenLoop],
-    p_part: Float,
-    reach_m: float,
+    circle: Sequence[TrackedRun], square: Sequence[TrackedRun], loops: Sequence[OpenLoop], p_part: Float, reach_m: float
 ) -> Mapping[str, Any]:
     """All figures of the page by name.
 
     Args:
         circle: Runs of the circle, the controller of interest last.
-        square: Runs of the square, likewise.
-        loops: Open loops.
         p_part: (3,) m, the corner that is shown.
-        reach_m: Half of what is shown of it.
     """
     return {
         "circle": magnified(circle, MAGNIFIED),

@@ -13,43 +13,23 @@ from counterflex.report.tracking_figures import FINELY, MAGNIFIED, OpenLoop, Tra
 
 @dataclass(frozen=True)
 class TrackingData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed, or empty.
-        verdict: The result in one sentence.
-        comparison: Header and rows of the table beside the paper's figures.
-        columns: Header of the table of figures.
-        rows: Its rows.
-        margin_columns: Header of the table of margins.
-        margin_rows: Its rows.
-        paper: What the paper reports, one line each.
-        square: Runs of the square, one truth, the controller of interest last.
-        circle: Runs of the circle, the same truth.
-        loops: Open loops of the controllers.
-        p_part: (3,) m, the corner of the square that is shown.
-        reach_m: Half of what is shown of it.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
-    created: str
+    created: str  # Date as printed, or empty
     verdict: str
-    comparison: tuple[Sequence[str], Sequence[Sequence[str]]]
+    comparison: tuple[Sequence[str], Sequence[Sequence[str]]]  # Header and rows of the table beside the paper's figures
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     margin_columns: Sequence[str]
     margin_rows: Sequence[Sequence[str]]
-    paper: Sequence[str]
-    square: Sequence[TrackedRun]
-    circle: Sequence[TrackedRun]
+    paper: Sequence[str]  # What the paper reports, one line each
+    square: Sequence[TrackedRun]  # Runs of the square, one truth, the controller of interest last
+    circle: Sequence[TrackedRun]  # Runs of the circle, the same truth
     loops: Sequence[OpenLoop]
-    p_part: Float
-    reach_m: float
+    p_part: Float  # (3,) m, the corner of the square that is shown
+    reach_m: float  # Half of what is shown of it
     timing: tuple[Any, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
 

@@ -15,48 +15,27 @@ from counterflex.report.page import render
 
 @dataclass(frozen=True)
 class Mark:
-    """One groove.
-
-    Attributes:
-        row: What is wrong with its plan.
-        way: How it was corrected.
-        seed: Of the truth.
-        path_mm: Path error, 99.7 %.
-    """
+    """One groove."""
 
     row: str
     way: str
     seed: int
-    path_mm: float
+    path_mm: float  # Path error, 99.7 %
 
 
 @dataclass(frozen=True)
 class WrongPlansData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        verdict: The result in one sentence.
-        ways: Columns of the tables.
-        about: Name and meaning of each way of correcting.
-        tables: Heading and rows, the first cell of a row what is wrong.
-        refused: What is said of runs that are not counted, or empty.
-        marks: Every groove.
-        created: Date as printed, or empty.
-        timing: See :class:`counterflex.report.data.ReportData`.
-        versions: See there.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     verdict: str
     ways: Sequence[str]
-    about: Sequence[tuple[str, str]]
-    tables: Sequence[tuple[str, Sequence[Sequence[str]]]]
-    refused: str
-    marks: Sequence[Mark]
-    created: str = ""
+    about: Sequence[tuple[str, str]]  # Name and meaning of each way of correcting
+    tables: Sequence[tuple[str, Sequence[Sequence[str]]]]  # Heading and rows, the first cell of a row what is wrong
+    refused: str  # What is said of runs that are not counted, or empty
+    marks: Sequence[Mark]  # Every groove
+    created: str = ""  # Date as printed, or empty
     timing: tuple[Any, ...] = ()
     versions: Mapping[str, str] = field(default_factory=dict)
 

@@ -18,10 +18,7 @@ GAUGE_FACTOR = 2.0
 def bridge_voltage(strain: Float, *, gauge_factor: float = GAUGE_FACTOR, supply_v: float = SUPPLY_V) -> Float:
     """Signal of a full bridge, without linearising.
 
-    Args:
-        strain: (..., 4) of R1 to R4, R1 and R3 active, R2 and R4 across.
-        gauge_factor: k.
-        supply_v: U_s.
+    ``strain``: (..., 4) of R1 to R4, R1 and R3 active, R2 and R4 across.
 
     Returns:
         (...) V.
@@ -42,11 +39,7 @@ def strain_of_voltage(
 ) -> Float:
     """Strain of a bar in tension that gives this signal: ``2 U / (U_s k (1 + nu))``.
 
-    Args:
-        voltage_v: (...) V.
-        poisson_ratio: Of the body: what the gauges across it see.
-        gauge_factor: k.
-        supply_v: U_s.
+    ``voltage_v``: (...) V. ``poisson_ratio``: Of the body: what the gauges across it see.
 
     Returns:
         (...) dimensionless. Off by less than 1e-3 of itself below 1000 um/m.

@@ -34,12 +34,8 @@ def carrier_pose(
 
     The loads ``w_i`` are those on the rigid geometry; what that leaves out turns the body by some 10 urad.
 
-    Args:
-        chain: The chain with its masses.
-        segment: Name of the body.
-        q: (..., 6) rad controller angles.
-        w_tcp_base: (..., 6) N, N m on the tool about the TCP in base axes, as many as ``q``; None is none.
-        elastic: False gives the rigid pose.
+    ``q``: (..., 6) rad controller angles. ``w_tcp_base``: (..., 6) N, N m on the tool about the TCP in base axes, as
+    many as ``q``; None is none.
 
     Returns:
         (..., 4, 4) T_base_seg.
@@ -73,11 +69,7 @@ def hose_rotation(chain: ElasticChain, body: str, segment: str, q: Float) -> Flo
     What a hose pack between two bodies does to the outer one, weight apart, goes by how they stand to each other, not
     by how they stand in the hall. The bending of the arm between them, some 0.1 mrad, is left out.
 
-    Args:
-        chain: The chain.
-        body: That the hose comes from; one that an axis drives.
-        segment: That carries the sensor; behind it.
-        q: (..., 6) rad controller angles.
+    ``body``: That the hose comes from; one that an axis drives. ``q``: (..., 6) rad controller angles.
 
     Returns:
         (..., 3, 3) R_hose_seg.
@@ -139,9 +131,7 @@ def carrier_to_tcp(chain: ElasticChain, segment: str) -> Float:
 def mass_behind(chain: ElasticChain, segment: str) -> tuple[float, Float]:
     """Mass of the bodies behind a body, and their centre of gravity in its frame.
 
-    Args:
-        chain: The chain.
-        segment: Name of a body without an axis behind it; its own mass does not count.
+    ``segment``: Name of a body without an axis behind it; its own mass does not count.
 
     Returns:
         kg and (3,) m (zero where nothing weighs).

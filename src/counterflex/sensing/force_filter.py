@@ -33,7 +33,6 @@ class ForceFilter:
         L: (m, n) gain.
         H: (n, m) strain of the state.
         C: (3, m) force of the state, prediction included.
-        step_s: Sampling time.
         delay_s: (3,) s, > 0 is late: delay of each force component at :data:`DELAY_HZ`, horizon subtracted.
         sigma_n: (3,) N standard deviation of the estimate in steady state, prediction error included.
     """

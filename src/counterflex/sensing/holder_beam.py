@@ -51,8 +51,6 @@ class HolderBeam:
         distance_m: Between the middles of the cheeks, along x.
         thickness_m: Of a cheek, along x.
         width_m: Of a cheek, along y.
-        e_pa: Young's modulus.
-        poisson_ratio: Poisson's ratio.
     """
 
     length_m: float
@@ -75,9 +73,6 @@ class HolderBeam:
 
     def sensitivity(self, gauges: Sequence[Gauge]) -> Float:
         """Strain shown per unit of load.
-
-        Args:
-            gauges: Bridges.
 
         Returns:
             (n, 6) 1/N and 1/(N m): strain per force and moment about the holder's origin in its axes.

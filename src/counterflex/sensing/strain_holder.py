@@ -37,8 +37,6 @@ class StrainHolder:
     """Constants of an instrumented holder.
 
     Attributes:
-        beam: Its dimensions.
-        gauges: n bridges.
         p_holder_tcp: (3,) m, tool tip in the holder frame.
         sensitivity: (n, 6) 1/N, 1/(N m); see :meth:`HolderBeam.sensitivity`.
         bias: (n,) strain with no load at the reference temperature.

@@ -54,10 +54,6 @@ class ArrivalClock:
     def age(self, now_s: float, stamp_s: float) -> float:
         """Age of a sample.
 
-        Args:
-            now_s: When it arrived, our clock.
-            stamp_s: When it was measured, its clock.
-
         Returns:
             Seconds from its measurement to ``now_s``, at least ``least_s``.
         """

@@ -25,7 +25,6 @@ class Smoothing:
     Attributes:
         corner_hz: -3 dB frequency of the low-pass; 0 leaves it out.
         average: Samples of the moving average; 1 leaves it out.
-        period_s: Sampling period.
     """
 
     corner_hz: float
@@ -70,12 +69,7 @@ class Smoothing:
 
 
 class Smoother:
-    """State of a :class:`Smoothing` for several channels, with buffers that are allocated once.
-
-    Args:
-        smoothing: What it does.
-        channels: How many signals.
-    """
+    """State of a :class:`Smoothing` for several channels, with buffers that are allocated once."""
 
     def __init__(self, smoothing: Smoothing, channels: int) -> None:
         self.coefficients = smoothing.coefficients()

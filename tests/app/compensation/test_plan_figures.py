@@ -23,7 +23,7 @@ from counterflex.app.compensation.prediction import (
     path_error,
 )
 from counterflex.app.correction.causes import scaled, shown
-from counterflex.app.correction.history import PARTS, Part, keep_parts, read_parts, trend
+from counterflex.app.correction.correct import PARTS, Part, keep_parts, read_parts, trend
 from counterflex.app.unknown_stiffness import expected
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM

@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 import cluster_steps as steps
-from counterflex.app.long_jobs.on_worker import carried_out, ordered, taken
-from counterflex.app.long_jobs.parcel import packed, unpacked
+from counterflex.app.long_jobs.on_worker import carried_out, ordered, packed, taken, unpacked
 from counterflex.app.long_jobs.step_cache import program_files
 from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ReachError
@@ -111,7 +110,7 @@ def test_what_is_no_parcel(tmp_path: Path, data: object) -> None:
 
 
 def test_a_file_that_fills_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("counterflex.app.long_jobs.parcel.LARGEST_BYTES", 100)
+    monkeypatch.setattr("counterflex.app.long_jobs.on_worker.LARGEST_BYTES", 100)
     (tmp_path / "big").write_bytes(bytes(1000))
     with pytest.raises(FileFormatError, match="too large"):
         unpacked(packed(tmp_path, [tmp_path / "big"], {}), tmp_path)

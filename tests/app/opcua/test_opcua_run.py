@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.states import State
-from counterflex.validation.faults.demonstration import Q
+from counterflex_lab.faults.demonstration import Q
 from loop_that_runs import Run
 from opcua_server import PASSWORD, ServerProcess, users
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from counterflex.protocols.processes.control_array import Request
-from counterflex.validation.faults.demonstration import Q
+from counterflex_lab.faults.demonstration import Q
 from loop_that_runs import Run
 from opcua_server import PASSWORD, ServerProcess, users
 

@@ -12,7 +12,7 @@ import pytest
 
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.panel.figures import FeedFrame, Figures, Trail, cause_words, deviations
-from counterflex.app.panel.report import report_html
+from counterflex.app.panel.page import report_html
 from counterflex.app.panel.watched_run import Seen, WatchedRun
 from counterflex.core.errors import OutputError
 from counterflex.core.records import Records
@@ -27,7 +27,7 @@ from counterflex.protocols.processes.snapshot_layout import SNAPSHOT
 from counterflex.robot.elasticity.chain import forward
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.states import Cause, State
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
 ABOUT: dict[str, Any] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from counterflex.app.panel.keys import IGNORED_IN, action_of
+from counterflex.app.panel.page import IGNORED_IN, action_of
 
 
 @pytest.mark.parametrize(

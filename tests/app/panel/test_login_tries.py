@@ -24,7 +24,7 @@ from counterflex.app.panel.tries import (
     Tries,
 )
 
-LOGIN = pytest.importorskip("counterflex.app.panel.login_page")
+LOGIN = pytest.importorskip("counterflex.app.panel.server")
 
 
 class Clock:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from counterflex.app.panel.report import report_html
+from counterflex.app.panel.page import report_html
 from counterflex.app.panel.tries import RefusedLogins
 from counterflex.app.panel.watched_run import Seen
 from counterflex.app.run.recorder import SUMMARY

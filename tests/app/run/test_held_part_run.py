@@ -33,7 +33,7 @@ from counterflex.runtime.settings import ForceMode, OnlineSettings, Output, requ
 from counterflex.runtime.state.supervisor import State
 from counterflex.sensing.carrier import carrier_to_tcp
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"

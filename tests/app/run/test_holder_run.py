@@ -24,7 +24,7 @@ from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.network.faults import Fault
 from counterflex.twin.plant.strain_holder import REFERENCE_C, instrumented_holder
-from counterflex.validation.reproduce import holder_case
+from counterflex_lab.reproduce import holder_case
 
 PROGRAM = """G17 G54 G40 G49 G80 G90
 G21

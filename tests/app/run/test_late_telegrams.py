@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from counterflex.twin.network.impairment import Delivery, Impairment, Schedule
-from counterflex.validation.faults.network import LARGEST_STEP_M
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.network import LARGEST_STEP_M
+from counterflex_lab.faults.rig import Rig
 
 
 class _Late(Schedule):

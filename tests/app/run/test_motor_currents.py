@@ -28,7 +28,7 @@ from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.network.faults import Fault
 from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.plant.motor_currents import DATA_SHEET_NM_A
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"

@@ -23,7 +23,7 @@ from counterflex.runtime.plausibility.kernel import DOUBT_STEP
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce import closed_loop
+from counterflex_lab.reproduce import closed_loop
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 RSI = Path(counterflex.__file__).parent / "app" / "demo" / "rsi.xml"

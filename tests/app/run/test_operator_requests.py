@@ -15,7 +15,7 @@ from counterflex.core.errors import InputError, OutputError
 from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.runtime.state.supervisor import State
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 
 def steady(_: float) -> Float:

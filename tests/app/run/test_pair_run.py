@@ -30,7 +30,7 @@ from counterflex.runtime.state.supervisor import State
 from counterflex.twin.devices.robot_server import Timing
 from counterflex.twin.network.faults import Fault
 from counterflex.twin.plant.force_sensor import force_sensor
-from counterflex.validation.reproduce.closed_loop import free_port
+from counterflex_lab.reproduce.closed_loop import free_port
 
 ONE_CUT = PROGRAM[: PROGRAM.index("M6 T2")] + "M30\n"
 SENSOR = {"name": "sensor", "z_mm": 30.0, "mass_kg": 6.0, "rx_urad_per_knm": 303.0, "ry_urad_per_knm": 303.0}

@@ -9,7 +9,7 @@ from counterflex.integrations.kuka.link.config import parse_config
 from counterflex.integrations.kuka.link.make.files import RsiFiles
 from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
 from counterflex.protocols.processes.control_array import Request
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 LIMITS = OnlineLimits(2.0, 0.3, 1.5, 4)
 NEAR_ZERO_MM = 0.005  # what CF_ZERO compares with

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from counterflex.app.opcua.observed_run import ObservedRun
+from counterflex.app.opcua.server import ObservedRun
 from counterflex.protocols.processes.control_array import Request
 from counterflex.runtime.state.states import State
 from loop_that_runs import Run

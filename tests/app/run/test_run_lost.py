@@ -14,8 +14,8 @@ from counterflex.integrations.kuka.simulated import RsiContext
 from counterflex.protocols.processes.control_array import Life, Shown
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.validation.faults.process_rig import ProcessRig
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.process_rig import ProcessRig
+from counterflex_lab.faults.rig import Rig
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from counterflex.core.arrays import Float
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.link import NetftLink
 from counterflex.integrations.ati.simulated import COUNTS
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 BEYOND_N = 9000.0
 CLEAN = 50

@@ -11,7 +11,7 @@ from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 
 def empty_cycle(rig: Rig) -> None:

@@ -12,9 +12,9 @@ from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
-from counterflex.validation.reproduce import mandiola as reproduce_mandiola
-from counterflex.validation.reproduce import mandiola_report
-from counterflex.validation.reproduce.mandiola_case import write_case
+from counterflex_lab.reproduce import mandiola as reproduce_mandiola
+from counterflex_lab.reproduce import mandiola_report
+from counterflex_lab.reproduce.mandiola_case import write_case
 
 
 def contour_error(p: Float, corners: Float, near: Int) -> Float:

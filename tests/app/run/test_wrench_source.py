@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.protocols.wrench.link import WrenchLink
 from counterflex.protocols.wrench.telegram import INVALID, WARNING
 from counterflex.twin.devices.wrench import WrenchSender
-from counterflex.validation.faults.rig import Rig
+from counterflex_lab.faults.rig import Rig
 
 
 class WrenchRig(Rig):

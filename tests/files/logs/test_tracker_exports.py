@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
-from counterflex.files.logs.tracker_exports.dtrack import DTrackLines
-from counterflex.files.logs.tracker_exports.formats import FORMATS, collected, read_export
+from counterflex.files.logs.tracker_exports.formats import FORMATS, DTrackLines, collected, read_export
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines
 from counterflex.files.logs.tracker_exports.stamps import stamp_ns
 from counterflex.files.logs.tracker_log import log_text

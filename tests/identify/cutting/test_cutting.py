@@ -25,9 +25,9 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.recipe import RECIPE
+from counterflex.identify.cutting.report import trend
 from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
 from counterflex.identify.cutting.steady_cuts import pieces_of
-from counterflex.identify.cutting.wear_trend import trend
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel

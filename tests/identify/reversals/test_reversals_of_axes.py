@@ -16,10 +16,9 @@ from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import recipe as reversals
-from counterflex.identify.play.path import follow_with_slopes
 from counterflex.identify.play.proposal import motion, propose
 from counterflex.identify.play.recipe import resolved
-from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals
+from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals, follow_with_slopes
 from counterflex.identify.play.trust import why_not
 from counterflex.identify.reversals.data import Motion, balance, motions
 from counterflex.robot.elasticity.chain import forward

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear, minimize
 
 from counterflex.core.arrays import Float
-from counterflex.identify.solver.bounded_least_squares import within_bounds
-from counterflex.identify.solver.stacked_residuals import triangle
+from counterflex.identify.solver.stacked_residuals import triangle, within_bounds
 
 
 @settings(max_examples=40, deadline=None)

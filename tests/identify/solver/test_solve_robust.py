@@ -13,8 +13,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.identify.solver.parameters import Parameter, Parameters
-from counterflex.identify.solver.robust import hampel_weights, sizes, usual_size
-from counterflex.identify.solver.solve import Stop, solve
+from counterflex.identify.solver.solve import Stop, hampel_weights, sizes, solve, usual_size
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from counterflex.integrations.beckhoff.alone import terminals
 from counterflex.protocols.strain.link import StrainLink
 from counterflex.twin.devices.strain import StrainSender
 from counterflex.twin.network.faults import FaultSchedule
-from counterflex.validation.reproduce import holder_case
+from counterflex_lab.reproduce import holder_case
 
 ADS = """
 [ads]

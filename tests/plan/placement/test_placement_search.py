@@ -12,9 +12,18 @@ from counterflex.app.inputs import AS_IT_IS
 from counterflex.app.placement import placement
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import read_cell
-from counterflex.plan.placement.candidate import CHATTER, REFUSALS, Candidate, Site, judge, pareto, site_of, worth
+from counterflex.plan.placement.candidate import (
+    CHATTER,
+    REFUSALS,
+    Candidate,
+    Site,
+    judge,
+    pareto,
+    site_of,
+    thinned,
+    worth,
+)
 from counterflex.plan.placement.search import Judged, Region, Seen, placed, search
-from counterflex.plan.placement.thinned import thinned
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import base_points

@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
-from counterflex.files.cell.body_mesh import MOST_PIECES, convex_pieces
+from counterflex.files.cell.bodies import MOST_PIECES, convex_pieces
 from counterflex.geometry import pose, rotation
 from counterflex.plan.preflight.bodies import Body, along, box, holder, hull
 from counterflex.plan.preflight.collision import Scene

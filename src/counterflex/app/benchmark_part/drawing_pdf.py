@@ -1,7 +1,7 @@
 """The drawing as PDF: the same lines and words as the SVG, on a page of A4 in true size.
 
 PDF 1.4 (ISO 32000-1), one page, one of the fonts that every reader has; only the elements that
-:mod:`counterflex.app.benchmark_part.drawing` makes are known.
+:mod:`counterflex.app.benchmark_part.part` makes are known.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def pdf_of(svg: str) -> bytes:
     """The page.
 
     Args:
-        svg: Of :func:`counterflex.app.benchmark_part.drawing.drawing`.
+        svg: Of :func:`counterflex.app.benchmark_part.part.drawing`.
 
     Raises:
         InputError: An element that is not known here.

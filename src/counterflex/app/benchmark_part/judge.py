@@ -30,19 +30,12 @@ RESULT: Final = "result.json"
 
 @dataclass(frozen=True)
 class About:
-    """Who milled the part, and how.
-
-    Attributes:
-        laboratory: Name.
-        method: One of :data:`counterflex.files.benchmark_result.METHODS`.
-        robot: Name; None: that of the cell.
-        material: Name; None: that of the cell.
-    """
+    """Who milled the part, and how."""
 
     laboratory: str
-    method: str
-    robot: str | None = None
-    material: str | None = None
+    method: str  # One of :data:`counterflex.files.benchmark_result.METHODS`
+    robot: str | None = None  # Name; None: that of the cell
+    material: str | None = None  # Name; None: that of the cell
 
 
 def judge(
@@ -71,30 +64,13 @@ def judge(
         program = Path(scratch) / PROGRAM
         atomic.write_text(program, program_text())
         inspect.run(
-            program,
-            cell_file,
-            scan,
-            out,
-            how=how,
-            tolerances_m=tolerances_m(),
-            more=result_too,
-            progress=progress,
+            program, cell_file, scan, out, how=how, tolerances_m=tolerances_m(), more=result_too, progress=progress
         )
     return results[0]
 
 
 def result_of(summary: dict[str, Any], robot: str, material: str, about: About) -> BenchmarkResult:
-    """The result that a summary of ``inspect`` holds.
-
-    Args:
-        summary: Of one part.
-        robot: Name.
-        material: Name.
-        about: Who and how.
-
-    Raises:
-        InputError: Something of the part is not in the scan.
-    """
+    """The result that a summary of ``inspect`` holds. Raises InputError: something of the part is not in the scan."""
     part = summary["parts"]["part"]
     rows = {(row["feature"], row["quantity"]): row for row in summary["features"] if "part" in row}
     missing = [row for row in MEASURED if (row.feature, row.quantity) not in rows]
@@ -138,9 +114,6 @@ def _feature(row: dict[str, Any]) -> FeatureResult:
 
 def compare(files: Sequence[Path]) -> dict[str, Any]:
     """Results side by side.
-
-    Args:
-        files: Of results.
 
     Returns:
         ``results`` (who, how, surface, how many quantities are within) and ``features`` (worst deviation of each, um).

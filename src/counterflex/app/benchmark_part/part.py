@@ -9,13 +9,130 @@ from importlib import resources
 from pathlib import Path
 from typing import Final
 
-from counterflex.app.benchmark_part.drawing import drawing
 from counterflex.app.benchmark_part.drawing_pdf import pdf_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.benchmark_result import MEASURED, NAME
 from counterflex.files.cell.cell import Cell
+
+_WIDE, _HIGH = 210.0, 297.0
+_SCALE: Final = 1.6
+_LEFT, _TOP = 45.0, 45.0
+_SIDE: Final = 60.0
+
+
+def _x(mm: float) -> float:
+    return _LEFT + _SCALE * mm
+
+
+def _y(mm: float) -> float:
+    """Down the page: y of the part points up."""
+    return _TOP + _SCALE * (_SIDE - mm)
+
+
+def _text(x: float, y: float, words: str, size: float = 3.5, anchor: str = "middle") -> str:
+    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size}" text-anchor="{anchor}">{words}</text>'
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, kind: str = "") -> str:
+    return f'<line x1="{x1:.2f}" y1="{y1:.2f}" x2="{x2:.2f}" y2="{y2:.2f}"{f" class={kind!r}" if kind else ""}/>'
+
+
+def _across(a_mm: float, b_mm: float, y: float, words: str) -> list[str]:
+    """A dimension along x, y being its place on the page."""
+    a, b = _x(a_mm), _x(b_mm)
+    arrows = f'<path d="M{a:.2f} {y:.2f} l2.5 -0.8 v1.6 z M{b:.2f} {y:.2f} l-2.5 -0.8 v1.6 z" class="fill"/>'
+    return [_line(a, y, b, y, "thin"), arrows, _text(0.5 * (a + b), y - 1.2, words)]
+
+
+def _upright(a_mm: float, b_mm: float, x: float, words: str) -> list[str]:
+    """A dimension along y, x being its place on the page."""
+    a, b = _y(a_mm), _y(b_mm)
+    arrows = f'<path d="M{x:.2f} {a:.2f} l-0.8 -2.5 h1.6 z M{x:.2f} {b:.2f} l-0.8 2.5 h1.6 z" class="fill"/>'
+    middle = 0.5 * (a + b)
+    turned = f'<g transform="rotate(-90 {x - 1.2:.2f} {middle:.2f})">{_text(x - 1.2, middle, words)}</g>'
+    return [_line(x, a, x, b, "thin"), arrows, turned]
+
+
+def _extension(x1: float, y1: float, x2: float, y2: float) -> str:
+    return _line(x1, y1, x2, y2, "hair")
+
+
+def _view() -> list[str]:
+    out = [f'<rect x="{_x(0):.2f}" y="{_y(60):.2f}" width="{_SCALE * 60:.2f}" height="{_SCALE * 60:.2f}"/>']
+    out += [_line(_x(0), _y(y), _x(60), _y(y)) for y in (3.0, 19.0)]
+    out += [_line(_x(x), _y(0), _x(x), _y(60)) for x in (48.0, 58.0)]
+    out += [f'<circle cx="{_x(30):.2f}" cy="{_y(38):.2f}" r="{_SCALE * 12:.2f}"/>']
+    out += [_line(_x(-4), _y(11), _x(64), _y(11), "axis"), _line(_x(53), _y(-4), _x(53), _y(64), "axis")]
+    out += [_line(_x(16), _y(38), _x(44), _y(38), "axis"), _line(_x(30), _y(24), _x(30), _y(52), "axis")]
+    out += [
+        _text(_x(24), _y(12), "groove 1, 4 deep"),
+        _text(_x(30), _y(41), "pocket 1"),
+        _text(_x(30), _y(33), "3 deep"),
+    ]
+    out += [f'<g transform="rotate(-90 {_x(51.5):.2f} {_y(40):.2f})">{_text(_x(51.5), _y(40), "groove 2, 3 deep")}</g>']
+    below, right, left, above = _y(0), _x(60), _x(0), _y(60)
+    out += [_extension(_x(x), below, _x(x), below + 24) for x in (0.0, 60.0)] + _across(0, 60, below + 22, "60")
+    out += [_extension(_x(30), below, _x(30), below + 14), *_across(0, 30, below + 12, "30")]
+    out += [_extension(_x(x), above, _x(x), above - 10) for x in (48.0, 58.0)]
+    out += [*_across(48, 58, above - 8, "10 ±0.1")]
+    out += [_extension(_x(0), above, _x(0), above - 18), _extension(_x(53), above - 10, _x(53), above - 18)]
+    out += [*_across(0, 53, above - 16, "53")]
+    out += [_extension(left, _y(y), left - 14, _y(y)) for y in (3.0, 19.0)] + _upright(3, 19, left - 12, "16 ±0.1")
+    out += [_extension(right, _y(y), right + 26, _y(y)) for y in (0.0, 60.0)] + _upright(0, 60, right + 24, "60")
+    out += [_extension(right, _y(11), right + 14, _y(11)), *_upright(0, 11, right + 12, "11")]
+    out += [_extension(_x(42), _y(38), right + 14, _y(38)), *_upright(11, 38, right + 12, "27")]
+    out += [_line(_x(21.5), _y(46.5), _x(13), _y(54.5), "thin"), _text(_x(12), _y(55.2), "&#8960;24 ±0.1")]
+    out += [f'<path d="M{_x(0):.2f} {_y(0):.2f} h14 m-2.5 -0.8 l2.5 0.8 l-2.5 0.8" class="frame"/>']
+    out += [f'<path d="M{_x(0):.2f} {_y(0):.2f} v-14 m-0.8 2.5 l0.8 -2.5 l0.8 2.5" class="frame"/>']
+    out += [_text(_x(0) + 16, _y(0) - 1.5, "x"), _text(_x(0) + 2, _y(0) - 15, "y")]
+    return out
+
+
+def _table(top: float) -> list[str]:
+    columns = (25.0, 60.0, 100.0, 130.0)
+    out = [
+        _text(x, top, words, 3.6, "start")
+        for x, words in zip(columns, ("feature", "quantity", "nominal mm", "tolerance mm"), strict=True)
+    ]
+    out.append(_line(25.0, top + 1.5, 185.0, top + 1.5, "thin"))
+    for number, row in enumerate(MEASURED, start=1):
+        y = top + 1.0 + 5.0 * number
+        zone = f"{row.tolerance_mm:g}" if row.nominal_mm == 0.0 else f"±{row.tolerance_mm:g}"
+        words = (row.feature, row.quantity, f"{row.nominal_mm:g}", zone)
+        out += [_text(x, y, word, 3.4, "start") for x, word in zip(columns, words, strict=True)]
+    return out
+
+
+_STYLE: Final = (
+    "text{font-family:sans-serif;fill:#111}line,rect,circle,path{fill:none;stroke:#111;stroke-width:.5}"
+    ".thin{stroke-width:.25}.hair{stroke-width:.15}.axis{stroke-width:.2;stroke-dasharray:6 1.5 1 1.5}"
+    ".fill{fill:#111;stroke:none}.frame{stroke:#06c}"
+)
+
+
+def drawing() -> str:
+    """SVG, A4, in mm."""
+    notes = (
+        "Blank 60 x 60 x 40 mm, faces flat and square within 0.02 mm. Zero: corner; underside z = 0, top face z = 40.",
+        "Walls count from the centre line of their groove, left and right along the programmed motion. All in mm.",
+        "Faces x-, x+, y-, y+ place the part, the top face its height; at least 10 points per mm², within 0.01 mm.",
+        "Finished with T1 D16 (groove 1) and T2 D10 in one cut each. No deburring beyond the edges.",
+    )
+    body = [
+        _text(25.0, 20.0, f"Benchmark part {NAME}, version 1", 6.0, "start"),
+        *_view(),
+        *_table(185.0),
+        *(_text(25.0, 272.0 + 4.5 * k, note, 2.9, "start") for k, note in enumerate(notes)),
+    ]
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_WIDE:g}mm" height="{_HIGH:g}mm" '
+        f'viewBox="0 0 {_WIDE:g} {_HIGH:g}"><title>Benchmark part {NAME}</title><style>{_STYLE}</style>'
+        f'<rect x="0" y="0" width="{_WIDE:g}" height="{_HIGH:g}" style="fill:#fff;stroke:none"/>'
+    )
+    return "\n".join([head, *body, "</svg>", ""])
+
 
 PROGRAM: Final = "cf1.ngc"
 DRAWING: Final = "cf1.svg"
@@ -62,9 +179,6 @@ def tolerances_text() -> str:
 
 def write(out: Path) -> list[str]:
     """Write program, drawing and tolerances into a folder, all or none.
-
-    Returns:
-        Names of the files.
 
     Raises:
         OutputError: The folder cannot be written.

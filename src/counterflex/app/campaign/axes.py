@@ -25,32 +25,20 @@ _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the part stands.
+    """Where the part stands."""
 
-    Attributes:
-        name: Of files and rows; empty for the place that the cell file says.
-        pose: Keys of ``[part]`` that differ from the cell file.
-    """
-
-    name: str = ""
-    pose: dict[str, float] = field(default_factory=dict)
+    name: str = ""  # Of files and rows; empty for the place that the cell file says
+    pose: dict[str, float] = field(default_factory=dict)  # Keys of ``[part]`` that differ from the cell file
 
 
 @dataclass(frozen=True)
 class Setup:
-    """One program at one placement in one posture.
+    """One program at one placement in one posture."""
 
-    Attributes:
-        name: Of its folders; empty where the campaign has only one.
-        program: Name of the program's file.
-        placement: Where the part stands.
-        posture: ``present``, ``chosen``, or configuration and rotation: ``front up noflip 180``.
-    """
-
-    name: str
-    program: str
-    placement: Placement
-    posture: str
+    name: str  # Of its folders; empty where the campaign has only one
+    program: str  # Name of the program's file
+    placement: Placement  # Where the part stands
+    posture: str  # ``present``, ``chosen``, or configuration and rotation: ``front up noflip 180``
 
     @property
     def moved(self) -> bool:
@@ -60,17 +48,11 @@ class Setup:
 
 @dataclass(frozen=True)
 class Grid:
-    """What is machined on every simulated cell: each program at each placement in each posture.
-
-    Attributes:
-        programs: G-code files.
-        placements: Where the part stands; none is where the cell file says.
-        postures: As in :class:`Setup`; none is that of the cell file.
-    """
+    """What is machined on every simulated cell: each program at each placement in each posture."""
 
     programs: Sequence[str | Path] = ()
-    placements: Sequence[Placement] = ()
-    postures: Sequence[str] = ()
+    placements: Sequence[Placement] = ()  # Where the part stands; none is where the cell file says
+    postures: Sequence[str] = ()  # As in :class:`Setup`; none is that of the cell file
 
 
 IDENTIFY_ONLY: Final = Grid()

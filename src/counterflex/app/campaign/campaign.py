@@ -8,15 +8,17 @@ finished step is kept on disk with a fingerprint of its inputs: an interrupted c
 
 from __future__ import annotations
 
+import statistics
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+import polars
 
 from counterflex import __version__
 from counterflex.app.campaign.axes import IDENTIFY_ONLY, Grid, Setup, setups_of
 from counterflex.app.campaign.plan import Measurement, campaign_of
-from counterflex.app.campaign.results import FILE, LEVELS, over_seeds, rows_of_results, write_results
 from counterflex.app.campaign.step import CELL, RESULT
 from counterflex.app.campaign.tasks import Layout, Place, machined_name, tasks_of
 from counterflex.app.compensation.cell_facts import robot_name
@@ -35,12 +37,92 @@ from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.summary import SeedResult, summary
+from counterflex.evaluate.truth_level import TruthLevel
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.set_up import copied_text, text_with_files
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.truth.family import MILD, Family
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex.twin.truth.truth import Truth
+
+FILE: Final = "results.parquet"
+LEVELS: Final[tuple[TruthLevel, ...]] = ("identified", "catalogue", "exact")
+_FIGURES: Final = ("p997_mm", "max_mm", "rms_mm")
+_SCHEMA: Final = {
+    "program": polars.String,
+    "placement": polars.String,
+    "posture": polars.String,
+    "branch": polars.String,
+    "rotation_about_tool_deg": polars.Float64,
+    "seed": polars.Int64,
+    "truth_level": polars.String,
+    **{f"{variant}_{name}": polars.Float64 for variant in ("nominal", "compensated") for name in _FIGURES},
+    "remains_percent": polars.Float64,
+    "fault": polars.String,
+}
+
+
+def rows_of_results(
+    places: Sequence[Place], setups: Sequence[Setup], results: Mapping[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Rows of the table, in the order of set-ups, seeds, levels.
+
+    Yields:
+        Values by column; figures are empty and ``fault`` says why where a task could not be done.
+    """
+    for setup in setups:
+        held = results.get(f"placed/{setup.name}")
+        for place in places:
+            before = results[machined_name(place, setup, "nominal")]
+            for level in LEVELS:
+                after = results.get(machined_name(place, setup, level))
+                if after is not None:
+                    yield _row(place, setup, level, held, (before, after))
+
+
+def _row(place: Place, setup: Setup, level: str, held: Any, machined: tuple[Any, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = dict.fromkeys(_SCHEMA)
+    row |= {
+        "program": setup.program,
+        "placement": setup.placement.name,
+        "posture": setup.posture,
+        "seed": place.seed,
+        "truth_level": level,
+        "fault": next((item.why for item in machined if isinstance(item, Failed)), None),
+    }
+    if isinstance(held, Mapping):
+        row |= {key: held[key] for key in ("branch", "rotation_about_tool_deg")}
+    for variant, item in zip(("nominal", "compensated"), machined, strict=True):
+        if not isinstance(item, Failed):
+            row |= {f"{variant}_{name}": item["path"][name] for name in _FIGURES}
+    if row["fault"] is None and row["nominal_p997_mm"] > 0.0:
+        row["remains_percent"] = 100.0 * row["compensated_p997_mm"] / row["nominal_p997_mm"]
+    return row
+
+
+def write_results(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the table as Parquet, whole or not at all."""
+    atomic.write_made(file, polars.DataFrame(list(rows), schema=_SCHEMA, orient="row").write_parquet)
+
+
+def over_seeds(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One entry for each set-up and truth level: median and worst over the simulated cells, and how many failed."""
+    groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["program"], row["placement"], row["posture"], row["truth_level"]), []).append(row)
+    out = []
+    for (program, placement, posture, level), members in groups.items():
+        entry: dict[str, Any] = {"program": program, "placement": placement, "posture": posture, "truth_level": level}
+        for key in ("nominal_p997_mm", "compensated_p997_mm", "remains_percent"):
+            values = [row[key] for row in members if row[key] is not None and row["fault"] is None]
+            entry[key] = {"median": _round(statistics.median(values)), "worst": _round(max(values))} if values else None
+        faults = [row["fault"] for row in members if row["fault"] is not None]
+        out.append({**entry, "cells": len(members), "failed": len(faults), "fault": faults[0] if faults else ""})
+    return out
+
+
+def _round(value: float) -> float:
+    return round(value, 4)
 
 
 def run(
@@ -64,26 +146,18 @@ def run(
 
     Args:
         cell_file: Cell as it is before any measurement.
-        out: Folder.
         grid: Programs to compensate and machine before and after, placements of the part, postures; without a program
             the cells are only identified. With several set-ups (program, placement, posture) one that cannot be run is
             a row with its fault, and of every machining only the figures are kept.
-        seeds: Truth seeds.
-        family: Family that the truths are drawn from.
         truth_file: The one truth to do it for, instead of ``seeds``.
         recipes: Only these; None is all that the cell allows, none identifies nothing.
         with_exact: Also machine the program planned with the truth's exact constants.
         workers: Processes of this machine; None is one per core, 1 starts none. Or the address of a scheduler of dask,
             whose workers do it instead.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         InputError: Neither or both of ``seeds`` and ``truth_file``, an unknown recipe, nothing to do, no scheduler, or
             no set-up could be run.
-        CounterflexError: As the jobs it consists of.
     """
     if (seeds is None) == (truth_file is None):
         raise InputError("a campaign needs either a number of seeds or one truth file")
@@ -152,12 +226,7 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
 
 
 def _places(
-    start: Path,
-    out: Path,
-    seeds: Sequence[int],
-    family: Family,
-    truth: Truth | None,
-    steps: tuple[Measurement, ...],
+    start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[Measurement, ...]
 ) -> list[Place]:
     places = []
     if truth is not None:

@@ -36,11 +36,9 @@ def measure(
     Args:
         proposal_file: What ``identify RECIPE --propose`` wrote.
         cell_file: Cell that the proposal was made for; checked against the truth, nothing else.
-        truth_file: The simulated cell.
         out: Folder for ``RECIPE.csv`` and ``RECIPE.toml``.
         seed: Of the laboratory: where its instruments truly stand, and their noise.
         session: Measuring again in another session gives other noise; None is the name of the proposal's folder.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``recipe``, ``kind``, number of ``rows`` and ``channels``, path of the ``manifest``.

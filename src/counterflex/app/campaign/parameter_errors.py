@@ -29,23 +29,14 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class TrueRow:
-    """One line of the comparison.
+    """One line of the comparison."""
 
-    Attributes:
-        group: ``use`` for what planning uses, else ``stiffness``, ``masses``, ``drives`` or ``cutting``.
-        name: What.
-        unit: Of the values.
-        before: By the cell file that the campaign started from.
-        identified: By the one that it ended with.
-        true: In the simulated cell; None where the value is an error, best at 0.
-    """
-
-    group: str
+    group: str  # ``use`` for what planning uses, else ``stiffness``, ``masses``, ``drives`` or ``cutting``
     name: str
     unit: str
-    before: float
-    identified: float
-    true: float | None
+    before: float  # By the cell file that the campaign started from
+    identified: float  # By the one that it ended with
+    true: float | None  # In the simulated cell; None where the value is an error, best at 0
 
     def plain(self) -> dict[str, Any]:
         """As plain values, rounded for people."""
@@ -59,13 +50,7 @@ def parameter_errors(before: Cell, identified: Cell, truth: Truth, q: Float) -> 
     """Compare two states of a cell file with the truth.
 
     Args:
-        before: Cell as the campaign found it.
-        identified: Cell as it left it.
-        truth: The simulated cell.
         q: (n, 6) rad, joints at which poses and deflections are compared; those of the program.
-
-    Returns:
-        Rows, what planning uses first.
     """
     rows = [*_use(before, identified, truth, q)]
     old, new = _segments(before), _segments(identified)

@@ -14,20 +14,11 @@ Setting = float | int | str | bool
 
 @dataclass(frozen=True)
 class Measurement:
-    """One recipe of a campaign.
-
-    Attributes:
-        recipe: Its name.
-        count: Measurements to propose for the fit.
-        holdout: Measurements to propose for validation, never used in the fit.
-        propose: Settings of the proposals.
-        identify: Settings of the fit.
-        weight: Expected time, relative to a machining.
-    """
+    """One recipe of a campaign."""
 
     recipe: str
     count: int
-    holdout: int
+    holdout: int  # Measurements to propose for validation, never used in the fit
     propose: Mapping[str, Setting] = field(default_factory=dict)
     identify: Mapping[str, Setting] = field(default_factory=dict)
     weight: float = 0.2

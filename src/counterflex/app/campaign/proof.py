@@ -41,12 +41,8 @@ def placed(
     """Write ``cell.toml``: the cell with the part elsewhere, or held in another posture.
 
     Args:
-        cell_file: The cell.
-        program: What the posture is chosen for.
         pose: Keys of ``[part]`` that change (``x_mm`` ... ``c_deg``).
-        posture: See :mod:`.axes`.
         folder: Where it is written.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``branch`` and ``rotation_about_tool_deg``.
@@ -74,11 +70,8 @@ def compensated(
     """Compensate a program with a cell, telling the fraction done.
 
     Args:
-        program: G-code file.
-        cell_file: The cell.
         folder: Where the program files are written.
         placed_cell: Cell file that says where the part stands and how the robot holds the tool; None is the same.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``prediction``: figures of the plan.
@@ -120,10 +113,6 @@ def machined(
     """Machine a program on a truth and judge it against the original.
 
     Args:
-        program: G-code file.
-        original: The uncompensated program.
-        cell_file: What the controller believes.
-        truth_file: How the cell is.
         folder: What ``simulate`` writes goes there.
         keep: Write it; otherwise only the figures are kept.
         progress: Of the machining, which takes nine tenths of the time.

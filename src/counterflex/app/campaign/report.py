@@ -13,14 +13,7 @@ from counterflex import __version__
 from counterflex.app.prediction_interval import worse_text
 from counterflex.evaluate.truth_level import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
-from counterflex.report.campaign_page import (
-    CampaignData,
-    CampaignOfSeed,
-    FigureRow,
-    RecipeRow,
-    TruthRow,
-    campaign_page,
-)
+from counterflex.report.campaign_page import CampaignData, CampaignOfSeed, FigureRow, RecipeRow, TruthRow, campaign_page
 from counterflex.report.data import Fact
 
 COLUMNS: Final = (

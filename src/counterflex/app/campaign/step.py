@@ -44,12 +44,7 @@ def step(
     because it helped nothing, a copy of the one before.
 
     Args:
-        plan: Recipe and number of measurements.
-        cell_file: Cell so far.
         truth_file: The simulated cell; only the measurements see it.
-        folder: Of this step.
-        seed: Of laboratory and proposals.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``recipe``, ``accepted``, ``why`` (it was refused), ``headline`` and ``figures`` of the identification,

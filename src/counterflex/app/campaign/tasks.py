@@ -48,19 +48,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the files of a campaign are.
-
-    Attributes:
-        out: Its folder.
-        inputs: Files that the cell file names.
-        with_exact: Also plan with the exact constants.
-        keep: Keep what ``simulate`` writes of every machining, not only its figures.
-    """
+    """Where the files of a campaign are."""
 
     out: Path
     inputs: tuple[str, ...]
     with_exact: bool
-    keep: bool
+    keep: bool  # Keep what ``simulate`` writes of every machining, not only its figures
 
     @property
     def start(self) -> Path:

@@ -31,19 +31,12 @@ _EXPANDED: Final = 2.0
 
 @dataclass(frozen=True)
 class Value:
-    """A quantity, or several together, in SI.
-
-    Attributes:
-        name: Of it, for messages.
-        values: SI.
-        sigma: Standard uncertainties, SI; None where none is stated.
-        units: Of each value.
-    """
+    """A quantity, or several together, in SI."""
 
     name: str
-    values: tuple[float, ...]
-    sigma: tuple[float, ...] | None
-    units: tuple[Unit, ...]
+    values: tuple[float, ...]  # SI
+    sigma: tuple[float, ...] | None  # Standard uncertainties, SI; None where none is stated
+    units: tuple[Unit, ...]  # Of each value
 
 
 def apply_certificate(
@@ -58,11 +51,8 @@ def apply_certificate(
     """Write a copy of a cell file or manifest with values of a certificate.
 
     Args:
-        file: The certificate.
         keys: Key, and number, id or kind of the quantity for it; empty where only one fits.
-        out: File to write.
         cell: Cell file; this or ``dataset``.
-        dataset: Manifest.
         channel: D-SI unit in which the sensor sends its channels, for a calibration matrix.
 
     Returns:

@@ -16,23 +16,14 @@ MATRIX: Final = "sensor.frame.matrix"
 
 @dataclass(frozen=True)
 class Key:
-    """A place for a value.
+    """A place for a value."""
 
-    Attributes:
-        name: As it is named at the prompt.
-        file: ``cell`` or ``dataset``.
-        exponents: Of the base units that the value must have; None where the key judges itself.
-        counts: How many numbers it takes; empty takes any.
-        text: What it is.
-        uncertain: The uncertainty is what goes there, so that one must be stated.
-    """
-
-    name: str
-    file: Literal["cell", "dataset"]
-    exponents: tuple[int, ...] | None
-    counts: tuple[int, ...]
+    name: str  # As it is named at the prompt
+    file: Literal["cell", "dataset"]  # ``cell`` or ``dataset``
+    exponents: tuple[int, ...] | None  # Of the base units that the value must have; None where the key judges itself
+    counts: tuple[int, ...]  # How many numbers it takes; empty takes any
     text: str
-    uncertain: bool = False
+    uncertain: bool = False  # The uncertainty is what goes there, so that one must be stated
 
 
 KEYS: Final[dict[str, Key]] = {

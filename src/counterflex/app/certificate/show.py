@@ -12,11 +12,7 @@ from counterflex.files.certificate.quantities import Quantity
 
 
 def described(file: Path) -> dict[str, Any]:
-    """Laboratory, date, items and quantities of a certificate.
-
-    Raises:
-        FileFormatError: It cannot be read.
-    """
+    """Laboratory, date, items and quantities of a certificate."""
     certificate = read_certificate(file)
     return {
         "number": certificate.number,

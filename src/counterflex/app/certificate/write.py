@@ -29,17 +29,10 @@ def write_document(
 
     Args:
         result_file: ``result.json`` of an identification.
-        out: File to write.
-        laboratory: Who measured and identified.
-        person: Who answers for it.
         country: Two letters, ISO 3166-1.
-        city: Of the laboratory.
         serial: Serial number of the robot, or another mark.
         dates: First and last day of the measurements; None takes the day of the identification.
         schema: ``dcc.xsd`` of PTB, against which the document is checked; None does not check.
-
-    Returns:
-        What was written.
 
     Raises:
         FileFormatError: The result cannot be read, or has a unit without D-SI form.

@@ -116,8 +116,6 @@ def drawing(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Cel
     """The cell in the posture of the largest predicted deflection.
 
     Args:
-        plan: Of the program.
-        cell: The cell.
         places: Of external axes that move along it: blank and path are drawn where they are in that posture.
     """
     size = np.linalg.norm(plan.deflection_part[:, :3], axis=1)
@@ -167,9 +165,6 @@ def links_of(chain: ElasticChain, q: Float) -> tuple[Float, int]:
 
 def reach(chain: ElasticChain) -> tuple[Float, ...]:
     """Border of what the limits of axes 2 and 3 let the flange reach with axis 1 at zero and the wrist stretched.
-
-    Args:
-        chain: The chain.
 
     Returns:
         Curves (m, 2) m, one per side of the rectangle of limits and one with the elbow stretched, if its limits allow

@@ -21,10 +21,6 @@ def extrapolation(plan: Plan, law: ForceLaw) -> dict[str, Any] | None:
 
     The effect is the deflection that the distance between both readings of the force makes, see
     :mod:`counterflex.plan.chip_range`: so much of the correction may be wrong there.
-
-    Args:
-        plan: Of a program.
-        law: Its force law.
     """
     rows, chip = plan.extrapolated == 1, plan.chip_m
     if chip is None or not np.any(rows):

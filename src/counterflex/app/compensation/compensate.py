@@ -13,14 +13,22 @@ from pathlib import Path
 from typing import Any
 
 from counterflex import __version__
-from counterflex.app.compensation.feed_for_tolerance import lowered_plan, shown_feed
 from counterflex.app.compensation.feed_limits import limited_feed, shown_limits
 from counterflex.app.compensation.languages import own_language, require_tolerance, write
 from counterflex.app.compensation.prediction import calm_feed, prediction, summary_of
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
-from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, in_plane_of, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import (
+    AS_IT_IS,
+    Job,
+    Reading,
+    faults_in,
+    in_plane_of,
+    in_working_plane,
+    read_job,
+    setting_of,
+)
 from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -30,12 +38,61 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import CLASS_ASSUMED, EXTERNAL_PLACES, TOOL_TURNS, WORKING_PLANE, write_plan
 from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.external_axes import ExternalPlaces
+from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.feed_for_tolerance import FeedTolerance
+from counterflex.plan.feed_for_tolerance import ROUNDS, FeedTolerance, LoweredFeed, lower_feed
 from counterflex.plan.feed_limits import LimitedFeed
+from counterflex.plan.inputs import Setting
 from counterflex.plan.plan import Plan
 from counterflex.programs.compensated import refuse_compensated
 from counterflex.programs.language import LANGUAGES, dialect_at
+
+
+def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, progress: Progress) -> LoweredFeed:
+    """Plan a program at feeds for a tolerance, see :func:`counterflex.plan.feed_for_tolerance.lower_feed`.
+
+    Args:
+        progress: Progress callback, fraction 0 to 1, a share for each round that may come.
+    """
+    rounds = iter(range(ROUNDS + 1))
+
+    def make(path: ToolPath) -> Plan:
+        done = next(rounds)
+
+        def report(fraction: float, what: str = "") -> None:
+            progress((done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else "")
+
+        return make_plan(
+            path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=True, progress=report
+        )
+
+    return lower_feed(job.path, job.feeds, wish, make)
+
+
+def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
+    """What became of the feed, in shop units."""
+    return {
+        "tolerance_um": round(wish.tolerance_m / UM, 3),
+        "least_percent": round(100.0 * wish.least, 3),
+        "least_chip_um": round(wish.least_chip_m / UM, 3),
+        "extra_s": round(lowered.extra_s, 3),
+        "time_s": round(float(lowered.plan.path.time_s[-1]), 3),
+        "worst_before_um": round(lowered.before_m / UM, 1),
+        "worst_after_um": round(lowered.after_m / UM, 1),
+        "reached": bool(lowered.after_m <= wish.tolerance_m),
+        "rounds": lowered.rounds,
+        "lines": [
+            {
+                "line": line.line,
+                "feed_percent": round(100.0 * line.share, 1),
+                "before_um": round(line.before_m / UM, 1),
+                "after_um": round(line.after_m / UM, 1),
+                "why": line.why,
+            }
+            for line in lowered.lines
+        ],
+    }
+
 
 READING, PLANNING, WRITING = "reading the program", "planning", "writing the program"
 WORK = {READING: 1.5, PLANNING: 35.0, WRITING: 1.5}
@@ -45,25 +102,15 @@ PAGE, _PAGE_SHARE = "writing the report", 0.05
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Result of the job.
-
-    Attributes:
-        plan: Everything predicted and decided.
-        files: Program files by name, text.
-        written: What the writer says about them, plain values.
-        summary: What ``summary.json`` holds.
-        encoding: Of the program files, that of the source.
-        limited: What ``[process_limits]`` made of the feed; None where they state none.
-        places: Of external axes that move along the program; None where they stand.
-    """
+    """Result of the job."""
 
     plan: Plan
     files: dict[str, str]
-    written: dict[str, Any]
-    summary: dict[str, Any]
-    encoding: str
-    limited: LimitedFeed | None = None
-    places: ExternalPlaces | None = None
+    written: dict[str, Any]  # What the writer says about them, plain values
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    encoding: str  # Of the program files, that of the source
+    limited: LimitedFeed | None = None  # What ``[process_limits]`` made of the feed; None where they state none
+    places: ExternalPlaces | None = None  # Of external axes that move along the program; None where they stand
 
 
 def compensate(
@@ -83,16 +130,13 @@ def compensate(
 
     Args:
         program: G-code or KRL file.
-        cell: The cell.
         language: Of the output, one of :func:`counterflex.programs.language.at_prompt`; None is that of
             the program.
-        reading: How the program is read.
         tolerance_m: Largest distance between the written path and the planned one.
         normal_only: Correct square to the feed only.
         predict: Predict what the uncompensated program does and what remains after compensation.
         feed: Lower the feed where what remains would be outside a tolerance; None leaves it alone.
         programmed_feed: Leave the feed as programmed: for a robot that runs the original program, corrected online.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program, the cell or the reach does not allow it; one line says what and where.
@@ -161,12 +205,8 @@ def run(
 
     Args:
         program: G-code or KRL file.
-        cell_file: Cell file.
-        out: Folder; made when missing.
         assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
-        report: Write the HTML page.
         shown: The program as commands on the page name it; None: as ``program``.
-        progress: Progress callback, fraction 0 to 1.
         options: As for :func:`compensate`; returned is its summary.
     """
     cell = read_cell(cell_file, assume_class=assume_class)
@@ -189,11 +229,8 @@ def write_folder(result: Compensated, cell: Cell, program: str | Path, folder: P
     """Write all files of a compensation into a folder.
 
     Args:
-        result: The compensation.
-        cell: What it was planned with.
         program: The original program, as commands on the page name it.
         folder: Where; best one that appears when it is whole (:func:`counterflex.core.atomic.atomic_folder`).
-        report: Write the HTML page.
     """
     about = {key: result.summary[key] for key in ("program", "cell", "robot", "counterflex")}
     about |= {} if cell.class_stiffness is None else {CLASS_ASSUMED: True}

@@ -11,13 +11,7 @@ from counterflex.plan.inputs import Inputs, Setting, solve_joints
 
 
 def limited_feed(job: Job, cell: Cell, setting: Setting) -> LimitedFeed | None:
-    """The program at feeds within ``[process_limits]``; None where the cell file knows no limit that a feed can keep.
-
-    Args:
-        job: The program at its own feed.
-        cell: Its cell.
-        setting: What planning stands on.
-    """
+    """The program at feeds within ``[process_limits]``; None where the cell file has no limit that a feed keeps."""
     if not any(known(cell.process_limits(tool.number)) for tool in cell.tables.tools):
         return None
     line = job.line_of_motion[job.path.motion]

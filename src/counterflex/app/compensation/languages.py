@@ -38,20 +38,13 @@ Written = tuple[dict[str, str], dict[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class WritingOrder:
-    """What is to be written.
+    """What is to be written."""
 
-    Attributes:
-        job: The program as read, its path and its samples.
-        plan: With the correction of every point.
-        cell: The cell.
-        tolerance_m: Largest distance between the written path and the planned one.
-        R_part_plane: (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes.
-    """
-
-    job: Job
-    plan: Plan
+    job: Job  # The program as read, its path and its samples
+    plan: Plan  # With the correction of every point
     cell: Cell
-    tolerance_m: float
+    tolerance_m: float  # Largest distance between the written path and the planned one
+    # (3, 3) axes that the plan is given in, where the tool is tilted; job and cell are in part axes
     R_part_plane: Float | None = None
 
     @property
@@ -75,7 +68,6 @@ def written(name: str, order: WritingOrder) -> Written:
 
     Args:
         name: At the prompt, see :func:`counterflex.programs.language.at_prompt`.
-        order: What is written.
 
     Raises:
         InputError: There is no such language.
@@ -107,11 +99,7 @@ def written(name: str, order: WritingOrder) -> Written:
 
 
 def refuse_robot_program(order: WritingOrder) -> Written:
-    """Refuse a robot program that is asked for as G-code.
-
-    Raises:
-        InputError: Always.
-    """
+    """Refuse a robot program that is asked for as G-code. Raises InputError: always."""
     raise InputError(
         "a robot program is not written as G-code",
         where=Path(order.job.program.name).name,
@@ -177,8 +165,6 @@ def writer_settings(order: WritingOrder, dialect: str, *, moving: bool = True) -
     """Return what every :class:`~counterflex.programs.robot_writer.writer.RobotSettings` needs, by field.
 
     Args:
-        order: What is written.
-        dialect: Of the robot.
         moving: The writer has words for external axes that move along the program.
     """
     job, cell = order.job, order.cell
@@ -199,10 +185,7 @@ def robot_text(order: WritingOrder, writer: Callable[..., Any], settings: Any, d
     """Write a path as a robot program, with what stays out of it as warnings.
 
     Args:
-        order: What is written.
         writer: A :class:`~counterflex.programs.robot_writer.writer.RobotWriter`.
-        settings: Of that writer.
-        dialect: Of the machine functions.
     """
     job = order.job
     lines = order.cell.machine_functions(dialect).lines

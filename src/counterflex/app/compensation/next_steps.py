@@ -16,8 +16,6 @@ from counterflex.report.data import Fact
 
 _ENOUGH: Final = 0.8
 """Share of the error that an unmeasured cell can be expected to lose; below it measuring comes first."""
-
-
 _MOST: Final = 6
 """Features out of tolerance that are listed one by one."""
 _PLACES: Final = {
@@ -32,8 +30,6 @@ def to_load(summary: Mapping[str, Any], cell: Cell, tools: Sequence[int]) -> tup
 
     Args:
         summary: Of the job ``compensate``.
-        cell: The cell it was planned for.
-        tools: Numbers of the tools that cut.
     """
     files, dialect = ", ".join(summary["files"]), dialect_at(summary["language"], "write")
     load = LANGUAGES[dialect].load
@@ -57,10 +53,7 @@ def against_fixed_tool(
     """Return what must be set where the robot holds the part against a spindle that stands.
 
     Args:
-        files: Names of the files.
-        cell: The cell.
         names: What the controller calls the frame of the tool, and that of the part.
-        remark: What is said of the files.
     """
     T_base_tcp = cell.T_base_tcp
     assert T_base_tcp is not None, "the robot holds the tool"
@@ -79,12 +72,8 @@ def tool_frames(
     """Return the tool frames that a robot program uses by name: of the tools that have one, else of another one.
 
     Args:
-        cell: The cell.
-        language: Dialect.
-        tools: Numbers of the tools that cut.
         frame: The frame as the controller shows it.
         other: Name of the frame where a tool has none; empty where there is none.
-        form: Of the names.
     """
     named = cell.machine_functions(language).tool_data
     names = {number: form.format(named[number]) for number in named}
@@ -105,8 +94,6 @@ def after_compensation(summary: Mapping[str, Any], cell: Cell, program: str | Pa
 
     Args:
         summary: Of the job ``compensate``.
-        cell: The cell it was planned for.
-        program: The program as it was given.
     """
     prediction = summary["prediction"]
     steps = [

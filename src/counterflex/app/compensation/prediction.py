@@ -54,7 +54,6 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
     """Peak force, deflection, correction, where they occur, and the predicted path error before and after.
 
     Args:
-        plan: The plan.
         axes: Of the robot: joint angles are those that its controller shows.
     """
     force = np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)
@@ -76,10 +75,7 @@ def figures(plan: Plan, axes: ControllerAxes = AS_MODEL) -> dict[str, Any]:
             for row in np.flatnonzero((plan.path.kind == RAPID) & (plan.volume_m3 > 1e-12))
         ],
     }
-    for name, deviation in (
-        ("nominal", plan.deviation_nominal_part),
-        ("compensated", plan.deviation_compensated_part),
-    ):
+    for name, deviation in (("nominal", plan.deviation_nominal_part), ("compensated", plan.deviation_compensated_part)):
         if np.all(np.isnan(deviation)):
             continue
         size = np.linalg.norm(across(deviation, plan.path.p_part_tcp), axis=1)[judged]
@@ -196,12 +192,7 @@ def prediction(
     """The page of a plan.
 
     Args:
-        plan: The plan.
-        cell: Its cell.
-        summary: Of the job.
-        limited: What limits made of the feed.
         program: The program as it was given, for commands; None is its name alone.
-        places: Of external axes that move along it.
     """
     predicted = summary["prediction"]
     worst = predicted["peak_deflection_um"]
@@ -291,11 +282,6 @@ def summary_of(
     """What ``summary.json`` says of a compensated program, in shop units.
 
     Args:
-        job: The program.
-        plan: Of it.
-        cell: The cell.
-        language: Of the output.
-        files: Program files by name.
         written: What the writer says about them.
         tolerance_m: Largest distance between the written path and the planned one.
     """
@@ -336,13 +322,7 @@ def summary_of(
 
 
 def calm_feed(job: Job, plan: Plan, cell: Cell) -> dict[str, Any]:
-    """Where the feed is lower than programmed, and how much longer the program takes, in shop units.
-
-    Args:
-        job: The program at its own feed.
-        plan: Of it.
-        cell: The cell.
-    """
+    """Where the feed is lower than programmed, and how much longer the program takes, in shop units."""
     share = share_between(job.path, plan.path)
     slow = np.flatnonzero(share < 1.0)
     length = _weights(plan)

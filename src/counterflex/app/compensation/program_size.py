@@ -74,8 +74,6 @@ def program_size(job: Job, cell: Cell, language: str | None = None) -> ProgramSi
     change; a program of a robot counts as it stands.
 
     Args:
-        job: The program.
-        cell: The cell.
         language: Of the robot, one of :func:`~counterflex.programs.language.robot_dialects`; None: :func:`language_of`.
 
     Raises:

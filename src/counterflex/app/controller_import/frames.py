@@ -13,47 +13,29 @@ from counterflex.core.similar import close_to
 
 @dataclass(frozen=True)
 class Load:
-    """Load data of a tool.
+    """Load data of a tool."""
 
-    Attributes:
-        mass_kg: > 0.
-        p_flange_com: (3,) m, centre of gravity in the flange.
-    """
-
-    mass_kg: float
-    p_flange_com: tuple[float, float, float]
+    mass_kg: float  # > 0
+    p_flange_com: tuple[float, float, float]  # (3,) m, centre of gravity in the flange
 
 
 @dataclass
 class ControllerData:
-    """Frames by the names of the controller: numbers as text on KUKA, names on ABB.
+    """Frames by the names of the controller: numbers as text on KUKA, names on ABB."""
 
-    Attributes:
-        kind: ``KUKA``, ``ABB`` or ``RoboDK``.
-        tools: (4, 4) m, tool in the flange.
-        bases: (4, 4) m, frame in the world.
-        loads: By name of the tool.
-        titles: What people call a tool (``tool 1``) or base (``base 1``).
-        T_world_base: (4, 4) m, robot base in the world.
-        root_known: A file says where the base is in the world.
-        limits_rad: Lower and upper software limit of axes by index, as the controller shows them.
-        lengths_m: Lengths of the arm that the machine data have, by the names of
-            :class:`~counterflex.robot.model.description.Opw`.
-        model: What the controller calls the robot.
-        notes: What the user should know, one sentence each.
-    """
-
-    kind: str = ""
-    tools: dict[str, Float] = field(default_factory=dict)
-    bases: dict[str, Float] = field(default_factory=dict)
+    kind: str = ""  # ``KUKA``, ``ABB`` or ``RoboDK``
+    tools: dict[str, Float] = field(default_factory=dict)  # (4, 4) m, tool in the flange
+    bases: dict[str, Float] = field(default_factory=dict)  # (4, 4) m, frame in the world
     loads: dict[str, Load] = field(default_factory=dict)
-    titles: dict[str, str] = field(default_factory=dict)
-    T_world_base: Float = field(default_factory=lambda: np.eye(4))
-    root_known: bool = False
+    titles: dict[str, str] = field(default_factory=dict)  # What people call a tool (``tool 1``) or base (``base 1``)
+    T_world_base: Float = field(default_factory=lambda: np.eye(4))  # (4, 4) m, robot base in the world
+    root_known: bool = False  # A file says where the base is in the world
+    # Lower and upper software limit of axes by index, as the controller shows them
     limits_rad: dict[int, tuple[float, float]] = field(default_factory=dict)
+    # Lengths of the arm that the machine data have, by the names of :class:`~counterflex.robot.model.description.Opw`
     lengths_m: dict[str, float] = field(default_factory=dict)
     model: str = ""
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # What the user should know, one sentence each
 
     def merge(self, other: ControllerData) -> None:
         """Take what another file of the same controller says.
@@ -88,11 +70,7 @@ class ControllerData:
         return out
 
     def named(self, name: str, what: str) -> Float:
-        """(4, 4) m, a tool or base by name, capitals or not.
-
-        Raises:
-            InputError: There is none.
-        """
+        """(4, 4) m, a tool or base by name, capitals or not. Raises InputError: there is none."""
         frames = self.tools if what == "tool" else self.bases
         by_capitals = {key.upper(): key for key in frames}
         key = by_capitals.get(name.upper())

@@ -43,9 +43,7 @@ def run(
     """Write a cell file from what a controller knows; nothing is written where the poses do not fit.
 
     Args:
-        files: Of the controller.
         out: The cell file; must not exist.
-        robot: Of the catalogue.
         tool: Name of the tool; may be left out where there is one.
         base: Name of the base that is the part frame; likewise.
         poses: Table of joint angles and poses that the controller shows, see
@@ -57,7 +55,6 @@ def run(
         What was imported and how the poses fit.
 
     Raises:
-        FileFormatError: A file cannot be read.
         InputError: A tool or base that is not there, or several and none is named.
         ModelError: The poses do not fit; names tool, base, distance and which of them is off.
     """
@@ -95,11 +92,7 @@ def _kinds() -> str:
 
 
 def read_files(files: Sequence[Path]) -> ControllerData:
-    """Data of all files of a controller.
-
-    Raises:
-        FileFormatError: A file is of no kind that is read.
-    """
+    """Data of all files of a controller. Raises FileFormatError: a file is of no kind that is read."""
     out = ControllerData()
     for file in files:
         if file.suffix.lower() == ".rdk":
@@ -139,12 +132,7 @@ def _limits_off(limits: dict[int, tuple[float, float]], known: Float) -> list[st
 
 
 def machine_notes(data: ControllerData, model: Robot) -> list[str]:
-    """Notes where machine data are not those of the robot of the catalogue.
-
-    Args:
-        data: Of the controller.
-        model: The robot.
-    """
+    """Notes where machine data are not those of the robot of the catalogue."""
     out = _limits_off(data.limits_rad, shown_limits(model.axes, model.joint_limits_rad))
     opw = model.opw
     a1_m = data.lengths_m.get("a1")
@@ -203,12 +191,8 @@ def cell_text(
     """Text of the cell file.
 
     Args:
-        data: Of the controller.
-        robot: Of the catalogue.
-        tool: Name of the tool.
         base: Name of the base.
         files: Where the data are from.
-        fits: How the poses fit.
     """
     source = ", ".join(files)
     load = data.loads.get(tool)

@@ -12,17 +12,12 @@ from counterflex.core.registry import Registry
 
 @dataclass(frozen=True)
 class DataKind:
-    """Files of a controller.
-
-    Attributes:
-        title: Which files, for messages.
-        read: Data of a text, by its text and name; None where it is none of these files.
-        root: File that says where the robot stands in the world of the controller.
-    """
+    """Files of a controller."""
 
     title: str
+    # Data of a text, by its text and name; None where it is none of these files
     read: Callable[[str, str], ControllerData | None]
-    root: str = ""
+    root: str = ""  # File that says where the robot stands in the world of the controller
 
 
 DATA_KINDS: Final[Registry[DataKind]] = Registry(

@@ -24,46 +24,27 @@ _CONSTANT: Final = 0.2
 
 @dataclass(frozen=True)
 class ShownPose:
-    """A pose of the tool as the controller shows it.
-
-    Attributes:
-        line: Of the file.
-        q: (6,) rad, axes as the controller shows them.
-        T_base_tool: (4, 4) m, tool in the active base.
-        tool: Its name.
-        base: Its name.
-    """
+    """A pose of the tool as the controller shows it."""
 
     line: int
-    q: Float
-    T_base_tool: Float
+    q: Float  # (6,) rad, axes as the controller shows them
+    T_base_tool: Float  # (4, 4) m, tool in the active base
     tool: str
     base: str
 
 
 @dataclass(frozen=True)
 class Residual:
-    """How far forward kinematics is from what the controller shows, for one tool in one base.
-
-    Attributes:
-        tool: Its name.
-        base: Its name.
-        count: Number of poses.
-        rms_m: Of the distances.
-        largest_m: Largest distance.
-        largest_rad: Largest angle.
-        line: Of the largest distance.
-        suspect: ``tool``, ``base`` or empty: whose frame is off by the same in all poses.
-    """
+    """How far forward kinematics is from what the controller shows, for one tool in one base."""
 
     tool: str
     base: str
     count: int
     rms_m: float
-    largest_m: float
-    largest_rad: float
-    line: int
-    suspect: str
+    largest_m: float  # Largest distance
+    largest_rad: float  # Largest angle
+    line: int  # Of the largest distance
+    suspect: str  # ``tool``, ``base`` or empty: whose frame is off by the same in all poses
 
     def fits(self, tolerance_m: float, tolerance_rad: float) -> bool:
         """Whether all poses are within both tolerances."""
@@ -75,7 +56,6 @@ def read_poses(text: str, where: str, tool: str, base: str) -> list[ShownPose]:
 
     Args:
         text: A header and rows, see :mod:`counterflex.files.small_table`.
-        where: Name of the file, for errors.
         tool: Taken where the file has no column ``tool``.
         base: The same of ``base``.
 
@@ -112,9 +92,7 @@ def residuals(poses: Sequence[ShownPose], Ts_base_flange: Float, data: Controlle
     """Compare the poses of each tool in each base with forward kinematics.
 
     Args:
-        poses: As shown.
         Ts_base_flange: (n, 4, 4) m, of their joint angles.
-        data: Frames of the controller.
 
     Raises:
         InputError: A tool or base that the controller does not have.

@@ -20,10 +20,6 @@ _UNIT = 1e-6
 def read_robodk(text: str, where: str) -> ControllerData:
     """``{"tools": {NAME: rows}, "frames": {NAME: rows}}``: 4 x 4 poses, mm, tools in the flange, frames in the base.
 
-    Args:
-        text: The file.
-        where: Its name, for errors.
-
     Raises:
         FileFormatError: It is of another form.
     """

@@ -25,14 +25,7 @@ def apply_constants(result: Corrected, cell: Cell, target: Path, place: Path, sc
     """Write a cell file with the constants of the likeliest explanation.
 
     Args:
-        result: Of the job.
-        cell: As read; its file is the template.
-        target: New cell file.
         place: Where it is written until the results are complete.
-        scans: The measured parts, for the provenance.
-
-    Returns:
-        What was taken over, plain values.
 
     Raises:
         InputError: The target is the cell file or any file that is there, or what is likeliest has no place in a

@@ -42,8 +42,6 @@ def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
     """What may be behind the errors of a path.
 
     Args:
-        plan: Of the program.
-        cell: The cell.
         row: (k,) rows of the nodes.
     """
     deflection = plan.deflection_part[row, :3]
@@ -133,11 +131,7 @@ def shown(weighed: list[Explanation]) -> list[dict[str, Any]]:
 
 
 def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
-    """What an explanation changes in the cell file.
-
-    Raises:
-        InputError: It has no place there.
-    """
+    """What an explanation changes in the cell file. Raises InputError: it has no place there."""
     value = dict(zip(one.factors, one.value.tolist(), strict=True))
     names = one.name.split(" + ")
     if one.name == NOTHING or DIRECTIONS in names:
@@ -166,11 +160,7 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
 
 
 def scaled(law: ForceLaw, factor: float) -> ForceLaw:
-    """A law whose forces are all so many times larger.
-
-    Raises:
-        InputError: It is a law of another package.
-    """
+    """A law whose forces are all so many times larger. Raises InputError: it is a law of another package."""
     if isinstance(law, KienzleLaw):
         c, r, a = (factor * edge for edge in law.edge_n_m)
         return replace(

@@ -6,8 +6,10 @@ the path (``estimate``) -> what repeats (``repeated``) -> plan (``plan.measured_
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +20,6 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import summary_of
 from counterflex.app.correction.causes import causes_of, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
-from counterflex.app.correction.history import Part, keep_parts, read_parts, trend
 from counterflex.app.correction.result import Corrected, Measured
 from counterflex.app.correction.scans import in_part_axes, read_scan
 from counterflex.app.inputs import (
@@ -33,17 +34,20 @@ from counterflex.app.inputs import (
 )
 from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import UM
+from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.expected import Expected, expected
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
+from counterflex.evaluate.path_error.repeated import MeasuredError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
+from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
 from counterflex.files.path_error_file import read_path_error, write_path_error
 from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_folder_summary
@@ -53,6 +57,67 @@ from counterflex.plan.inputs import Inputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+PARTS: Final = "parts"
+ERROR, SCAN, FACTS = "path-error.parquet", "deviations.parquet", "part.json"
+_INCOMPLETE: Final = "Copy the folder of the plan again, or write it again with counterflex correct"
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of the history."""
+
+    error: MeasuredError
+    facts: dict[str, Any]
+
+
+def read_parts(plan_folder: Path) -> list[Part]:
+    """Parts that a plan was corrected from, in their order; none for a plan of ``compensate``.
+
+    Raises:
+        FileFormatError: A part is not complete.
+    """
+    out = []
+    for folder in sorted((plan_folder / PARTS).glob("[0-9]*")):
+        error, _ = read_path_error(folder / ERROR)
+        facts = file_content.json_value(folder / FACTS, hint=_INCOMPLETE)
+        out.append(Part(error, facts))
+    return out
+
+
+def keep_parts(
+    plan_folder: Path, out: Path, new: list[tuple[PartDeviations, MeasuredPart, Part]], about: dict[str, Any]
+) -> None:
+    """Write the history of the next program: that of the plan, and the new parts."""
+    target, count = out / PARTS, 0
+    target.mkdir()
+    for folder in sorted((plan_folder / PARTS).glob("[0-9]*")):
+        shutil.copytree(folder, target / folder.name)
+        count += 1
+    for number, (deviations, measured, part) in enumerate(new, count + 1):
+        folder = target / f"{number:03d}"
+        folder.mkdir()
+        write_part_deviations(folder / SCAN, deviations, measured)
+        write_path_error(folder / ERROR, part.error, about)
+        atomic.write_text(folder / FACTS, json.dumps(part.facts, indent=2) + "\n")
+
+
+def trend(parts: list[Part]) -> list[dict[str, Any]]:
+    """A row for each part: its figures, and how far what it asks for is from what the parts before it asked for."""
+    rows: list[dict[str, Any]] = []
+    for number, part in enumerate(parts, 1):
+        row = {"part": number, **part.facts}
+        if number > 1:
+            before = parts[number - 2].error
+            both = part.error.seen & before.seen
+            if np.any(both):
+                change = (part.error.taken_m + part.error.error_m - before.taken_m - before.error_m)[both]
+                sigma = np.hypot(part.error.sigma_m, before.sigma_m)[both]
+                row["changed_um"] = round(float(np.sqrt(np.mean(change**2))) / UM, 1)
+                row["changed_sigmas"] = round(float(np.sqrt(np.mean((change / sigma) ** 2))), 1)
+        rows.append(row)
+    return rows
+
 
 PLAN, SUMMARY, TAKEN = "plan.parquet", "summary.json", "path-error.parquet"
 _SAME_M: Final = 1e-8
@@ -73,13 +138,9 @@ def correct(
     """Correct the program of the next part.
 
     Args:
-        program: The original program.
-        cell: As the plan was made with.
         plan_folder: Of ``compensate`` or of an earlier ``correct``: the program that the measured parts were made by.
         scans: Parts made by it; see :func:`counterflex.app.correction.scans.read_scan`.
-        reading: How the program is read.
         limit_m: Largest change of a correction.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: Files do not fit together, or a limit is exceeded; one line says what and where.
@@ -156,9 +217,7 @@ def _read_plan(folder: Path, job: Job, cell: Cell) -> Plan:
     """
     if not (folder / PLAN).is_file():
         raise FileFormatError(
-            "no plan in this folder",
-            where=str(folder),
-            limit=f"{PLAN} of counterflex compensate or correct",
+            "no plan in this folder", where=str(folder), limit=f"{PLAN} of counterflex compensate or correct"
         )
     plan, about = read_plan(folder / PLAN)
     path = job.path
@@ -263,14 +322,8 @@ def run(
     All of them or none. With ``apply`` the likeliest constants go into a new cell file.
 
     Args:
-        program: The original G-code file.
-        cell_file: Cell file.
         plan_folder: Of ``compensate`` or ``correct``.
-        scans: Measured parts.
-        out: Folder; made when missing.
         apply: New cell file, or None.
-        report: Write the HTML page.
-        progress: Progress callback, fraction 0 to 1.
         options: As for :func:`correct`; returned is its summary.
     """
     cell = read_cell(cell_file)

@@ -31,21 +31,13 @@ _REACH_M: Final = 200.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What the next part is made by.
-
-    Attributes:
-        plan: For it.
-        further_m: (n, 3) m, displacement that it takes back besides what the plan before took back.
-        unsure_m: (j, n, 3) m, what the tool may do besides, see :func:`.unsure`.
-        together: What all parts say.
-        taken: What the next program takes back in all, and the error that it is expected to leave.
-    """
+    """What the next part is made by."""
 
     plan: Plan
-    further_m: Float
-    unsure_m: Float
+    further_m: Float  # (n, 3) m, displacement that it takes back besides what the plan before took back
+    unsure_m: Float  # (j, n, 3) m, what the tool may do besides, see :func:`.unsure`
     together: Repeated
-    taken: MeasuredError
+    taken: MeasuredError  # What the next program takes back in all, and the error that it is expected to leave
 
 
 def measured_error(
@@ -54,12 +46,7 @@ def measured_error(
     """Error of the path that a scan shows.
 
     Args:
-        scan: Of a part that the plan made.
-        plan: The plan.
-        nodes: Of its path.
-        cell: Its cutters.
         taken_m: (n, 3) m, what the plan takes back because of earlier parts.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: Too few places of the scan were made by the program.
@@ -78,8 +65,6 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     """The plan for the next part.
 
     Args:
-        plan: That the last part was made by.
-        loaded: The robot under load along its path.
         parts: Errors of all parts so far, the last ones made by ``plan``.
         limit_m: Largest change of a correction.
 

@@ -18,47 +18,26 @@ from counterflex.plan.plan import Plan
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A scan and the error of the path that it shows.
-
-    Attributes:
-        scan: Deviations.
-        contacts: Which stretches may have made its places.
-        estimate: Error at the nodes of the path.
-        error: The same at its rows.
-    """
+    """A scan and the error of the path that it shows."""
 
     scan: Scan
-    contacts: Contacts
-    estimate: PathError
-    error: MeasuredError
+    contacts: Contacts  # Which stretches may have made its places
+    estimate: PathError  # Error at the nodes of the path
+    error: MeasuredError  # The same at its rows
 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """Result of the job.
-
-    Attributes:
-        plan: For the next part.
-        files: Program files by name, text.
-        encoding: Of the program files.
-        measured: The scans of this run.
-        together: What they and the earlier parts say.
-        taken: What the next program takes back, and the error that is expected.
-        explained: Explanations, the likeliest first.
-        job: The program.
-        cell: In the working plane of the program.
-        change_m: (n, 3) m, change of the correction at the rows of the path.
-        summary: What ``summary.json`` holds.
-    """
+    """Result of the job."""
 
     plan: Plan
     files: dict[str, str]
     encoding: str
     measured: list[Measured]
-    together: Repeated
-    taken: MeasuredError
+    together: Repeated  # What they and the earlier parts say
+    taken: MeasuredError  # What the next program takes back, and the error that is expected
     explained: list[Explanation]
     job: Job
-    cell: Cell
-    change_m: Float
-    summary: dict[str, Any]
+    cell: Cell  # In the working plane of the program
+    change_m: Float  # (n, 3) m, change of the correction at the rows of the path
+    summary: dict[str, Any]  # What ``summary.json`` holds

@@ -23,11 +23,7 @@ _ELSEWHERE: Final = frozenset(
 
 
 def model_of(cell: Cell) -> CellModel:
-    """What recipes get to know of a cell.
-
-    Args:
-        cell: As read from its file.
-    """
+    """What recipes get to know of a cell."""
     tables = cell.tables.model_dump(mode="json", exclude_none=True)
     return CellModel(
         name=cell.name,

@@ -24,10 +24,6 @@ def in_model_angles(data: Dataset, axes: ControllerAxes) -> Dataset:
     A channel whose manifest says by ``coupling``, ``signs`` or ``offsets_deg`` how its numbers become angles of the
     model is left as it is.
 
-    Args:
-        data: As read.
-        axes: Of the robot.
-
     Raises:
         FileFormatError: A channel has fewer than six axes, and they depend on each other.
     """

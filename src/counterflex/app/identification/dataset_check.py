@@ -17,9 +17,6 @@ from counterflex.identify.stiffness.frame_pulls import summary
 def described(path: str | Path) -> dict[str, Any]:
     """Read a dataset and summarise it in shop units.
 
-    Args:
-        path: Manifest.
-
     Returns:
         ``name``, ``kind``, ``rows``, ``groups``, ``file``, ``lines``, ``sha256``, ``settings``, ``channels`` (range,
         mean and standard deviation of every number), ``without_sigma`` (names), ``frame`` (what the sensors of a

@@ -22,16 +22,7 @@ def keep(
 ) -> Path:
     """Keep a run: results and inputs in a folder of its own.
 
-    Args:
-        archive: Folder of all runs.
-        staging: Folder with the results of the run.
-        cell: Cell file that it started from.
-        manifests: Of its datasets.
-        result: Content of ``result.json``.
-        taken: Archive in which the run will end up; its name is new there.
-
-    Returns:
-        Folder of the run.
+    ``result``: Content of ``result.json``. ``taken``: Archive in which the run will end up; its name is new there.
     """
     with file_lock.alone(archive / "run"):  # two runs of one second get two names
         folder = archive / run_name(result["date"], result["recipe"], taken)
@@ -45,10 +36,6 @@ def keep(
 
 def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
     """All runs below a folder, and per recipe the values of the latest beside each other.
-
-    Args:
-        folder: An archive, or any folder above it.
-        recipe: Only this one.
 
     Returns:
         ``runs``: one row each; ``compared``: per recipe with two runs or more, one row for each parameter, runs of the

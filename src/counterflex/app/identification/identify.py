@@ -65,8 +65,6 @@ class Task:
     """What is identified, from what.
 
     Attributes:
-        recipe: The recipe.
-        cell: Cell before.
         data: Datasets that parameters are fitted to.
         holdout: Datasets that are only predicted; empty for k folds of ``data``.
         settings: Of the recipe, with ``seed``.
@@ -92,13 +90,7 @@ def prepare(
 ) -> Task:
     """Read everything and check that it fits together.
 
-    Args:
-        name: Of the recipe.
-        data: Manifests.
-        cell: Cell file.
-        holdout: Manifests of data that are only predicted.
-        settings: Of the recipe, as text or as values.
-        seed: Of whatever is drawn: folds, starts.
+    ``settings``: Of the recipe, as text or as values.
 
     Raises:
         FileFormatError: A file cannot be used.

@@ -25,13 +25,8 @@ def propose(
 ) -> Path:
     """Write a proposal.
 
-    Args:
-        name: Of the recipe.
-        count: Measurements.
-        cell: Cell file.
-        out: Folder for ``proposal.csv``, ``proposal.toml`` and, where the kind of data has one, a form to fill.
-        settings: Of the recipe, as text or as values; ``seed`` is allowed.
-        seed: Where the settings have none.
+    ``out``: Folder for ``proposal.csv``, ``proposal.toml`` and, where the kind of data has one, a form to fill.
+    ``settings``: Of the recipe, as text or as values; ``seed`` is allowed.
 
     Returns:
         Path of ``proposal.toml``.

@@ -24,11 +24,7 @@ def settings_of(
 ) -> dict[str, Any]:
     """Settings of a recipe, with what was given in the place of defaults, and the seed.
 
-    Args:
-        name: Of the recipe, for messages.
-        defaults: Its settings.
-        values: By key, as text from the command line or as values; ``seed`` is allowed.
-        seed: Where none is given.
+    ``values``: By key, as text from the command line or as values; ``seed`` is allowed.
 
     Raises:
         InputError: An unknown key, or no value of the setting's kind.

@@ -18,11 +18,6 @@ def starting_cell(path: str | Path, recipe: Recipe, settings: Mapping[str, Any])
     A recipe that fits compliances begins with what the file says. An axis without stiffness would stay rigid; it begins
     with the median of the robot's class instead, as widely as what is only assumed (setting ``wide``).
 
-    Args:
-        path: Cell file.
-        recipe: What is identified.
-        settings: Of the recipe.
-
     Returns:
         The cell, the settings, and a remark that says which axes begin so; empty where none does.
 

@@ -26,9 +26,7 @@ _PLACES: Final = ("tracker",)
 def judged(result: Identification, *, separate: bool) -> tuple[Identification, Outcome]:
     """Decide what goes into the cell file.
 
-    Args:
-        result: What a recipe found.
-        separate: The error on data not used comes from data of their own (``--holdout``).
+    ``separate``: The error on data not used comes from data of their own (``--holdout``).
 
     Returns:
         The result with what is said about it, and ``better`` (its values go into the cell file) or ``confirmed`` (the
@@ -63,9 +61,6 @@ def confirmed(result: Identification) -> Identification:
     """The result with the former values in place of the fitted ones.
 
     The standard deviation of a former value is ``hypot(sigma, fitted - former)``: it holds the distance of both.
-
-    Args:
-        result: What a recipe found.
     """
     fits = {}
     for name, fit in result.fits.items():

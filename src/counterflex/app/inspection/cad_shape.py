@@ -21,7 +21,6 @@ def read_shape(path: Path, surface: NominalSurface) -> MeshShape:
     """Read a CAD mesh (STL, mm, part frame).
 
     Args:
-        path: The file.
         surface: What the program makes; the mesh must lie in the same place.
 
     Raises:

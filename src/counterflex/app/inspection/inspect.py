@@ -45,18 +45,12 @@ def run(
 
     Args:
         program: The program that made the part, uncompensated: what was to be made.
-        cell_file: Its cell, for blank and tools.
         measured: Scan of the part, or log of the tool's path.
-        out: Folder.
         how: How scans, or logs, are read and laid on the part.
         before: The same of an earlier part to compare with, or None.
         nominal: CAD mesh to judge against in place of what the program makes, or None.
         tolerances_m: (feature, quantity) to +- tolerance, m; general tolerances for what is not listed.
         more: Writes more into the folder, given the one that it is made in and the summary.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         FileFormatError: A file is missing, damaged or of another format.

@@ -47,45 +47,29 @@ OTHER_PART = 0.2
 
 @dataclass(frozen=True)
 class How:
-    """How a scan is read and laid on the part.
+    """How a scan is read and laid on the part."""
 
-    Attributes:
-        unit: Name of its unit; None: found.
-        datum: Names of the datum faces, separated by commas; None: all that the program leaves alone.
-        datum_points: Table of points of the scan and of the part, or None.
-        aligned: The scan is in the part frame already.
-        ball_diameter_m: Of the probe, where the points are centres of its ball; 0: they lie on the surface; None: what
-            the file says, and points that look like centres are refused.
-        clearance_m: Points further from the blank are cut away; None: 3 mm.
-    """
-
-    unit: str | None = None
-    datum: str | None = None
-    datum_points: Path | None = None
-    aligned: bool = False
+    unit: str | None = None  # Name of its unit; None: found
+    datum: str | None = None  # Names of the datum faces, separated by commas; None: all that the program leaves alone
+    datum_points: Path | None = None  # Table of points of the scan and of the part, or None
+    aligned: bool = False  # The scan is in the part frame already
+    # Of the probe, where the points are centres of its ball; 0: they lie on the surface; None: what the file says, and
+    # points that look like centres are refused
     ball_diameter_m: float | None = None
-    clearance_m: float | None = None
+    clearance_m: float | None = None  # Points further from the blank are cut away; None: 3 mm
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """One or two parts, judged.
-
-    Attributes:
-        job: The program that made them.
-        cell: Where.
-        parts: ``part``, or ``before`` and ``after``.
-        features: Measured on each.
-        covered: By part, areas of the machined surface and of each feature by what is known about them.
-        summary: What ``summary.json`` holds.
-    """
+    """One or two parts, judged."""
 
     job: Job
-    cell: Cell
-    parts: dict[str, Inspected | InspectedPath]
-    features: tuple[FeatureRow, ...]
+    cell: Cell  # Where
+    parts: dict[str, Inspected | InspectedPath]  # ``part``, or ``before`` and ``after``
+    features: tuple[FeatureRow, ...]  # Measured on each
+    # By part, areas of the machined surface and of each feature by what is known about them
     covered: dict[str, tuple[Coverage, Mapping[str, Coverage]]]
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # What ``summary.json`` holds
 
 
 def inspect(
@@ -174,11 +158,7 @@ def judged(
     """Lay one scan on the nominal part and judge it.
 
     Args:
-        scan: As read.
-        part: The nominal part.
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
-        how: How it is laid.
-        where: For errors.
         outline: (n, 2) m, of the tool at each row of the path; None: one tool.
 
     Raises:

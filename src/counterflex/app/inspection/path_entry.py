@@ -51,12 +51,7 @@ def path_entry(one: InspectedPath) -> dict[str, Any]:
 
 
 def path_rows(one: InspectedPath, job: Job) -> ToolPathRows:
-    """The stations of a path with their deviations.
-
-    Args:
-        one: Judged.
-        job: Its program.
-    """
+    """The stations of a path with their deviations."""
     track, registration = one.track, one.part.registration
     deviation = track.deviation
     axis = np.cross(deviation.feed_direction, deviation.left)

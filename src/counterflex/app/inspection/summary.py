@@ -25,27 +25,16 @@ from counterflex.files.scan.scan import Scan
 
 @dataclass(frozen=True, eq=False)
 class Inspected:
-    """A scan, judged.
-
-    Attributes:
-        file: Its name.
-        scan: As read.
-        unit: Name of its unit.
-        part: Against the nominal part.
-        outliers: Measured points left out as lone ones.
-        cut_away: Measured points left out as beside the part.
-        ball_radius_m: Of the probe whose centres the points are; 0: they lie on the surface.
-        scale: Of the scan against the blank.
-    """
+    """A scan, judged."""
 
     file: str
     scan: Scan
-    unit: str
-    part: ScannedPart
-    outliers: int
-    cut_away: int
-    ball_radius_m: float
-    scale: ScaleEstimate
+    unit: str  # Name of its unit
+    part: ScannedPart  # Against the nominal part
+    outliers: int  # Measured points left out as lone ones
+    cut_away: int  # Measured points left out as beside the part
+    ball_radius_m: float  # Of the probe whose centres the points are; 0: they lie on the surface
+    scale: ScaleEstimate  # Of the scan against the blank
 
 
 def summary_of(
@@ -56,7 +45,6 @@ def summary_of(
     """The entries ``parts`` and ``features`` of the summary.
 
     Args:
-        parts: By name.
         features: Measured on each.
         covered: By name, areas of the part and of its features by what is known about them.
     """

@@ -32,47 +32,28 @@ _CUTS: Final = 3.0
 
 @dataclass(frozen=True)
 class LogHow:
-    """How a log of the tool's path is read and laid on the program's.
+    """How a log of the tool's path is read and laid on the program's."""
 
-    Attributes:
-        frame: Where the tracker stood: ``as-measured``, ``fit``, a cell file, or X,Y,Z,A,B,C; None: as the cell says.
-        form: Format of a tracker's export.
-        position: Which position of a run log is judged; None: the tracker's, else the controller's.
-        run: Number of the run in a folder of several.
-        cut: The part was cut while the tracker logged.
-    """
-
+    # Where the tracker stood: ``as-measured``, ``fit``, a cell file, or X,Y,Z,A,B,C; None: as the cell says
     frame: str | None = None
-    form: str = OWN
-    position: str | None = None
-    run: int | None = None
-    cut: bool = False
+    form: str = OWN  # Format of a tracker's export
+    position: str | None = None  # Which position of a run log is judged; None: the tracker's, else the controller's
+    run: int | None = None  # Number of the run in a folder of several
+    cut: bool = False  # The part was cut while the tracker logged
 
 
 @dataclass(frozen=True, eq=False)
 class ToolLog:
-    """A log as read.
-
-    Attributes:
-        file: Its name.
-        kind: ``tracker log`` or ``run log``.
-        position: What its positions are, in words.
-        readings: In the part frame, or in the frame of the tracker where that is to be fitted.
-        frame: What they are in, in words.
-        fitted: The frame is to be fitted to the program's path.
-        cut: Whether the tool cut while it was logged: True, or None: not known.
-        stated_sigma_m: Standard deviation of a position as the log states it, 0 where it does not.
-        facts: Further plain values for the summary.
-    """
+    """A log as read."""
 
     file: str
-    kind: str
+    kind: str  # ``tracker log`` or ``run log``
     position: str
-    readings: ToolReadings
+    readings: ToolReadings  # In the part frame, or in the frame of the tracker where that is to be fitted
     frame: str
-    fitted: bool
-    cut: bool | None
-    stated_sigma_m: float
+    fitted: bool  # The frame is to be fitted to the program's path
+    cut: bool | None  # Whether the tool cut while it was logged: True, or None: not known
+    stated_sigma_m: float  # Standard deviation of a position as the log states it, 0 where it does not
     facts: dict[str, Any] = field(default_factory=dict)
 
 
@@ -81,12 +62,9 @@ def read_tool_log(source: Path, how: LogHow, cell: Cell, path: ToolPath) -> Tool
 
     Args:
         source: The file or folder.
-        how: How it is read.
         cell: Of the program: where the tracker stood, and how it is aimed at the tool.
-        path: Of the program.
 
     Raises:
-        FileFormatError: It cannot be read.
         InputError: It does not hold what is requested for.
     """
     if source.is_dir() or source.suffix.lower() == ".mcap":

@@ -37,18 +37,12 @@ _CONDITION: Final = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class InspectedPath:
-    """A log of the tool's path, judged.
-
-    Attributes:
-        file: Its name.
-        log: As read.
-        part: What the path would leave.
-        made: By each station, (k,) whether it makes a floor, a wall on its left, a wall on its right.
-    """
+    """A log of the tool's path, judged."""
 
     file: str
     log: ToolLog
     part: SweptPart
+    # By each station, (k,) whether it makes a floor, a wall on its left, a wall on its right
     made: tuple[Bool, Bool, Bool]
 
     @property
@@ -74,17 +68,7 @@ class InspectedPath:
 
 
 def judged_path(log: ToolLog, part: NominalPart, job: Job, cell: Cell) -> InspectedPath:
-    """Lay a log on the program's path and judge it.
-
-    Args:
-        log: As read.
-        part: What the program makes.
-        job: The program.
-        cell: Blank and tools.
-
-    Raises:
-        InputError: The log does not fit the program's path.
-    """
+    """Lay a log on the program's path and judge it. Raises InputError: the log does not fit the program's path."""
     path, radius = job.path, part.surface.cutter.radius_m
     noise = log.readings.noise_m()
     if noise > NOISIEST_M:

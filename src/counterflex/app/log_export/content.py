@@ -30,48 +30,28 @@ _SIX: Final = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class Happened:
-    """Something that happened in a run.
+    """Something that happened in a run."""
 
-    Attributes:
-        time_ns: Since 1970.
-        text: What.
-        serious: A hold, a fault, or a stop of an operator.
-    """
-
-    time_ns: int
+    time_ns: int  # Since 1970
     text: str
-    serious: bool
+    serious: bool  # A hold, a fault, or a stop of an operator
 
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """A run as other viewers show it. Frames: ``base`` of the robot, ``part``, ``commanded``, ``corrected``, ...
-
-    Attributes:
-        name: Of the run.
-        time_ns: (n,) since 1970, when the telegram of each cycle came; rising.
-        curves: (n,) by group and name with its unit; not a number: not known.
-        q: (n, 6) rad.
-        commanded: (n, 12) pose without correction, part frame: rotation by rows, position m.
-        correction: (n, 6) sent, m and rotation vector, part axes.
-        cut: (k, 3) m, places of the tool tip in the cut, part frame.
-        cut_rest_m: (k,) size of the deviation that remained there.
-        cut_ns: (k,) since 1970, when.
-        happened: In order.
-        scene: The cell, or None where its file is not there any more.
-    """
+    """A run as other viewers show it. Frames: ``base`` of the robot, ``part``, ``commanded``, ``corrected``, ..."""
 
     name: str
-    time_ns: Int
-    curves: dict[str, dict[str, Float]]
-    q: Float
-    commanded: Float
-    correction: Float
-    cut: Float
-    cut_rest_m: Float
-    cut_ns: Int
-    happened: tuple[Happened, ...]
-    scene: CellScene | None
+    time_ns: Int  # (n,) since 1970, when the telegram of each cycle came; rising
+    curves: dict[str, dict[str, Float]]  # (n,) by group and name with its unit; not a number: not known
+    q: Float  # (n, 6) rad
+    commanded: Float  # (n, 12) pose without correction, part frame: rotation by rows, position m
+    correction: Float  # (n, 6) sent, m and rotation vector, part axes
+    cut: Float  # (k, 3) m, places of the tool tip in the cut, part frame
+    cut_rest_m: Float  # (k,) size of the deviation that remained there
+    cut_ns: Int  # (k,) since 1970, when
+    happened: tuple[Happened, ...]  # In order
+    scene: CellScene | None  # The cell, or None where its file is not there any more
 
     def poses(self) -> Iterator[tuple[int, dict[str, tuple[str, Float]]]]:
         """Poses of the frames of every :data:`EVERY` cycle: time, and by frame its parent and (4, 4) its pose there."""
@@ -90,11 +70,7 @@ def content_of(folder: Path, number: int | None = None) -> Content:
     """Read a run for other viewers.
 
     Args:
-        folder: Of the log.
         number: Of the run; None is the last.
-
-    Raises:
-        CounterflexError: See :func:`counterflex.app.run_history.logged_run.one_run`.
     """
     run = one_run(folder, number)
     rows = _columns(folder, run.row["run"])

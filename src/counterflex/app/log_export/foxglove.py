@@ -137,13 +137,8 @@ def write(content: Content, target: Path, range_m: float, progress: Progress = s
     """Write a run as MCAP that Foxglove reads without an extension.
 
     Args:
-        content: The run.
         target: File, whole or not at all.
         range_m: Deviation at which the colours of the cut end.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        Number of messages.
 
     Raises:
         OutputError: The file cannot be written.

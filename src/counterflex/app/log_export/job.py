@@ -19,19 +19,16 @@ def export_to(
     """Write a run for another viewer.
 
     Args:
-        folder: Of the log.
         viewer: One of :data:`VIEWERS`.
         target: File, whole or not at all.
         number: Of the run; None is the last.
         range_m: Deviation at which the colours of the cut end.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         What was written, plain values, with ``messages``.
 
     Raises:
         InputError: No such viewer or run, or its library is not installed.
-        FileFormatError: There is no run log, or it cannot be read.
         OutputError: The file cannot be written.
     """
     if viewer not in VIEWERS:

@@ -19,11 +19,7 @@ _GREY: Final = (150, 165, 178)
 
 
 def require_rerun() -> None:
-    """Check that the library is there.
-
-    Raises:
-        InputError: It is not.
-    """
+    """Check that the library is there. Raises InputError: it is not."""
     if importlib.util.find_spec("rerun") is None:
         raise InputError(
             "the export needs the package rerun-sdk", hint='Install it with pip install "counterflex[rerun]"'
@@ -34,10 +30,8 @@ def write(content: Content, target: Path, range_m: float, progress: Progress = s
     """Write a run as ``.rrd``.
 
     Args:
-        content: The run.
         target: File, whole or not at all.
         range_m: Deviation at which the colours of the cut end.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Number of rows of curves, frames and texts.

@@ -33,7 +33,6 @@ def cluster(root: Path, *, scheduler: str | None = None, count: int = 1) -> Star
     Args:
         root: Folder of the job; all that tasks read and write is below it.
         scheduler: Address of a scheduler that has workers; None starts processes of this machine.
-        count: Number of these.
 
     Returns:
         For :func:`counterflex.app.long_jobs.task_graph.run_tasks`.
@@ -127,9 +126,7 @@ class _Cluster:
 
     def _gone(self) -> SimulationError:
         return SimulationError(
-            "the scheduler has gone",
-            where=self._address,
-            hint="Finished steps are stored; the same command continues",
+            "the scheduler has gone", where=self._address, hint="Finished steps are stored; the same command continues"
         )
 
 

@@ -3,39 +3,115 @@
 from __future__ import annotations
 
 import hashlib
+import io
+import json
 import tempfile
 import traceback
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
 
 from counterflex import __version__
 from counterflex.app.long_jobs.executors import call
-from counterflex.app.long_jobs.parcel import name_below, packed, unpacked
 from counterflex.app.long_jobs.step_cache import program_files
 from counterflex.app.long_jobs.task import Reads, Task, Writes
-from counterflex.core import errors
-from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core import atomic, errors, file_content
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
+
+LARGEST_BYTES: Final = 2**30
+"""Files of one task, unpacked: more than any step of a job writes, less than fills a machine's memory."""
+_FACTS: Final = "facts.json"
+_FILES: Final = "files/"
+
+
+def name_below(root: Path, path: Path) -> str:
+    """Name of a file or folder below a folder, with slashes.
+
+    Raises:
+        InputError: It is not below it; nothing else of this machine is sent to workers.
+    """
+    try:
+        return path.absolute().relative_to(root.absolute()).as_posix()
+    except ValueError:
+        raise InputError(
+            "a file of a task lies outside the folder of its job", where=str(path), limit=str(root)
+        ) from None
+
+
+def packed(root: Path, files: Iterable[Path], facts: Mapping[str, Any]) -> bytes:
+    """Files and plain facts as the bytes of a ZIP archive.
+
+    Args:
+        root: Folder that the names of the files are relative to.
+
+    Raises:
+        InputError: A file is not below the folder.
+    """
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr(_FACTS, json.dumps(facts, allow_nan=False))
+        for file in files:
+            try:
+                archive.writestr(_FILES + name_below(root, file), file_content.content(file))
+            except OSError as fault:
+                raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
+    return data.getvalue()
+
+
+def unpacked(data: object, root: Path, below: str | None = None) -> dict[str, Any]:
+    """Write the files of a parcel below a folder, each whole or not at all, and return its facts.
+
+    Nothing is unpickled, and no file gets out of the folder, whoever made the parcel.
+
+    Args:
+        data: As :func:`packed` made it.
+        below: Folder below it that all files must lie in; None takes any.
+
+    Raises:
+        FileFormatError: It is no such archive, is too large, or a name leads elsewhere.
+        OutputError: A file cannot be written.
+    """
+    if not isinstance(data, bytes):
+        raise FileFormatError("a worker answered with something that is no parcel of files", value=type(data).__name__)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(item.file_size for item in archive.infolist())
+            if size > LARGEST_BYTES:
+                raise FileFormatError("the files of a task are too large", value=f"{size} bytes", limit=LARGEST_BYTES)
+            facts = json.loads(archive.read(_FACTS))
+            names = [item.filename for item in archive.infolist() if item.filename.startswith(_FILES)]
+            targets = [(name, _target(root, name.removeprefix(_FILES), below)) for name in names]
+            for name, target in targets:
+                atomic.write_bytes(target, archive.read(name))
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as fault:
+        if isinstance(fault, FileFormatError):
+            raise
+        raise FileFormatError("a parcel of files is damaged", value=str(fault)[:80]) from fault
+    if not isinstance(facts, dict):
+        raise FileFormatError("a parcel of files has no facts")
+    return facts
+
+
+def _target(root: Path, name: str, below: str | None) -> Path:
+    parts = PurePosixPath(name).parts
+    outside = not parts or ".." in parts or "\\" in name or ":" in name or PurePosixPath(name).is_absolute()
+    if outside or (below is not None and parts[: len(PurePosixPath(below).parts)] != PurePosixPath(below).parts):
+        raise FileFormatError("a parcel holds a file that is not of its task", value=name, limit=below)
+    return root.joinpath(*parts)
 
 
 @dataclass(frozen=True)
 class Order:
-    """A task on its way to a worker.
+    """A task on its way to a worker."""
 
-    Attributes:
-        task: With paths relative to the folder of the job.
-        files: What it reads, as :func:`counterflex.app.long_jobs.parcel.packed` packs it.
-        root: The folder of the job on the machine that ordered it, for messages.
-        program: :func:`program_now` there.
-    """
-
-    task: Task
-    files: bytes
-    root: str
-    program: str
+    task: Task  # With paths relative to the folder of the job
+    files: bytes  # What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it
+    root: str  # The folder of the job on the machine that ordered it, for messages
+    program: str  # :func:`program_now` there
 
 
 @cache
@@ -46,12 +122,7 @@ def program_now() -> str:
 
 
 def ordered(task: Task, root: Path) -> Order:
-    """A task with everything that it needs.
-
-    Raises:
-        InputError: A file is not below the folder of the job.
-        FileFormatError: A file cannot be read.
-    """
+    """A task with everything that it needs. Raises InputError: a file is not below the folder of the job."""
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
         for item in task.arguments
@@ -65,7 +136,6 @@ def carried_out(order: Order, progress: Progress = silent, scratch: str | None =
     """Do a task.
 
     Args:
-        order: The task.
         progress: Called with the fraction done.
         scratch: Folder for its files while it runs; None is that of the system.
 
@@ -101,8 +171,6 @@ def taken(parcel: object, task: Task, root: Path) -> Any:
 
     Args:
         parcel: As :func:`carried_out` made it.
-        task: Of this machine.
-        root: The folder of the job.
 
     Raises:
         InputError: The worker runs another program; no task would be the same there.

@@ -24,11 +24,7 @@ _QUIET: Final = {"DASK_LOGGING__DISTRIBUTED": "critical"}
 
 
 def require_scheduler_address(address: str) -> str:
-    """The address of a scheduler as dask writes it.
-
-    Raises:
-        InputError: It is no such address.
-    """
+    """The address of a scheduler as dask writes it. Raises InputError: it is no such address."""
     text = address if "://" in address else f"tcp://{address}"
     parts = urlsplit(text)
     try:
@@ -65,11 +61,7 @@ def open_to_others(address: str) -> str:
 
 
 def require_scheduler(address: str) -> str:
-    """The address of a scheduler that somebody listens at.
-
-    Raises:
-        InputError: It is no address, or nobody does.
-    """
+    """The address of a scheduler that somebody listens at. Raises InputError: it is no address, or nobody does."""
     address = require_scheduler_address(address)
     parts = urlsplit(address)
     try:  # dask would try a refused connection again and again
@@ -80,11 +72,7 @@ def require_scheduler(address: str) -> str:
 
 
 def connected(address: str) -> AbstractContextManager[Any]:
-    """A client of a scheduler.
-
-    Raises:
-        InputError: It is no address, or no scheduler answers there.
-    """
+    """A client of a scheduler. Raises InputError: it is no address, or no scheduler answers there."""
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -119,9 +107,6 @@ def local_cluster(count: int) -> Iterator[Any]:
 
     They end with this process, however it ends. Who has not its keys, made for this once, is not let in: not even other
     users of this machine. dask's web pages have no keys, so that none is served, neither of tasks nor of measures.
-
-    Args:
-        count: Of processes.
     """
     import dask
     from distributed import Client, LocalCluster

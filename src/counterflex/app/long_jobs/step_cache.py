@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ from counterflex.core.errors import FileFormatError
 DONE: Final = "done.json"
 """Written last into the folder of a step: its fingerprint, and what the job needs to go on."""
 _ROOT: Final = Path(counterflex.__file__).parent
-_SHOW: Final = ("cli", "report")
+_SHOW: Final = ("cli", "report", "commands")
 """Rooms that show results and make none."""
 _NAMED: Final = 4
 """Changed parts that a line names; the others are counted."""
@@ -39,10 +40,6 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
 
     Args:
         files: Read whole; a file's folder does not matter.
-        facts: Numbers, texts, lists and tables of these.
-
-    Raises:
-        FileFormatError: A file cannot be read.
     """
     parts: list[tuple[str, str]] = [("version", __version__)]
     for file in map(Path, files):
@@ -61,17 +58,24 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
 
 
 @cache
-def program_files() -> Mark:
+def program_files(package: str = "") -> Mark:
     """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included.
 
     Hidden files do not count: editors and unfinished copies leave them.
+
+    Args:
+        package: Another one that is imported: one hash of all that it computes with, nothing where it is a script.
     """
+    file_of = (sys.modules[package].__file__ or "") if package else ""
+    if package and not file_of.endswith("__init__.py"):
+        return ()
+    root = Path(file_of).parent if package else _ROOT
     rooms: dict[str, Any] = {}
-    for file in sorted(_ROOT.rglob("*")):
-        place = file.relative_to(_ROOT)
+    for file in sorted(root.rglob("*")):
+        place = file.relative_to(root)
         hidden = any(part.startswith(".") or part == "__pycache__" for part in place.parts)
         if not hidden and file.is_file() and place.parts[0] not in _SHOW:
-            room = f"code of {place.parts[0]}" if len(place.parts) > 1 else "code"
+            room = f"code of {package or place.parts[0]}" if package or len(place.parts) > 1 else "code"
             rooms.setdefault(room, hashlib.sha256()).update(place.as_posix().encode() + b"\n" + file.read_bytes())
     return tuple((room, digest.hexdigest()[:16]) for room, digest in sorted(rooms.items()))
 
@@ -79,11 +83,7 @@ def program_files() -> Mark:
 def toml_parts(file: Path) -> dict[str, str]:
     """SHA-256, 16 hexadecimal digits, of the meaning of every table of a TOML file; keys outside tables under ``""``.
 
-    Args:
-        file: Of valid TOML.
-
     Raises:
-        OSError: It cannot be read.
         ValueError: It is not TOML.
     """
     data = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -98,12 +98,7 @@ def _hashed(value: object) -> str:
 
 
 def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
-    """What a step wrote when it ended, or None where it did not end, or was made from something else.
-
-    Args:
-        folder: Of the step.
-        mark: Its fingerprint now.
-    """
+    """What a step wrote when it ended, or None where it did not end, or was made from something else."""
     data = _read(folder / DONE)
     result = data.get("found")
     return result if _mark_of(data) == mark and isinstance(result, dict) else None
@@ -111,10 +106,6 @@ def finished(folder: Path, mark: Mark) -> dict[str, Any] | None:
 
 def why_again(folder: Path, mark: Mark) -> str:
     """Why a step has to be made again, in words.
-
-    Args:
-        folder: Of the step.
-        mark: Its fingerprint now.
 
     Returns:
         One line; empty where it is kept, was never made, or was interrupted.
@@ -142,7 +133,6 @@ def begin(folder: Path, mark: Mark | None = None) -> None:
     """Make a step's folder and take away the mark of an earlier, different one.
 
     Args:
-        folder: Of the step.
         mark: Its fingerprint now; with it the reason why it is made again is noted.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -156,8 +146,6 @@ def finish(folder: Path, mark: Mark, result: Mapping[str, Any]) -> None:
     """Mark a step as finished.
 
     Args:
-        folder: Of the step.
-        mark: Its fingerprint.
         result: Plain values for those who come after it.
     """
     again = _read(folder / DONE).get("again")
@@ -174,7 +162,6 @@ def made_again(folder: Path, before: Mapping[Path, tuple[int, int]]) -> dict[str
     """Why steps below a folder were made again lately, and how many for each reason.
 
     Args:
-        folder: Of the job.
         before: :func:`marks_below` when the job began; clocks are not asked, a file may be stamped in the future.
 
     Returns:

@@ -8,27 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from counterflex.app.long_jobs.step_cache import Mark, fingerprint
+from counterflex.app.long_jobs.step_cache import Mark, fingerprint, program_files
 
 
 @dataclass(frozen=True)
 class Reads:
-    """An argument that is a path, of a file or folder that is read; the function gets it as a text.
-
-    Attributes:
-        path: Below the folder of the job.
-    """
+    """An argument that is a path, of a file or folder that is read; the function gets it as a text."""
 
     path: str
 
 
 @dataclass(frozen=True)
 class Writes:
-    """The argument that is the path of the folder that is written; the function gets it as a text.
-
-    Attributes:
-        path: Below the folder of the job.
-    """
+    """The argument that is the path of the folder that is written; the function gets it as a text."""
 
     path: str
 
@@ -39,27 +31,18 @@ class Task:
 
     A task with an argument :class:`Writes` is kept on disk: when the job is started again and it was made from the same
     files, arguments and program, its function is not called again. It returns a table of plain values (JSON).
-
-    Attributes:
-        name: Unique.
-        text: What is being worked on, for people.
-        function: Of a module, so that a worker finds it.
-        arguments: Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all
-            workers share this machine's disk.
-        after: Names of tasks that must have ended; their results are on disk.
-        weight: Expected time, in any unit.
-        tells: The function takes ``progress`` and tells the fraction done.
-        reads: Further files that it reads: those that the files named in its arguments name.
     """
 
     name: str
-    text: str
-    function: Callable[..., Any]
+    text: str  # What is being worked on, for people
+    function: Callable[..., Any]  # Of a module, so that a worker finds it
+    # Plain values, :class:`Reads`, at most one :class:`Writes`; paths as plain texts only where all workers share this
+    # machine's disk
     arguments: tuple[Any, ...] = ()
-    after: tuple[str, ...] = ()
-    weight: float = 1.0
-    tells: bool = False
-    reads: tuple[str, ...] = ()
+    after: tuple[str, ...] = ()  # Names of tasks that must have ended; their results are on disk
+    weight: float = 1.0  # Expected time, in any unit
+    tells: bool = False  # The function takes ``progress`` and tells the fraction done
+    reads: tuple[str, ...] = ()  # Further files that it reads: those that the files named in its arguments name
 
     @property
     def writes(self) -> Path | None:
@@ -79,23 +62,17 @@ class Task:
         return tuple(item.path if isinstance(item, Reads | Writes) else item for item in self.arguments)
 
     def mark(self) -> Mark:
-        """What it is made from.
-
-        Raises:
-            FileFormatError: A file cannot be read.
-        """
+        """What it is made from."""
         facts = [_plain(item) for item in self.arguments if not isinstance(item, Reads | Writes)]
         name = f"{self.function.__module__}.{self.function.__qualname__}"
-        return fingerprint(*self.files(), job=name, arguments=facts)
+        package = name.partition(".")[0]
+        code = () if package == "counterflex" else program_files(package)
+        return (*fingerprint(*self.files(), job=name, arguments=facts), *code)
 
 
 @dataclass(frozen=True)
 class Failed:
-    """Result of a task that could not be done, or that waited for one.
-
-    Attributes:
-        why: The fault in one line.
-    """
+    """Result of a task that could not be done, or that waited for one."""
 
     why: str
 

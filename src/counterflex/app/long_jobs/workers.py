@@ -61,11 +61,7 @@ def end_with_parent() -> None:
 
 
 class Shares:
-    """How much of each task is done, told by the workers that do them and read by the job.
-
-    Args:
-        count: Number of tasks.
-    """
+    """How much of each task is done, told by the workers that do them and read by the job."""
 
     def __init__(self, count: int) -> None:
         self._done: Any = multiprocessing.get_context("spawn").RawArray("d", max(1, count))
@@ -103,7 +99,6 @@ def pool_of(count: int, shares: Shares | None = None) -> Iterator[concurrent.fut
     """Worker processes, one thread each, that are ended at once when the job is interrupted.
 
     Args:
-        count: Of processes.
         shares: Where tasks tell how much of them is done (:func:`share`), or None.
     """
     before = {name: os.environ.get(name) for name in ONE_THREAD}
@@ -140,7 +135,6 @@ def done_one_by_one(
     """Tasks as they end; while none does, what is done of them is told now and then.
 
     Args:
-        waiting: What is worked on.
         report: Called twice in a second, and for each task that has ended.
     """
     remaining = set(waiting)

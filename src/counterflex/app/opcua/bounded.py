@@ -44,7 +44,6 @@ class Users(UserManager):  # type: ignore[misc]
 
     Args:
         users: Of the file, or None.
-        tries: Which passwords are looked at.
     """
 
     def __init__(self, users: PanelUsers | None, tries: Tries) -> None:
@@ -107,12 +106,7 @@ class Session(InternalSession):  # type: ignore[misc]
 
 
 class Inner(InternalServer):  # type: ignore[misc]
-    """Makes sessions of :class:`Session`, few of which nobody has logged in on.
-
-    Args:
-        users: Who may.
-        door: Counts the connections.
-    """
+    """Makes sessions of :class:`Session`, few of which nobody has logged in on."""
 
     def __init__(self, users: Users, door: Door) -> None:
         super().__init__(user_manager=users)

@@ -43,40 +43,25 @@ UNITS: Final = {
 
 @dataclass(frozen=True)
 class View:
-    """What a value is taken from.
-
-    Attributes:
-        seen: Whether there is a run.
-        about: What the run says of itself.
-        figures: See :class:`counterflex.app.panel.figures.Figures`; empty: nothing is known yet.
-        last: Last snapshot, or None.
-        why: Why a run that goes on cannot be read.
-    """
+    """What a value is taken from."""
 
     seen: Seen
     about: Mapping[str, Any]
-    figures: Mapping[str, Any]
-    last: Any
-    why: str
+    figures: Mapping[str, Any]  # See :class:`counterflex.app.panel.figures.Figures`; empty: nothing is known yet
+    last: Any  # Last snapshot, or None
+    why: str  # Why a run that goes on cannot be read
 
 
 @dataclass(frozen=True)
 class Node:
-    """A variable.
+    """A variable."""
 
-    Attributes:
-        path: Names from the Objects folder on, with slashes.
-        default: Of its kind, shown while nothing is known: text, number, whole number or truth value.
-        unit: Of :data:`UNITS`, or empty.
-        of: Its value; None: not known, or there is no such source.
-        live: It comes from the loop: without one it is bad.
-    """
-
-    path: str
+    path: str  # Names from the Objects folder on, with slashes
+    # Of its kind, shown while nothing is known: text, number, whole number or truth value
     default: str | float | int | bool
-    unit: str
-    of: Callable[[View], Any]
-    live: bool = True
+    unit: str  # Of :data:`UNITS`, or empty
+    of: Callable[[View], Any]  # Its value; None: not known, or there is no such source
+    live: bool = True  # It comes from the loop: without one it is bad
 
 
 def _figure(*keys: str | int) -> Callable[[View], Any]:
@@ -236,7 +221,6 @@ def occurred(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[tuple[st
 
     Args:
         before: Figures of the look before, or empty.
-        now: Figures.
     """
     out = []
     if now and now["incidents"] > before.get("incidents", 0) and now["incident"] is not None:

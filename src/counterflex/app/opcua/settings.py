@@ -16,23 +16,14 @@ RATE_HZ: Final = 5.0
 
 @dataclass(frozen=True)
 class OpcuaSettings:
-    """What an OPC UA server is started with.
-
-    Attributes:
-        folder: Of the run log.
-        host: Address that it listens on.
-        port: TCP port; 0 takes a free one.
-        users: File of users, the same as the panel's, or None: whoever reaches it reads, nobody acknowledges.
-        certificate: Of the server, DER or PEM, or None: no encryption.
-        key: Its private key.
-        rate_hz: How often values are written.
-    """
+    """What an OPC UA server is started with."""
 
     folder: Path
     host: str = "127.0.0.1"
-    port: int = PORT
+    port: int = PORT  # TCP port; 0 takes a free one
+    # File of users, the same as the panel's, or None: whoever reaches it reads, nobody acknowledges
     users: Path | None = None
-    certificate: Path | None = None
+    certificate: Path | None = None  # Of the server, DER or PEM, or None: no encryption
     key: Path | None = None
     rate_hz: float = RATE_HZ
 

@@ -50,19 +50,12 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 @dataclass(frozen=True)
 class Session:
-    """Somebody who has shown who he is.
-
-    Attributes:
-        name: Of the user.
-        role: What he may do.
-        source: Address that he came from.
-        end_s: When he has to do so again, monotonic.
-    """
+    """Somebody who has shown who he is."""
 
     name: str
     role: Role
     source: str
-    end_s: float
+    end_s: float  # When he has to do so again, monotonic
 
     @property
     def operates(self) -> bool:
@@ -86,14 +79,8 @@ class Served(Protocol):
 def require_protected(server: str, encryption: str, settings: Served) -> None:
     """Refuse a server that other computers could reach without a password or could listen to.
 
-    Args:
-        server: What it is called, with its article.
-        encryption: What its encryption is called.
-        settings: What it is to be started with.
-
     Raises:
         InputError: Users or encryption are missing, or only one of certificate and key is given.
-        FileFormatError: They cannot be used.
     """
     if (settings.certificate is None) != (settings.key is None):
         raise InputError(
@@ -176,11 +163,8 @@ class Gate:
     ones in a browser of this computer would lock out who sits at it.
 
     Args:
-        app: What is behind it.
-        sessions: Of the panel.
         hosts: Names that it may be asked under; None: any.
         keys: Secrets in a link that begin a session, each with name and role; none where users log in.
-        secure: It is asked by TLS.
         opened: Told of each session that such a link began.
         known: Told of each connection of somebody who has a session: address and port that it comes from.
         full: Tells whether there are too many pages to open another one.

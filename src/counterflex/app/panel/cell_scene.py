@@ -18,9 +18,6 @@ from counterflex.robot.elasticity.chain import ElasticChain, frames
 class CellScene:
     """A cell to be drawn.
 
-    Args:
-        path: Of the cell file.
-
     Attributes:
         bodies: Plain values: name, frame, shape, pose in that frame, size in m, number of the tool or None.
 

@@ -92,11 +92,7 @@ class Door:
         self._strangers[connection.peer] = self._clock_s(), connection
 
     def know(self, peer: Any) -> None:
-        """Count a connection as that of a user.
-
-        Args:
-            peer: Address and port that it comes from.
-        """
+        """Count a connection as that of a user."""
         key = tuple(peer)[:2] if peer else None
         if key in self._strangers and len(self._known) < KNOWN:
             del self._strangers[key]

@@ -97,7 +97,7 @@ class Figures:
     """Figures of a run, from all snapshots since the last call.
 
     Args:
-        about: What the run says of itself, :func:`counterflex.app.run.shown.about_run`.
+        about: What the run says of itself, :func:`counterflex.app.run.process.about_run`.
     """
 
     def __init__(self, about: Mapping[str, Any]) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final
+from html import escape
+from pathlib import Path
+from typing import Any, Final, Literal
 
 from nicegui import Client, background_tasks, ui
 from nicegui.element import Element
@@ -13,11 +15,102 @@ from nicegui.elements.scene import Scene
 from nicegui.events import GenericEventArguments, KeyEventArguments
 
 from counterflex.app.panel.access import Session
-from counterflex.app.panel.keys import IGNORED_IN, action_of
-from counterflex.app.panel.report import report_html
 from counterflex.app.panel.watched_run import WatchedRun
-from counterflex.core.errors import CounterflexError
+from counterflex.app.run.recorder import SUMMARY
+from counterflex.core import file_content
+from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.printable import printable
+
+_SHOWN: Final = 50
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """Summary of the last run of a folder; empty where there is none that can be read."""
+    try:
+        content = file_content.json_value(folder / SUMMARY)
+    except FileFormatError:
+        return {}
+    return content if isinstance(content, dict) and content.get("job") == "run" else {}
+
+
+def report_html(folder: Path) -> str:
+    """The report of the last run of a folder; empty where it is not written yet."""
+    run = read_run(folder)
+    if not run:
+        return ""
+    ended = run.get("ended", {})
+    reply = run.get("compute_us", {})
+    figures = [
+        ("ended", ended.get("said", run.get("loop_ended", ""))),
+        ("cell", run.get("cell", "")),
+        ("cycles", run.get("cycles", "")),
+        ("time, s", run.get("seconds", "")),
+        ("largest correction, µm", run.get("largest_correction_um", "")),
+        ("answer, µm: p50, p99, p99.9, max".replace("µm", "µs"), ", ".join(str(v) for v in reply.values())),
+        ("records lost", run.get("records_lost", "")),
+        ("states, cycles", ", ".join(f"{_words(k)} {v}" for k, v in run.get("states", {}).items())),
+        ("causes", ", ".join(_words(cause) for cause in run.get("causes", [])) or "none"),
+        ("log", str(folder)),
+    ]
+    parts = ["<h2>Report of the run</h2>", _table((), figures)]
+    incidents = [
+        (one.get("number", ""), _words(one.get("state", "")), _words(one.get("cause", "")), one.get("time_s", ""))
+        for one in run.get("incidents", [])[:_SHOWN]
+    ]
+    if incidents:
+        parts += ["<h2>Holds and faults</h2>", _table(("number", "state", "cause", "time, s"), incidents)]
+    actions = [
+        (
+            one.get("who", ""),
+            one.get("from", ""),
+            one.get("action", ""),
+            "done" if one.get("done") else one.get("refused"),
+        )
+        for one in run.get("operator_actions", [])[-_SHOWN:]
+    ]
+    if actions:
+        parts += ["<h2>Operators</h2>", _table(("who", "from", "action", "outcome"), actions)]
+    return "".join(parts)
+
+
+def _table(heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
+    head = "".join(f"<th>{escape(one)}</th>" for one in heads)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(printable(str(cell)))}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table>{f'<tr>{head}</tr>' if head else ''}{body}</table>"
+
+
+def _words(name: object) -> str:
+    return str(name).replace("_", " ")
+
+
+Action = Literal["stop", "reset", "arm"]
+IGNORED_IN: Final = ("input", "textarea")
+"""Elements that take text: a key pressed there is text. A button that has the focus takes no key away."""
+_LETTERS: Final[dict[str, Action]] = {"s": "stop", "r": "reset", "a": "arm"}
+_PLACES: Final[dict[str, Action]] = {"KeyS": "stop", "KeyR": "reset", "KeyA": "arm"}
+
+
+def action_of(name: str, code: str, *, shortcut: bool = False) -> Action | None:
+    """What a key asks for.
+
+    Escape, the letter S and the place of S on a keyboard of Latin letters all ramp out: of several readings of a key
+    the one that stops is taken. The others go by the letter that is written on the key, and by the place where the
+    layout has no Latin letters.
+
+    Args:
+        name: What the key writes, as the browser says it: ``s``, ``S``, ``Escape``.
+        code: Where the key is: ``KeyS``, ``Escape``.
+        shortcut: It is pressed together with Ctrl, Alt or Meta, which browsers have meanings for: only a stop counts.
+    """
+    letter = name.lower()
+    if letter == "escape" or code == "Escape" or "stop" in (_LETTERS.get(letter), _PLACES.get(code)):
+        return "stop"
+    if shortcut:
+        return None
+    return _LETTERS.get(letter) if letter.isascii() else _PLACES.get(code)
+
 
 BEHIND: Final = 20
 """Messages that a page may be behind, a second; then it gets none until it has caught up."""
@@ -45,11 +138,7 @@ class PanelPage:
     """One page in one browser.
 
     Args:
-        client: Of the page library.
         session: Whose it is.
-        run: What it shows.
-        range_um: Deviation at which the colours end.
-        valid: Whether the session still stands.
         report_action: Told in words what the operator did, for all pages.
     """
 
@@ -155,7 +244,6 @@ class PanelPage:
         Args:
             message: The same for all pages.
             last: What was last new, for a page that has just begun.
-            scene: Bodies of the cell.
         """
         if not self._ready or not self.client.has_socket_connection or self._sent - self._seen > BEHIND:
             return

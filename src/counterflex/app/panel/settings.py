@@ -16,26 +16,15 @@ RANGE_UM: Final = 200.0
 
 @dataclass(frozen=True)
 class PanelSettings:
-    """What a panel is started with.
-
-    Attributes:
-        folder: Of the run log.
-        host: Address that it listens on.
-        port: TCP port; 0 takes a free one.
-        users: File of users, or None: a link that the command prints opens it.
-        certificate: PEM file, or None: no TLS.
-        key: Its private key.
-        rate_hz: Messages to each page per second.
-        range_um: Deviation at which the colours end.
-    """
+    """What a panel is started with."""
 
     folder: Path
     host: str = "127.0.0.1"
-    port: int = PORT
-    users: Path | None = None
-    certificate: Path | None = None
+    port: int = PORT  # TCP port; 0 takes a free one
+    users: Path | None = None  # File of users, or None: a link that the command prints opens it
+    certificate: Path | None = None  # PEM file, or None: no TLS
     key: Path | None = None
-    rate_hz: float = 20.0
+    rate_hz: float = 20.0  # Messages to each page per second
     range_um: float = RANGE_UM
 
     @property
@@ -57,7 +46,4 @@ def require_safe(settings: PanelSettings) -> None:
     """
     require_protected("a panel", "TLS", settings)
     if importlib.util.find_spec("nicegui") is None:
-        raise InputError(
-            "the panel needs the package nicegui",
-            hint='Install it with pip install "counterflex[panel]"',
-        )
+        raise InputError("the panel needs the package nicegui", hint='Install it with pip install "counterflex[panel]"')

@@ -43,10 +43,6 @@ class Tries:
     def begin(self, source: str, name: str) -> str:
         """Count a try before its password is hashed; :meth:`end` must follow where it may be.
 
-        Args:
-            source: Address that it comes from.
-            name: Of the user.
-
         Returns:
             Empty, or why the password is not looked at.
         """
@@ -72,13 +68,7 @@ class Tries:
         return ""
 
     def end(self, source: str, name: str, *, right: bool) -> None:
-        """Count a try as done; a right password is no wrong one.
-
-        Args:
-            source: As in :meth:`begin`.
-            name: As in :meth:`begin`.
-            right: The password was right.
-        """
+        """Count a try as done; a right password is no wrong one."""
         network = network_of(source)
         self._running[network] -= 1
         if self._running[network] <= 0:

@@ -47,12 +47,9 @@ class WatchedRun:
         clock_ns: Monotonic.
 
     Attributes:
-        seen: See :class:`Seen`.
         about: What the run says of itself; empty before the first.
         figures: What was last seen, :meth:`Figures.of`; empty before the first snapshot.
-        trail: The part as it is cut.
         why: Why a run that goes on cannot be watched, or empty.
-        runs: Runs attached to so far.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -76,9 +73,6 @@ class WatchedRun:
 
         Args:
             clients: Pages that are connected, told to the run.
-
-        Returns:
-            Whether there are new figures.
         """
         now = self._clock_ns()
         if self._words is None:
@@ -146,11 +140,7 @@ class WatchedRun:
             )
 
     def require_free(self) -> None:
-        """Refuse to watch a run that another panel watches.
-
-        Raises:
-            OutputError: There is one.
-        """
+        """Refuse to watch a run that another panel watches. Raises OutputError: there is one."""
         try:
             words = find(self.folder, machine_file().parent)
         except CounterflexError:
@@ -168,11 +158,6 @@ class WatchedRun:
 
         Args:
             action: ``stop``, ``reset`` or ``arm``.
-            who: Name of the operator.
-            source: Address that he sits at.
-
-        Returns:
-            See :func:`counterflex.app.run.operator_requests.ask`.
 
         Raises:
             CounterflexError: No run goes on, or its loop does not answer. A stop stays asked for.

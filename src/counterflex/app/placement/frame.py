@@ -19,28 +19,18 @@ from counterflex.plan.placement.search import Seen, placed
 
 @dataclass(frozen=True)
 class Stand:
-    """A candidate as a cell file has it.
+    """A candidate as a cell file has it."""
 
-    Attributes:
-        part: Keys of ``[part]``, mm and deg; of ``[tcp]`` where the robot holds the part.
-        axes: Values of the external axes by name, mm or deg.
-    """
-
-    part: dict[str, float]
-    axes: dict[str, float]
+    part: dict[str, float]  # Keys of ``[part]``, mm and deg; of ``[tcp]`` where the robot holds the part
+    axes: dict[str, float]  # Values of the external axes by name, mm or deg
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A program in its cell.
+    """A program in its cell."""
 
-    Attributes:
-        cell: The cell, perhaps in the working plane of a tilted tool.
-        middle: (3,) m, middle of what is cut, frame of the program; 0 where the robot holds the part.
-    """
-
-    cell: Cell
-    middle: Float
+    cell: Cell  # The cell, perhaps in the working plane of a tilted tool
+    middle: Float  # (3,) m, middle of what is cut, frame of the program; 0 where the robot holds the part
 
     @property
     def axes(self) -> tuple[ExternalAxisTable, ...]:

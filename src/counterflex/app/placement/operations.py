@@ -48,21 +48,13 @@ _ROUNDS: Final = 20
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search for places: its inputs.
-
-    Attributes:
-        task: The program.
-        frame: Of the program in its cell.
-        part: (4,) the place of the part, as a candidate has it.
-        sites: Operations.
-        operations: The same as rows.
-    """
+    """Search for places: its inputs."""
 
     task: Task
     frame: Frame
-    part: Float
+    part: Float  # (4,) the place of the part, as a candidate has it
     sites: list[OperationSite]
-    operations: list[Operation]
+    operations: list[Operation]  # The same as rows
 
     def place(self, values: Float) -> Float:
         """(4 + k,) a candidate with values (k,) of the axes, as a cell file states them."""
@@ -87,13 +79,10 @@ def per_operation(
     """Choose a place of the external axes for each operation, with one posture for all.
 
     Args:
-        program: The program.
         given: The same on its cell.
         region: Values of the external axes; the part stays where ``one`` has it.
-        reading: How the program is read.
         one: Best place for all operations, branch and rotation in rad; None where there is none.
         least_damping: That an operation must keep in the cut, as that of the best place for all.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: The cell has no external axes, the robot holds the part, or the program is one operation.

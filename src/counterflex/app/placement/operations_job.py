@@ -30,16 +30,6 @@ def run(
     """Write what :func:`~counterflex.app.placement.placement.run` does, with a place for each operation.
 
     One place for all operations may be impossible: then ``candidates.csv`` is not written.
-
-    Args:
-        program: The program.
-        cell_file: Its cell file.
-        out: Folder; made when missing.
-        progress: Progress callback, fraction 0 to 1.
-        options: As for :func:`~counterflex.app.placement.placement.placement_of`.
-
-    Raises:
-        CounterflexError: As :func:`~counterflex.app.placement.operations.per_operation`.
     """
     cell, out = read_cell(cell_file), Path(out)
     parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, OPERATIONS: 6.0})

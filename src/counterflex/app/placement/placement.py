@@ -46,48 +46,29 @@ ROUNDING: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A place chosen for a program.
+    """A place chosen for a program."""
 
-    Attributes:
-        stand: Pose of the part and values of external axes.
-        chosen: Its posture.
-        judged: All candidates.
-        summary: In shop units.
-    """
-
-    stand: Stand
+    stand: Stand  # Pose of the part and values of external axes
     chosen: Chosen
     judged: Judged
-    summary: dict[str, Any]
+    summary: dict[str, Any]  # In shop units
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A program whose place is searched.
-
-    Attributes:
-        job: As read.
-        cell: Its cell.
-        task: The program on it, with its load.
-        stretches: What it cuts.
-        frame: Where it may be.
-    """
+    """A program whose place is searched."""
 
     job: Job
     cell: Cell
-    task: Task
+    task: Task  # The program on it, with its load
     stretches: list[Stretch]
-    frame: Frame
+    frame: Frame  # Where it may be
 
 
 def prepared(
     program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
 ) -> Prepared:
-    """Read a program and cut its stock, for :func:`placement_of`.
-
-    Raises:
-        CounterflexError: As :func:`task_of`.
-    """
+    """Read a program and cut its stock, for :func:`placement_of`."""
     job, cell, task = task_of(program, cell, reading, surface, progress)
     return Prepared(job, cell, task, stretches_of_task(task, cell), frame_of(task, cell))
 
@@ -95,11 +76,7 @@ def prepared(
 def task_of(
     program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
 ) -> tuple[Job, Cell, Task]:
-    """A program with its load on its cell.
-
-    Raises:
-        CounterflexError: The program cannot be cut so, or cuts nothing.
-    """
+    """A program with its load on its cell. Raises CounterflexError: the program cannot be cut so, or cuts nothing."""
     if any(axis.moves for axis in cell.tables.external_axes):
         cell = cell.at_external({})  # places are chosen anew
     cell = in_working_plane(program, cell, reading)
@@ -143,17 +120,11 @@ def placement_of(
     """Choose the place of a program.
 
     Args:
-        program: G-code file.
         cell: The cell; its present place is what the result is compared with.
-        reading: How the program is read.
-        surface: Which surface matters.
         wish: Where the part may stand.
-        count: Candidates.
         given: The program as :func:`prepared` has it; None: it is read here.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
-        CounterflexError: The program or the cell does not allow it.
         ReachError: No candidate can be run; says which constraint refused how many.
     """
     parts = in_parts(progress, {CUTTING: 2.0, SEARCHING: 6.0, CHOOSING: 4.0})
@@ -302,15 +273,7 @@ def run(
     """Write ``cell.toml`` with the chosen place, ``candidates.csv`` and ``summary.json`` into ``out``: all or none.
 
     Args:
-        program: G-code file.
-        cell_file: Cell file.
-        out: Folder; made when missing.
         mounting: Angles of the spindle to choose from; every one costs a search. None: it stays as it is.
-        progress: Progress callback, fraction 0 to 1.
-        options: As for :func:`placement_of`.
-
-    Returns:
-        The summary.
     """
     cell = read_cell(cell_file)
     with atomic.atomic_folder(out) as staging:

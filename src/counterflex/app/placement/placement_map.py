@@ -48,20 +48,8 @@ def run(
     """Write ``map.csv``, ``report.html`` and ``summary.json`` into ``out``: all or none.
 
     Args:
-        program: G-code file.
-        cell_file: Cell file.
-        out: Folder; made when missing.
-        reading: How the program is read.
-        surface: Which surface matters.
         wish: Where the part may stand; its rotation stays the present one.
         points: Places along each axis of a map.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
-
-    Raises:
-        CounterflexError: The program or the cell does not allow it.
     """
     begin = time.perf_counter()
     cell = read_cell(cell_file)

@@ -21,30 +21,23 @@ ANY_TURN: Final = (-180.0, 180.0)
 
 @dataclass(frozen=True)
 class Wish:
-    """Where the part may stand.
+    """Where the part may stand."""
 
-    Attributes:
-        box_mm: Least and largest x and y of the middle of the program, and z of the part frame, robot base at zero of
-            the external axes; where the robot holds the part x, y and z of the tip of the spindle. None: as
-            :func:`counterflex.plan.placement.search.usual_region` has it; in a cell with external axes the part (or
-            the spindle) stays where it is clamped.
-        turned_deg: Least and largest rotation about z, from the present one; None: any, in a cell with external axes
-            only together with ``box_mm``; none for a vertical spindle that stands.
-        axes: Least and largest value of external axes, mm or deg, by name; those that are not named stand still. None:
-            all over their whole range.
-    """
-
+    # Least and largest x and y of the middle of the program, and z of the part frame, robot base at zero of the
+    # external axes; where the robot holds the part x, y and z of the tip of the spindle. None: as
+    # :func:`counterflex.plan.placement.search.usual_region` has it; in a cell with external axes the part (or the
+    # spindle) stays where it is clamped.
     box_mm: tuple[float, ...] | None = None
+    # Least and largest rotation about z, from the present one; None: any, in a cell with external axes only together
+    # with ``box_mm``; none for a vertical spindle that stands
     turned_deg: tuple[float, ...] | None = None
+    # Least and largest value of external axes, mm or deg, by name; those that are not named stand still. None: all over
+    # their whole range.
     axes: Mapping[str, tuple[float, float]] | None = field(default=None)
 
 
 def region_of(wish: Wish, frame: Frame) -> Region:
     """The region that is searched.
-
-    Args:
-        wish: What is wished.
-        frame: Of the program in its cell.
 
     Raises:
         InputError: It is empty, an axis is not there or cannot go so far, or the robot has no closed-form geometry

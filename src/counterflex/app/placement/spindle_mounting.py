@@ -14,24 +14,14 @@ from counterflex.files.cell.cell import Cell, resolve
 
 @dataclass(frozen=True)
 class Mounting:
-    """Angles to choose from.
+    """Angles to choose from."""
 
-    Attributes:
-        body: Name of a body of the end effector, or ``tcp``.
-        key: ``a_deg``, ``b_deg`` or ``c_deg``.
-        values_deg: Angles that can be had, besides the present one.
-    """
-
-    body: str
-    key: str
-    values_deg: tuple[float, ...]
+    body: str  # Name of a body of the end effector, or ``tcp``
+    key: str  # ``a_deg``, ``b_deg`` or ``c_deg``
+    values_deg: tuple[float, ...]  # Angles that can be had, besides the present one
 
     def present_deg(self, cell: Cell) -> float:
-        """The angle that a cell file has.
-
-        Raises:
-            InputError: The cell has no such body, or holds the part.
-        """
+        """The angle that a cell file has. Raises InputError: the cell has no such body, or holds the part."""
         if self.body == "tcp":
             return float(getattr(cell.tables.tcp, self.key))
         for table in cell.tables.end_effector:

@@ -22,21 +22,13 @@ from counterflex.plan.preflight.external_moves import standing_along
 
 @dataclass(frozen=True, eq=False)
 class Divided:
-    """Places chosen for a program.
+    """Places chosen for a program."""
 
-    Attributes:
-        stand: Pose of the part, and values of the axes in the first operation.
-        branch: Of the arm.
-        rotation_rad: About the tool axis.
-        moves: Of the axes along the program, by name.
-        summary: In shop units: the operations, and the error of all of them.
-    """
-
-    stand: Stand
+    stand: Stand  # Pose of the part, and values of the axes in the first operation
     branch: str
-    rotation_rad: float
-    moves: dict[str, list[AxisMove]]
-    summary: dict[str, Any]
+    rotation_rad: float  # About the tool axis
+    moves: dict[str, list[AxisMove]]  # Of the axes along the program, by name
+    summary: dict[str, Any]  # In shop units: the operations, and the error of all of them
 
 
 class Fault(Exception):
@@ -44,7 +36,6 @@ class Fault(Exception):
 
     Attributes:
         place: Number of the place, between two where the axes move; of the begin where it is not known.
-        reason: Why.
     """
 
     def __init__(self, place: float, reason: ReachError) -> None:

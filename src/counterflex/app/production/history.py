@@ -75,10 +75,6 @@ def require_alike(history: list[KeptRun], tool: int, material: str, robot: str, 
 def require_unchanged(out: Path, count: int) -> None:
     """Refuse to write behind a history that another process has added to since it was read.
 
-    Args:
-        out: Folder of the history.
-        count: Runs that were read.
-
     Raises:
         OutputError: There are more or fewer.
     """
@@ -91,13 +87,7 @@ def require_unchanged(out: Path, count: int) -> None:
 
 
 def keep_runs(staging: Path, first: int, new: list[KeptRun]) -> None:
-    """Write new runs behind those that are there.
-
-    Args:
-        staging: Folder that becomes part of the results.
-        first: Number of the first.
-        new: The runs.
-    """
+    """Write new runs behind those that are there."""
     for number, kept in enumerate(new, first):
         folder = staging / RUNS / f"{number:03d}"
         folder.mkdir(parents=True)

@@ -58,13 +58,7 @@ def planned_cut(
 ) -> PlannedCut:
     """Compute the maps of a plan.
 
-    Args:
-        plan: As read.
-        about: Its metadata.
-        cell: The cell: blank and tools.
-        where: The file, for messages.
-        compensated: The robot ran the compensated program.
-        progress: Progress callback, fraction 0 to 1.
+    ``progress``: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: A tool that tilts, a robot that holds the part, or a plan of another blank or tool.

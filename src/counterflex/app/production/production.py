@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,26 +16,28 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex import __version__
 from counterflex.app.identification.cell_model import model_of
 from counterflex.app.identification.recipe_settings import Setting, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
-from counterflex.app.production.apply import apply_constants
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
-from counterflex.app.production.known import known_constants
 from counterflex.app.production.maps import planned_cut
 from counterflex.app.production.result import Produced, identification_of, result_of
 from counterflex.app.production.runs import LoggedRun, plan_of, read_runs
+from counterflex.app.unknowns import IDENTIFIED
 from counterflex.core import atomic, file_content, file_lock
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM, MS, UM
+from counterflex.core.units import MM, MS, N_PER_MM, UM
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.monitor import feed_exponent
-from counterflex.files.cell.update import new_file
-from counterflex.files.identification_file import write_identification
+from counterflex.files.cell.update import new_file, require_new, updated_text, write_new
+from counterflex.files.identification_file import parameter_rows, write_identification
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, ForceSensor
+from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
 from counterflex.identify.production.alignment import aligned
@@ -44,7 +47,73 @@ from counterflex.identify.production.factor import RunFactor, run_factor
 from counterflex.identify.production.planned import PlannedCut
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import Choice, joined, stretches_of
+from counterflex.identify.recipe import Identification
 from counterflex.runtime.monitoring.plan import lost_tooth
+
+
+def apply_constants(
+    p: Produced, identification: Identification, target: Path, place: Path, date: str
+) -> dict[str, Any]:
+    """Write a cell file with the constants found.
+
+    ``place``: Where it is written until the results are complete.
+
+    Raises:
+        InputError: The target is the cell file or any file that is there.
+        ModelError: Nothing is proposed, or the new cell is no possible one.
+    """
+    require_new(target, p.cell.path)
+    mean, before = p.estimate.held_out.mean()
+    if not p.is_proposed:
+        raise ModelError(
+            "the runs give no reason to change the constants; nothing was written",
+            value=f"probability of the difference {p.estimate.difference.chance:.2g}, error on stretches held out "
+            f"{100 * mean:.2f} % (before {100 * before:.2f} %)",
+            limit="below 0.01, and a smaller error than before",
+            hint="Leave --apply out, or give more runs",
+        )
+    names = [kept.facts["run"] for kept in p.runs]
+    entry = IdentifiedTable(
+        recipe="production",
+        date=date,
+        data=tuple(names),
+        data_sha256=tuple(kept.facts["sha256"] for kept in p.runs),
+        counterflex=__version__,
+        holdout=f"mean error of the mean force held out: {100 * mean:.4g} % ({100 * before:.4g} % before), "
+        + ("on whole runs in turn" if len(p.runs) >= 3 else "on parts of the runs in turn"),
+        values=tuple(
+            IdentifiedValue(
+                name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"]
+            )
+            for row in parameter_rows(p.estimate.fit)
+            if row["free"] and row["name"] in NAMES
+        ),
+    )
+    text = updated_text(p.cell, identification.changes, entry, target.parent)
+    write_new(text, target, place, "what the runs show")
+    return {"cell": target.name, "constants": p.estimate.level}
+
+
+RECIPES: Final = ("cutting", "production")
+
+
+def known_constants(cell: Cell) -> dict[str, float]:
+    """Standard deviations of identified constants by name, for the weight of the stated values.
+
+    Of k relative, of m as it is, of e in N/m; to those of k :data:`IDENTIFIED` is added, what another edge, blank or
+    day makes of an identified constant. Empty with handbook constants.
+    """
+    entry = next((e for e in reversed(cell.tables.identified) if e.recipe in RECIPES), None)
+    out: dict[str, float] = {}
+    for one in () if entry is None else entry.values:
+        if one.name in NAMES[:3] and one.value != 0.0:
+            out[one.name] = math.hypot(one.sigma / abs(one.value), IDENTIFIED)
+        elif one.name in NAMES[3:6]:
+            out[one.name] = max(one.sigma, 1e-3)
+        elif one.name in NAMES[6:]:
+            out[one.name] = max(one.sigma * N_PER_MM if one.unit == "N/mm" else one.sigma, 1.0)
+    return out
+
 
 RESULT, REPORT = "result.json", "report.html"
 NAME: Final = "production"

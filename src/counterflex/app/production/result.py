@@ -41,16 +41,11 @@ class Produced:
         cell: Cell file as read.
         model: As identification sees it.
         tool: Number of the tool.
-        material: Name.
         runs: All of them in their order.
         new: Those that are not in the history yet.
-        estimate: Constants.
         factors: Of each run.
         drift: Over the runs.
         known: Standard deviations of constants that the cell file has identified.
-        options: Settings.
-        remarks: Of reading.
-        plans: Plan files.
         title: Of the job.
     """
 

@@ -34,7 +34,6 @@ class LoggedRun:
     """A run of a log.
 
     Attributes:
-        record: Its cycles.
         folder: Of the log.
         number: Of the run in it.
         sha256: Over its records.

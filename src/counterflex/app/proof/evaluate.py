@@ -15,9 +15,6 @@ def run(folders: Sequence[str | Path], out: str | Path | None) -> dict[str, Any]
     """Do the job on files.
 
     Writes ``summary.json`` and, for two runs, ``report.html`` into ``out``, where it is given.
-
-    Returns:
-        The summary.
     """
     comparison = compare(folders)
     if out is not None:

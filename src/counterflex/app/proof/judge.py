@@ -40,21 +40,13 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What runs are judged against.
-
-    Attributes:
-        job: The original program.
-        cell: Where it is machined.
-        widest: The tool; of several the widest.
-        surface: Floors and walls of the undisturbed part; None where the tool turns.
-        turned: Where the undisturbed part is judged when the tool turns.
-    """
+    """What runs are judged against."""
 
     job: Job
-    cell: Cell
+    cell: Cell  # Where it is machined
     widest: Cutter
-    surface: NominalSurface | None
-    turned: TurnedSurface | None = None
+    surface: NominalSurface | None  # Floors and walls of the undisturbed part; None where the tool turns
+    turned: TurnedSurface | None = None  # Where the undisturbed part is judged when the tool turns
 
     @property
     def radius_m(self) -> float:
@@ -77,23 +69,14 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One run, judged.
-
-    Attributes:
-        run: As recorded.
-        actual: As-machined height map.
-        deviation: Of the path.
-        surface: Of the part; None where the tool turned.
-        columns: Columns of material where the tool turned.
-        turned: Deviation of the part where the tool turned.
-    """
+    """One run, judged."""
 
     run: Run
     actual: HeightMap
     deviation: PathDeviation
-    surface: SurfaceDeviation | None
-    columns: ColumnStock | None = None
-    turned: TurnedDeviation | None = None
+    surface: SurfaceDeviation | None  # Of the part; None where the tool turned
+    columns: ColumnStock | None = None  # Columns of material where the tool turned
+    turned: TurnedDeviation | None = None  # Deviation of the part where the tool turned
 
     @property
     def variant(self) -> Variant:
@@ -146,8 +129,6 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
 
     Args:
         reference: What it is judged against.
-        run: Its record.
-        actual: Its part.
         columns: Of material, where the tool turned.
     """
     feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
@@ -197,17 +178,10 @@ def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[Featur
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """One or two machined programs, judged.
+    """One or two machined programs, judged."""
 
-    Attributes:
-        reference: What they are judged against.
-        judged: ``nominal`` and, when there is one, ``compensated``.
-        truth: The cell they were machined on.
-        summary: Their figures.
-    """
-
-    reference: Reference
-    judged: dict[str, Judged]
+    reference: Reference  # What they are judged against
+    judged: dict[str, Judged]  # ``nominal`` and, when there is one, ``compensated``
     truth: Truth
     summary: dict[str, Any]
 

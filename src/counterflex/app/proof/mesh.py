@@ -38,12 +38,6 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
 
     Args:
         folder: Of ``simulate``.
-        out: Folder to write.
-        range_m: Deviation of full red and full blue.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         InputError: The folder holds no machined program, or its surface has too many points.

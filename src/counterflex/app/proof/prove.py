@@ -56,8 +56,6 @@ from counterflex.twin.truth.file import write_truth
 from counterflex.twin.truth.truth import Truth
 
 _LEVELS: tuple[tuple[TruthLevel, str], ...] = (("catalogue", "compensated"), ("exact", "exact"))
-
-
 PLANNING, STARTING, MACHINING, JUDGING = "planning", "starting the simulated cells", "machining", "judging"
 _PLANNING_S: Final = 0.2
 """Seconds that planning takes for a second of the program, as measured; likewise machining it and judging it."""
@@ -84,21 +82,14 @@ def prove(
     """Compensate, machine, judge.
 
     Args:
-        program: G-code file.
-        cell_file: Cell file: all the planner knows.
         scratch: Folder for programs handed to the simulated cells.
-        seeds: Truth seeds.
-        family: Family that the truths are drawn from.
         exact: Also machine the program planned with the truth's exact constants.
         assume_class: Plan with the median of the robot's class where no stiffness is known; the truths then are robots
             of that class.
         workers: Processes; None is one per core.
-        reading: How the program is read.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: There are no seeds, or the program removes nothing.
-        CounterflexError: As the jobs it consists of.
     """
     if not seeds:
         raise InputError("there are no truth seeds")
@@ -192,9 +183,6 @@ def run(
     Writes ``original/`` and ``compensated/`` (the program before and after), ``plan.parquet``, for every seed
     ``truth-N.toml``, for the first seed ``nominal.parquet`` and ``compensated.parquet`` (path and force as machined)
     with the two height maps beside them, ``summary.json`` and ``report.html``; all of them or none.
-
-    Returns:
-        The summary.
     """
     from counterflex.app.proof.report import proof_page
     from counterflex.report.page import write_page

@@ -12,25 +12,16 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What the job found.
-
-    Attributes:
-        reference: Original program, cell, undisturbed part.
-        plan: What the planner decided, knowing the cell file.
-        truths: By seed.
-        judged: By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants).
-        program_files: Compensated program.
-        summary: What ``summary.json`` holds.
-        timing: Seconds per step.
-    """
+    """What the job found."""
 
     reference: Reference
-    plan: Plan
+    plan: Plan  # What the planner decided, knowing the cell file
     truths: dict[int, Truth]
+    # By (seed, variant): ``nominal``, ``compensated``, ``exact`` (planned with the truth's exact constants)
     judged: dict[tuple[int, str], Judged]
     program_files: dict[str, str]
-    summary: dict[str, Any]
-    timing: dict[str, float]
+    summary: dict[str, Any]  # What ``summary.json`` holds
+    timing: dict[str, float]  # Seconds per step
 
     @property
     def first_seed(self) -> int:

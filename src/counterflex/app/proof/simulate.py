@@ -42,8 +42,6 @@ RUN, SURFACE, COLUMNS, SUMMARY, BLANKS = "run.parquet", "surface.npz", "columns.
 PARAMETERS = "parameters.var"
 _GCODE: Final = ".ngc"
 """Ending of programs as LinuxCNC reads them."""
-
-
 OTHER_CELL_M = 20.0 * MM
 """Distance of a body from where the cell has it, beyond which a truth is taken for another cell's."""
 
@@ -64,11 +62,7 @@ def require_simulated(cell: Cell) -> None:
 
 
 def controller(cell: Cell) -> Controller:
-    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds.
-
-    Raises:
-        InputError: As :func:`require_simulated`.
-    """
+    """The robot controller as a cell file describes it: nominal geometry, part frame, speeds."""
     require_simulated(cell)
     tables = cell.tables
     return controller_of(
@@ -175,16 +169,8 @@ def run(
 
     Args:
         program: G-code or KRL to machine.
-        cell_file: Cell file: what the controller believes.
-        truth_file: Truth file: how the cell really is.
-        out: Folder.
         original: The uncompensated program, when ``program`` is a compensated one: accuracy is always judged against
             the original. None: the program itself.
-        reading: How the programs are read.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
     """
     begin = time.perf_counter()
     cell, truth = read_cell(cell_file), read_truth(truth_file)

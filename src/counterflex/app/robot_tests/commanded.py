@@ -23,14 +23,9 @@ _SAME_M = 1.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class CommandedPoses:
-    """Poses of a test.
+    """Poses of a test."""
 
-    Attributes:
-        Ts_command: (k, 4, 4) m, in the order in which they are attained.
-        oriented: Whether their orientations are given.
-    """
-
-    Ts_command: Float
+    Ts_command: Float  # (k, 4, 4) m, in the order in which they are attained
     oriented: bool
 
 
@@ -38,8 +33,6 @@ def commanded_poses(file: str | Path) -> CommandedPoses:
     """Poses of a table (.csv), or the places at which a program dwells (one cycle of them).
 
     Raises:
-        FileFormatError: The table cannot be used.
-        ProgramError: The program cannot be read.
         InputError: The program never dwells.
     """
     if _is_table(file):
@@ -62,8 +55,6 @@ def commanded_path(file: str | Path) -> CommandedPath:
     """Path of a table (.csv), or the feed moves of a program between its rapids (one cycle of them).
 
     Raises:
-        FileFormatError: The table cannot be used.
-        ProgramError: The program cannot be read.
         InputError: The program feeds along different paths, or nowhere.
     """
     if _is_table(file):
@@ -95,8 +86,6 @@ def commanded_circle(file: str | Path) -> Circle:
     """Circle of a table of points (.csv), or of the arcs of a program.
 
     Raises:
-        FileFormatError: The table cannot be used.
-        ProgramError: The program cannot be read.
         InputError: The program has no arcs, or the points lie on no circle.
     """
     if _is_table(file):

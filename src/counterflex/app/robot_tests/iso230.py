@@ -55,10 +55,6 @@ def circular(
         out: Folder, made when missing.
         path: Commanded circle, a table or a program; None takes plane and centre from the readings.
         radius_mm: Nominal radius where there is no ``path``; without both there is no F and no D.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
-        form: Format of exports.
-        average_ms: Moving mean over the readings.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: A file cannot be used, or holds no whole turn.
@@ -124,10 +120,6 @@ def straight(
         files: Logs, exports or datasets.
         out: Folder, made when missing.
         path: Commanded path, a table or a program; None takes every file as one straight line.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
-        form: Format of exports.
-        average_ms: Moving mean over the readings.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: A file cannot be used, or holds no straight stretch.

@@ -49,15 +49,7 @@ def run(
         out: Folder, made when missing; None writes nothing.
         poses: Commanded poses: a table, or a program that dwells at them; None where datasets state them.
         path: Commanded path: a table or a program. With it the path test is judged, without it the pose test.
-        frame: See :func:`counterflex.app.robot_tests.measured.frame_of`.
-        form: Format of exports.
-        average_ms: Moving mean over the readings.
-        band_mm: Limit band of the stabilisation time.
         by_direction: Every file holds the cycles from another direction of approach.
-        progress: Progress callback, fraction 0 to 1.
-
-    Returns:
-        The summary.
 
     Raises:
         CounterflexError: A file cannot be used, or does not hold the test.

@@ -26,29 +26,18 @@ KINDS: Final = ("pose_test", "path_test")
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Readings of one file.
-
-    Attributes:
-        name: Of the file.
-        Ts_command_tcp: (n, 4, 4) m, the tool (or the target) in the frame of the commands.
-        time_s: (n,) s, or None.
-        oriented: Whether orientations were measured.
-        sigma_m: Standard deviation of a position as stated, 0 where it is not.
-        pose: (n,) number of the commanded pose from 0, where a dataset states it.
-        direction: (n,) number of the direction of approach, likewise.
-        command: (n, 4, 4) m, commanded pose of each row, likewise; its rotation is the identity without one.
-        commanded_oriented: Whether ``command`` has orientations.
-    """
+    """Readings of one file."""
 
     name: str
-    Ts_command_tcp: Float
-    time_s: Float | None
+    Ts_command_tcp: Float  # (n, 4, 4) m, the tool (or the target) in the frame of the commands
+    time_s: Float | None  # (n,) s, or None
     oriented: bool
-    sigma_m: float
-    pose: Int | None = None
-    direction: Int | None = None
+    sigma_m: float  # Standard deviation of a position as stated, 0 where it is not
+    pose: Int | None = None  # (n,) number of the commanded pose from 0, where a dataset states it
+    direction: Int | None = None  # (n,) number of the direction of approach, likewise
+    # (n, 4, 4) m, commanded pose of each row, likewise; its rotation is the identity without one
     command: Float | None = None
-    commanded_oriented: bool = False
+    commanded_oriented: bool = False  # Whether ``command`` has orientations
 
     @property
     def p(self) -> Float:
@@ -80,11 +69,7 @@ class Measured:
 
 
 def read_measured(file: str | Path, form: str = OWN) -> Measured:
-    """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``.
-
-    Raises:
-        FileFormatError: It cannot be used.
-    """
+    """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``."""
     name = Path(file).name
     if Path(file).suffix.lower() == ".toml":
         return _of_dataset(read_dataset(file), name)
@@ -128,19 +113,12 @@ def _of_dataset(data: Dataset, name: str) -> Measured:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """How readings are brought into the frame of the commands.
-
-    Attributes:
-        text: For the summary.
-        fitted: It is found from the readings themselves; accuracies then leave out what a frame can absorb.
-        T_command_log: (4, 4).
-        T_target_tcp: (4, 4).
-    """
+    """How readings are brought into the frame of the commands."""
 
     text: str
-    fitted: bool
-    T_command_log: Float
-    T_target_tcp: Float
+    fitted: bool  # It is found from the readings themselves; accuracies then leave out what a frame can absorb
+    T_command_log: Float  # (4, 4)
+    T_target_tcp: Float  # (4, 4)
 
 
 def frame_of(text: str) -> Frame:

@@ -28,35 +28,22 @@ _FITTED: Final = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class PathResult:
-    """A judged test.
-
-    Attributes:
-        path: As commanded.
-        cycles: Attained paths.
-        figures: AT and RT.
-        corners: Cornering deviations.
-        velocity: Or None.
-        summary: As printed.
-        table: One row for each place and cycle.
-    """
+    """A judged test."""
 
     path: CommandedPath
     cycles: list[Cycle]
     figures: PathFigures
     corners: list[Corner]
-    velocity: PathVelocity | None
+    velocity: PathVelocity | None  # Or None
     summary: dict[str, Any]
-    table: pl.DataFrame
+    table: pl.DataFrame  # One row for each place and cycle
 
 
 def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, average_s: float) -> PathResult:
     """Figures of a path test.
 
     Args:
-        measured: Logs.
-        path: As commanded.
         frame: From readings to commands; a fitted one is refined from the readings as they are.
-        average_s: Moving mean over the readings.
 
     Raises:
         InputError: No cycle is corner_list, or a cycle has a hole.

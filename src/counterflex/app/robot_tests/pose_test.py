@@ -37,34 +37,21 @@ _SETTLINGS: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Attained:
-    """What one file gives.
+    """What one file gives."""
 
-    Attributes:
-        poses: Of every commanded pose.
-        settling: Of every pose, its approaches where the log shows them.
-        refused: Why approaches were not used, by reason.
-    """
-
-    poses: list[PoseCycles]
-    settling: list[list[Settled]]
-    refused: dict[str, int]
+    poses: list[PoseCycles]  # Of every commanded pose
+    settling: list[list[Settled]]  # Of every pose, its approaches where the log shows them
+    refused: dict[str, int]  # Why approaches were not used, by reason
 
 
 @dataclass(frozen=True, eq=False)
 class PoseResult:
-    """A judged test.
+    """A judged test."""
 
-    Attributes:
-        poses: Attained poses, all files together (or by direction one after the other).
-        figures: Of each pose.
-        summary: As printed.
-        table: One row for each pose and cycle.
-    """
-
-    poses: list[PoseCycles]
-    figures: list[PoseFigures]
+    poses: list[PoseCycles]  # Attained poses, all files together (or by direction one after the other)
+    figures: list[PoseFigures]  # Of each pose
     summary: dict[str, Any]
-    table: pl.DataFrame
+    table: pl.DataFrame  # One row for each pose and cycle
 
 
 def judge(
@@ -79,11 +66,8 @@ def judge(
     """Figures of a pose test.
 
     Args:
-        measured: Files.
         commanded: Commanded poses; None where datasets state them.
-        frame: From readings to commands.
         average_s: Moving mean over the readings of a log.
-        band_m: Limit band of the stabilisation time.
         by_direction: Every file holds cycles from another direction of approach.
 
     Raises:

@@ -39,9 +39,6 @@ def judge_positioning(file: str | Path, out: str | Path | None = None) -> dict[s
     Args:
         file: Table of approaches (:mod:`counterflex.files.positioning_file`).
         out: Folder, made when missing.
-
-    Raises:
-        CounterflexError: The file cannot be used.
     """
     result = positioning(read_approaches(file))
     targets = result.targets

@@ -11,9 +11,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex import __version__
 from counterflex.app.run.child import outlive_starter
-from counterflex.app.run.session import RunSettings, open_session
-from counterflex.app.run.shown import about_run
+from counterflex.app.run.session import RunSettings, open_session, robot_files
 from counterflex.core.arrays import Int
 from counterflex.core.errors import CounterflexError
 from counterflex.files.cell.cell import read_cell
@@ -30,6 +30,48 @@ from counterflex.protocols.system.realtime import prepare
 from counterflex.protocols.system.signals import hear_signals
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State
+
+
+def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[str, Any]:
+    """What a run is.
+
+    Args:
+        settings: What it is made of.
+        session: Opened.
+        out: Folder of its log.
+
+    Returns:
+        Plain values, SI: ``files`` by name (absolute), ``folder``, ``period_s``, ``limits`` of the correction,
+        ``listens`` (address of telegrams), ``sources`` it measures with, ``planned``, ``compensated``, ``arm``, and the
+        difference of wall clock and monotonic clock in ns.
+    """
+    loop = session.loop.settings
+    files = {"cell": settings.cell, "plan": settings.plan, "program": settings.program, **robot_files(settings)}
+    radius, turn = loop.translation.radius, loop.rotation.radius
+    return {
+        "counterflex": __version__,
+        "folder": str(out),
+        "files": {name: str(Path(path).absolute()) for name, path in files.items() if path is not None},
+        "period_s": loop.period_s,
+        "limits": {
+            "correction_m": radius,
+            "correction_rad": turn,
+            "hard_factor": loop.hard_factor,
+            "ramp_m_s": loop.ramp_m_s,
+            "speed_m_s": loop.translation.speed,
+        },
+        "listens": list(session.link.address),
+        "protocol": (settings.robot or ("",))[0].upper(),
+        "holds_feed": bool(session.link.holds_feed),
+        "sources": {"force": session.force is not None, "tracker": session.tracker is not None},
+        "force_mode": loop.force.name.lower(),
+        "planned": session.loop.planned,
+        "compensated": loop.compensated,
+        "arm": settings.arm,
+        "lockstep": settings.lockstep,
+        "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
+    }
+
 
 END_S: Final = 5.0
 """How long ramping out may take before the loop ends all the same."""

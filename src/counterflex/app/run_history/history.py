@@ -32,11 +32,7 @@ def _mean(row: dict[str, Any], place: int) -> float | None:
 
 
 def log_folders(folder: Path) -> list[Path]:
-    """Folders with a run log: this one and those below it, by name.
-
-    Raises:
-        FileFormatError: There is none.
-    """
+    """Folders with a run log: this one and those below it, by name. Raises FileFormatError: there is none."""
     folders = sorted({file.parent for file in folder.rglob("run-*.mcap")})
     if not folders:
         raise FileFormatError(
@@ -49,9 +45,7 @@ def history(folder: Path, out: Path | None = None, progress: Progress = silent) 
     """Runs below a folder; with ``out``, write ``report.html`` and ``summary.json``.
 
     Args:
-        folder: Searched with all folders below it.
         out: Folder of the results, or None.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         ``runs``: rows of :func:`counterflex.app.run_history.logged_run.read_runs` in the order in which they began;

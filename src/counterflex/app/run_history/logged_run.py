@@ -30,24 +30,16 @@ FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um",
 
 @dataclass(frozen=True, eq=False)
 class LoggedRun:
-    """A run.
+    """A run."""
 
-    Attributes:
-        row: Plain values in shop units, see :func:`read_runs`.
-        curves: Along the path.
-        contained_m: (n, 2) m, correction that the program contains, across the feed and along the tool; None where the
-            plan file of the run is not there to say it.
-        incidents: Holds and faults.
-        actions: What operators did, with ``time_s`` since the first record.
-        about: What the run was made of, as its log says.
-    """
-
-    row: dict[str, Any]
+    row: dict[str, Any]  # Plain values in shop units, see :func:`read_runs`
     curves: RunCurves
+    # (n, 2) m, correction that the program contains, across the feed and along the tool; None where the plan file of
+    # the run is not there to say it
     contained_m: Float | None
     incidents: tuple[Numbered, ...]
-    actions: tuple[dict[str, Any], ...]
-    about: dict[str, Any]
+    actions: tuple[dict[str, Any], ...]  # What operators did, with ``time_s`` since the first record
+    about: dict[str, Any]  # What the run was made of, as its log says
 
 
 @dataclass
@@ -69,9 +61,6 @@ def read_runs(folder: Path) -> list[LoggedRun]:
     :data:`FIGURES` (99.7 % of the cut; None: not known), ``mean_correction_um`` across the feed and along the tool,
     ``incidents``, ``reply_us`` percentiles, ``telegrams_lost``, ``records_lost``, ``wear`` of process monitoring, and
     ``incomplete``: cycles of the folder are missing.
-
-    Raises:
-        FileFormatError: There is no run log, or it cannot be read.
     """
     open_runs: dict[int, _Open] = {}
     missing = LogMissing()
@@ -101,12 +90,10 @@ def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRu
     """A run of a folder by its number; None is the last one.
 
     Args:
-        folder: Of the log.
         number: As ``log show`` says it.
         option: Name of the option that says it, for the message.
 
     Raises:
-        FileFormatError: There is no run log, or it cannot be read.
         InputError: No such run, or none with a record.
     """
     runs = read_runs(folder)

@@ -43,12 +43,8 @@ def page(folder: Path, out: Path, number: int | None = None) -> dict[str, Any]:
     """Open a log again: one run as a page.
 
     Args:
-        folder: Of the log.
         out: Folder of ``report.html`` and ``summary.json``.
         number: Of the run; None is the last.
-
-    Raises:
-        CounterflexError: See :func:`counterflex.app.run_history.logged_run.one_run`.
     """
     run = one_run(folder, number)
     summary = {
@@ -68,14 +64,11 @@ def compare(
     """Two runs beside each other: figures with their differences, and curves on the same axis.
 
     Args:
-        first: Folder of its log.
-        second: Likewise.
         out: Folder of ``report.html`` and ``summary.json``.
         numbers: Of the runs; None is the last.
 
     Raises:
         InputError: Both are the same run.
-        CounterflexError: See :func:`counterflex.app.run_history.logged_run.one_run`.
     """
     runs = [
         one_run(place, number, option)

@@ -15,9 +15,7 @@ def file_of_run(about: Mapping[str, Any], kind: str, folder: Path) -> Path | Non
     Its path was relative to where the run was started: often the folder that the log lies in.
 
     Args:
-        about: What the run was made of.
         kind: ``cell``, ``plan``, ``program`` or ``rsi``.
-        folder: Of the log.
     """
     name, sha256 = about.get("files", {}).get(kind), about.get("sha256", {}).get(kind)
     for place in () if name is None else (Path(name), folder.absolute().parent / name):

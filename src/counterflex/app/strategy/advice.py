@@ -50,57 +50,33 @@ _ROBOT_FOUND: Final = 0.06
 
 @dataclass(frozen=True)
 class Operation:
-    """What is asked for; None leaves it to the program and the advisor.
-
-    Attributes:
-        tool: Number of the tool.
-        ae_m: Range of the radial width of cut.
-        ap_m: Range of the axial depth.
-        fz_m: Range of the feed per tooth.
-        spindle_rad_s: Range of the spindle speed.
-        at_m: Point of the wall, part frame.
-        normal_rad: Direction of the wall's normal, out of the material, from the part's x towards its y.
-        height_m: Height of the wall.
-        material: Row of the material tables instead of the cell's.
-        kr_over_kc: Assumed ratio where that row has no radial constant.
-        ka_over_kc: Likewise axial.
-        longer_share: The choice may take so much of the program's own time; None is any.
-        rows: Length of the table.
-    """
+    """What is asked for; None leaves it to the program and the advisor."""
 
     tool: int | None = None
-    ae_m: Range | None = None
+    ae_m: Range | None = None  # Range of the radial width of cut
     ap_m: Range | None = None
-    fz_m: Range | None = None
+    fz_m: Range | None = None  # Range of the feed per tooth
     spindle_rad_s: Range | None = None
-    at_m: tuple[float, float, float] | None = None
+    at_m: tuple[float, float, float] | None = None  # Point of the wall, part frame
+    # Direction of the wall's normal, out of the material, from the part's x towards its y
     normal_rad: float | None = None
     height_m: float | None = None
-    material: str | None = None
-    kr_over_kc: float | None = None
+    material: str | None = None  # Row of the material tables instead of the cell's
+    kr_over_kc: float | None = None  # Assumed ratio where that row has no radial constant
     ka_over_kc: float | None = None
-    longer_share: float | None = 1.0
+    longer_share: float | None = 1.0  # The choice may take so much of the program's own time; None is any
     rows: int = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """Advice on one wall.
+    """Advice on one wall."""
 
-    Attributes:
-        own: What the program does; None without a program.
-        before: The same as a choice.
-        choices: All that were tried.
-        best: Rows of ``choices``, the best first.
-        place: Where.
-        law: Force law.
-    """
-
-    own: OwnCut | None
-    before: Choices | None
+    own: OwnCut | None  # What the program does; None without a program
+    before: Choices | None  # The same as a choice
     choices: Choices
-    best: list[int]
-    place: Place
+    best: list[int]  # Rows of ``choices``, the best first
+    place: Place  # Where
     law: ForceLaw
 
 
@@ -115,11 +91,7 @@ def advise(
     """Advise on the wall finish of a program, or on one that is stated.
 
     Args:
-        cell: The cell.
-        operation: What is asked for.
         program: G-code file, or None.
-        reading: How it is read.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: The program finishes no wall, or the operation is not stated in full.

@@ -29,32 +29,20 @@ _WORDS: Final = frozenset("GXYZFIJKN")
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """Where a cut begins or ends.
+    """Where a cut begins or ends."""
 
-    Attributes:
-        kind: Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets
-            a ramp, ``run-up`` a longer way through the air).
-        motion: Index of the level motion that cuts.
-        vertical: Index of the motion before (down, or straight at the wall) or behind (up); -1: none.
-        radius_m: Of the cutter.
-        point: (3,) m.
-        tangent: (2,) unit, direction of the cut there.
-        free: (2,) unit, away from the wall; along ``tangent`` where there is none.
-        top_m: Height at which the plunge meets material.
-        air_m: Way in the direction of the cut before the first contact.
-        refusal: Why it is left as it is; empty where a move can be written.
-    """
-
+    # Beside a wall (``in``, ``out``), plunged into the full width, or over an edge of the blank (``edge`` gets a ramp,
+    # ``run-up`` a longer way through the air)
     kind: Kind
-    motion: int
-    vertical: int
+    motion: int  # Index of the level motion that cuts
+    vertical: int  # Index of the motion before (down, or straight at the wall) or behind (up); -1: none
     radius_m: float
-    point: Float
-    tangent: Float
-    free: Float
-    top_m: float = 0.0
-    air_m: float = 0.0
-    refusal: str = ""
+    point: Float  # (3,) m
+    tangent: Float  # (2,) unit, direction of the cut there
+    free: Float  # (2,) unit, away from the wall; along ``tangent`` where there is none
+    top_m: float = 0.0  # Height at which the plunge meets material
+    air_m: float = 0.0  # Way in the direction of the cut before the first contact
+    refusal: str = ""  # Why it is left as it is; empty where a move can be written
 
 
 def entries_of(
@@ -63,10 +51,7 @@ def entries_of(
     """Beginnings and ends of all cuts.
 
     Args:
-        job: The program.
-        cut: Its undisturbed cut.
         radius_of: Radius of each tool by its number, m.
-        top_m: Height of the blank.
         run_up_m: Way through the air that a cut over an edge begins with, in its own direction.
         edges: Slots that begin over an edge of the blank get a ramp, too.
     """

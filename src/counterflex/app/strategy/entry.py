@@ -42,12 +42,7 @@ Figures = dict[str, float]
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """A program cut by a tool that yields through the lowest mode.
-
-    Attributes:
-        job: The program.
-        cut: Its force and displacement.
-    """
+    """A program cut by a tool that yields through the lowest mode."""
 
     job: Job
     cut: Cut
@@ -66,7 +61,6 @@ def run(
 
     Raises:
         ProgramError: The program has no entry or exit that a move could soften.
-        CounterflexError: The program or the cell cannot be used.
     """
     cell = read_cell(cell_file)
     parts = in_parts(progress, {READING: 1.0, CHECKING: 2.0, JUDGING: 4.0})
@@ -238,7 +232,6 @@ def figures(entry: Entry, cut_: Bent, motion: int) -> Figures:
     """Peak force, force step and error of an entry or an exit.
 
     Args:
-        entry: Which.
         cut_: The program, cut by a tool that yields.
         motion: Index of the motion that cuts, in that program.
 

@@ -21,21 +21,14 @@ _CLEAR_M = 0.5 * MM
 
 @dataclass(frozen=True)
 class Moves:
-    """What moves are asked for.
+    """What moves are asked for."""
 
-    Attributes:
-        radius_m: Of the arcs; None is the radius of the cutter.
-        angle_rad: That they turn.
-        slope_rad: Slope of a ramp.
-        edges: Slots that begin over an edge of the blank get a ramp, too.
-        run_up_m: Way through the air in the direction of the cut with which other cuts over an edge begin: the axes
-            then move as they will in the cut, and what they lose at a reversal is lost before the first contact.
-    """
-
-    radius_m: float | None = None
+    radius_m: float | None = None  # Of the arcs; None is the radius of the cutter
     angle_rad: float = 0.5 * np.pi
     slope_rad: float = np.pi / 18.0
-    edges: bool = False
+    edges: bool = False  # Slots that begin over an edge of the blank get a ramp, too
+    # Way through the air in the direction of the cut with which other cuts over an edge begin: the axes then move as
+    # they will in the cut, and what they lose at a reversal is lost before the first contact
     run_up_m: float = 10.0 * MM
 
 

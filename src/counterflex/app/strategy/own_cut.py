@@ -30,60 +30,36 @@ _TANGENT_RAD: Final = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """A posture along a wall.
+    """A posture along a wall."""
 
-    Attributes:
-        q: (6,) rad.
-        normal_part: (3,) unit normal of the wall, out of the material.
-        axis_part: (3,) unit vector from the tip to the spindle.
-        to_part: (6, 6) motion of the tool relative to the part from that of the hand.
-        line: Of the program; 0 without one.
-    """
-
-    q: Float
-    normal_part: Float
-    axis_part: Float
-    to_part: Float
-    line: int
+    q: Float  # (6,) rad
+    normal_part: Float  # (3,) unit normal of the wall, out of the material
+    axis_part: Float  # (3,) unit vector from the tip to the spindle
+    to_part: Float  # (6, 6) motion of the tool relative to the part from that of the hand
+    line: int  # Of the program; 0 without one
 
 
 @dataclass(frozen=True, eq=False)
 class OwnCut:
-    """What a program does along a wall.
-
-    Attributes:
-        cuts: One cut.
-        tool: Number of its tool.
-        spindle_rad_s: Its speed.
-        p_part: (3,) m, a point in the middle of it.
-        q: (6,) rad there.
-        normal_part: (3,) unit normal of the wall there, out of the material.
-        line: Of the program.
-        axis_part: (3,) unit vector from the tip to the spindle there.
-        to_part: (6, 6) see :class:`counterflex.plan.relative_motion.RelativeMotion`, there.
-        along: Postures along all of the side, :data:`POSTURE_RAD` apart.
-    """
+    """What a program does along a wall."""
 
     cuts: SideCuts
     tool: int
     spindle_rad_s: float
-    p_part: Float
-    q: Float
-    normal_part: Float
+    p_part: Float  # (3,) m, a point in the middle of it
+    q: Float  # (6,) rad there
+    normal_part: Float  # (3,) unit normal of the wall there, out of the material
     line: int
-    axis_part: Float
-    to_part: Float
-    along: tuple[Along, ...]
+    axis_part: Float  # (3,) unit vector from the tip to the spindle there
+    to_part: Float  # (6, 6) see :class:`counterflex.plan.relative_motion.RelativeMotion`, there
+    along: tuple[Along, ...]  # Postures along all of the side, :data:`POSTURE_RAD` apart
 
 
 def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCut:
     """Find the wall finish of a program: the side on which most of its length in the cut is milled.
 
     Args:
-        job: The program.
-        cell: The cell.
         tool: Number of the tool; None is any.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         ProgramError: It mills no side of a wall, only slots or nothing.

@@ -35,56 +35,31 @@ READING, WRITING, CHECKING = "reading the program", "writing the loops", "cuttin
 
 @dataclass(frozen=True)
 class Trochoid:
-    """What is asked for.
+    """What is asked for."""
 
-    Attributes:
-        tool: Number of the smaller tool; None keeps the program's, for a slot wider than it.
-        width_m: Of the slot; None is the diameter of the program's tool.
-        engagement_rad: Largest immersion; None is that at which no mean force is normal to the loop.
-        fz_m: Feed per tooth; None is the program's.
-        up: Up-milling.
-    """
-
-    tool: int | None = None
-    width_m: float | None = None
-    engagement_rad: float | None = None
-    fz_m: float | None = None
+    tool: int | None = None  # Number of the smaller tool; None keeps the program's, for a slot wider than it
+    width_m: float | None = None  # Of the slot; None is the diameter of the program's tool
+    engagement_rad: float | None = None  # Largest immersion; None is that at which no mean force is normal to the loop
+    fz_m: float | None = None  # Feed per tooth; None is the program's
     up: bool = True
 
 
 @dataclass(frozen=True, eq=False)
 class Rewritten:
-    """A program with loops for slots.
-
-    Attributes:
-        text: Of the program.
-        loop: The loops.
-        feed_m_s: Of the tool's centre in the loops.
-        bound: What holds the feed down: ``feed per tooth`` or ``acceleration``.
-        lines: Of the source that were replaced.
-        tool: Number of the tool in the loops.
-        width_m: Of the slots.
-        up: Up-milling.
-    """
+    """A program with loops for slots."""
 
     text: str
     loop: Loop
-    feed_m_s: float
-    bound: str
+    feed_m_s: float  # Of the tool's centre in the loops
+    bound: str  # What holds the feed down: ``feed per tooth`` or ``acceleration``
     lines: tuple[int, ...]
-    tool: int
+    tool: int  # Number of the tool in the loops
     width_m: float
     up: bool
 
 
 def rewrite(job: Job, cell: Cell, requested: Trochoid, progress: Progress = silent) -> tuple[Rewritten, Cut]:
     """Replace the straight slots of a program.
-
-    Args:
-        job: The program.
-        cell: The cell: tools, force law, acceleration.
-        requested: What is asked for.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The program, and the cut of the original.

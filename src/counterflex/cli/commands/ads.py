@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import MOST_RECORDS, address
+from counterflex.cli.arguments import MOST_RECORDS, address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import print_json, print_table
@@ -31,7 +31,7 @@ def _group() -> None:
 
 def list_(
     cell: CellFile,
-    containing: Annotated[str, typer.Option("--containing", help="Only names with this text in them.")] = "",
+    containing: Annotated[str, option("--containing", "Only names with this text in them.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """List the variables of the TwinCAT: what the table [ads] of the cell file can name.
@@ -69,8 +69,8 @@ def read(cell: CellFile, as_json: AsJson = False) -> None:
 
 
 def write(
-    name: Annotated[str, typer.Argument(help="A parameter of the table [ads].", metavar="NAME")],
-    value: Annotated[float, typer.Argument(help="In the unit of the table.", metavar="VALUE")],
+    name: Annotated[str, argument("A parameter of the table [ads].", metavar="NAME")],
+    value: Annotated[float, argument("In the unit of the table.", metavar="VALUE")],
     cell: CellFile,
     as_json: AsJson = False,
 ) -> None:
@@ -90,19 +90,14 @@ def write(
 def forward(
     to: Annotated[
         str,
-        typer.Argument(
-            help="Where datagrams go: the loop's tracker.address or strain.address.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        argument("Where datagrams go: the loop's tracker.address or strain.address.", arguments.host_port, "HOST:PORT"),
     ],
     cell: CellFile,
     readings: Annotated[
-        int | None,
-        typer.Option("--readings", help="Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS),
+        int | None, option("--readings", "Number of readings; default: until Ctrl-C.", min=1, max=MOST_RECORDS)
     ] = None,
     strain: Annotated[
-        bool, typer.Option("--strain", help="Forward the strain terminals of the holder, to strain.address.")
+        bool, option("--strain", "Forward the strain terminals of the holder, to strain.address.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.inspection import datum_faces
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
@@ -38,34 +39,26 @@ def write(out: Out) -> None:
 @group.command()
 def judge(
     cell: CellFile,
-    scan: Annotated[
-        Path,
-        typer.Option("--scan", help="Scan of the part, as for `inspect`.", metavar="FILE", callback=arguments.file),
-    ],
-    laboratory: Annotated[str, typer.Option("--laboratory", help="Who milled it.", metavar="NAME")],
+    scan: Annotated[Path, option("--scan", "Scan of the part, as for `inspect`.", arguments.file, "FILE")],
+    laboratory: Annotated[str, option("--laboratory", "Who milled it.", metavar="NAME")],
     method: Annotated[
         str,
-        typer.Option(
+        option(
             "--method",
-            help=f"How its program was made: {', '.join(_METHODS)}.",
-            metavar="NAME",
-            callback=arguments.one_of(_METHODS, "method"),
+            f"How its program was made: {', '.join(_METHODS)}.",
+            arguments.one_of(_METHODS, "method"),
+            "NAME",
         ),
     ],
     out: Out,
     robot_name: Annotated[
-        str | None, typer.Option("--robot", help="Name of the robot; by default that of the cell.", metavar="NAME")
+        str | None, option("--robot", "Name of the robot; by default that of the cell.", metavar="NAME")
     ] = None,
-    material_name: Annotated[
-        str | None, typer.Option("--material", help="By default that of the cell.", metavar="NAME")
-    ] = None,
+    material_name: Annotated[str | None, option("--material", "By default that of the cell.", metavar="NAME")] = None,
     datum: Annotated[
-        str,
-        typer.Option(
-            "--datum", help="Faces that place the scan, as for `inspect`.", metavar="FACES", callback=datum_faces
-        ),
+        str, option("--datum", "Faces that place the scan, as for `inspect`.", datum_faces, "FACES")
     ] = "x-,x+,y-,y+,top",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the result as JSON.")] = False,
 ) -> None:
     """Judge a benchmark part from its scan, by drawing and tolerances.
 
@@ -106,10 +99,8 @@ def judge(
 
 @group.command()
 def compare(
-    results: Annotated[
-        list[Path], typer.Argument(help="Files result.json of judge.", metavar="RESULT...", callback=arguments.file)
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
+    results: Annotated[list[Path], argument("Files result.json of judge.", arguments.file, "RESULT...")],
+    as_json: Annotated[bool, option("--json", "Print the comparison as JSON.")] = False,
 ) -> None:
     """Compare results of the benchmark part: worst deviation of every feature, um.
 

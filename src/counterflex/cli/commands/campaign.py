@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.prove import FamilyName, Workers
 from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, resumable_progress
 from counterflex.core.errors import InputError
@@ -21,80 +22,59 @@ def register(app: typer.Typer) -> None:
 
 
 def campaign(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ],
+    out: Annotated[Path, option("--out", "Folder for the results.", arguments.output_folder, "DIR")],
     program: Annotated[
         list[Path] | None,
-        typer.Argument(
-            help="Programs to machine before and after; none: identify only.",
-            metavar="[PROGRAM]...",
-            callback=arguments.file,
-        ),
+        argument("Programs to machine before and after; none: identify only.", arguments.file, "[PROGRAM]..."),
     ] = None,
     cell: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell",
-            help="Cell file; default: cell and part of the demonstration.",
-            metavar="CELL",
-            callback=arguments.file,
-        ),
+        Path | None, option("--cell", "Cell file; default: cell and part of the demonstration.", arguments.file, "CELL")
     ] = None,
     twin: Annotated[
-        Path | None,
-        typer.Option("--twin", help="Truth file: the one simulated cell.", metavar="TRUTH", callback=arguments.file),
+        Path | None, option("--twin", "Truth file: the one simulated cell.", arguments.file, "TRUTH")
     ] = None,
     seeds: Annotated[
         str | None,
-        typer.Option(
-            "--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"
-        ),
+        option("--seeds", "Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
     ] = None,
     family: FamilyName = "mild",
     recipe: Annotated[
         list[str] | None,
-        typer.Option(
-            "--recipe",
-            help="Only this recipe; may be given several times.",
-            callback=arguments.one_of(RECIPES.own),
-        ),
+        option("--recipe", "Only this recipe; may be given several times.", arguments.one_of(RECIPES.own)),
     ] = None,
-    exact: Annotated[
-        bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
-    ] = False,
+    exact: Annotated[bool, option("--exact/--no-exact", "Also plan with the truth's exact constants.")] = False,
     identify: Annotated[
-        bool, typer.Option("--identify/--no-identify", help="Identify the cells; otherwise only the cell file plans.")
+        bool, option("--identify/--no-identify", "Identify the cells; otherwise only the cell file plans.")
     ] = True,
     placements: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--placements",
-            help="CSV file of places for the part: name and any of x_mm y_mm z_mm a_deg b_deg c_deg, as in [part].",
-            metavar="FILE",
-            callback=arguments.file,
+            "CSV file of places for the part: name and any of x_mm y_mm z_mm a_deg b_deg c_deg, as in [part].",
+            arguments.file,
+            "FILE",
         ),
     ] = None,
     posture: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--posture",
-            help="present (cell file), chosen (as plan posture), or 'front up noflip 180'; may be given several times.",
-            metavar="POSTURE",
-            callback=arguments.postures,
+            "present (cell file), chosen (as plan posture), or 'front up noflip 180'; may be given several times.",
+            arguments.postures,
+            "POSTURE",
         ),
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--scheduler",
-            help="Scheduler of dask whose workers do the work; without it processes of this machine do.",
-            metavar="ADDRESS",
-            callback=arguments.scheduler,
+            "Scheduler of dask whose workers do the work; without it processes of this machine do.",
+            arguments.scheduler,
+            "ADDRESS",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Identify a complete cell on simulated cells, as a laboratory would, and show the accuracy gained.
 

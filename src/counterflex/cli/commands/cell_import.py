@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_json, print_table
 from counterflex.core.units import DEG, MM
 
@@ -15,43 +16,32 @@ from counterflex.core.units import DEG, MM
 def cell_import(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            help="$config.dat of a KUKA, modules and MOC.cfg of an ABB, or JSON of a RoboDK station.",
-            metavar="FILE...",
-            callback=arguments.file,
+        argument(
+            "$config.dat of a KUKA, modules and MOC.cfg of an ABB, or JSON of a RoboDK station.",
+            arguments.file,
+            "FILE...",
         ),
     ],
-    robot: Annotated[
-        str,
-        typer.Option(
-            "--robot", help="Robot of the catalogue: counterflex robots.", metavar="NAME", callback=arguments.robot
-        ),
-    ],
+    robot: Annotated[str, option("--robot", "Robot of the catalogue: counterflex robots.", arguments.robot, "NAME")],
     out: Annotated[
-        Path,
-        typer.Option("--out", help="Cell file to write; an existing file is kept.", callback=arguments.output_file),
+        Path, option("--out", "Cell file to write; an existing file is kept.", arguments.output_file)
     ] = Path("cell.toml"),
     tool: Annotated[
-        str,
-        typer.Option(
-            "--tool", help="Tool of the controller (where there is one: that one).", callback=arguments.frame_name
-        ),
+        str, option("--tool", "Tool of the controller (where there is one: that one).", arguments.frame_name)
     ] = "",
-    base: Annotated[
-        str, typer.Option("--base", help="Base that is the part frame (likewise).", callback=arguments.frame_name)
-    ] = "",
+    base: Annotated[str, option("--base", "Base that is the part frame (likewise).", arguments.frame_name)] = "",
     poses: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--poses",
-            help="Table q1_deg..q6_deg, x_mm..c_deg, tool, base of poses that the controller shows: they must fit.",
-            metavar="CSV",
-            callback=arguments.file,
+            "Table q1_deg..q6_deg, x_mm..c_deg, tool, base of poses that the controller shows: they must fit.",
+            arguments.file,
+            "CSV",
         ),
     ] = None,
-    tolerance_mm: Annotated[float, typer.Option("--tolerance-mm", help="Of the poses.", min=0.001, max=100.0)] = 0.5,
-    tolerance_deg: Annotated[float, typer.Option("--tolerance-deg", help="Of the poses.", min=0.001, max=10.0)] = 0.05,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what was imported as JSON.")] = False,
+    tolerance_mm: Annotated[float, option("--tolerance-mm", "Of the poses.", min=0.001, max=100.0)] = 0.5,
+    tolerance_deg: Annotated[float, option("--tolerance-deg", "Of the poses.", min=0.001, max=10.0)] = 0.05,
+    as_json: Annotated[bool, option("--json", "Print what was imported as JSON.")] = False,
 ) -> None:
     """Start a cell file from tool, base and load data of a controller, and hold them against poses that it shows.
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, warn
 from counterflex.core.units import UM
@@ -24,23 +25,20 @@ def convert(
     out: Out,
     language: Annotated[
         str,
-        typer.Option(
+        option(
             "--to",
-            help=f"Language to write: {', '.join(at_prompt('convert'))}.",
-            callback=arguments.one_of(lambda: at_prompt("convert"), "language"),
+            f"Language to write: {', '.join(at_prompt('convert'))}.",
+            arguments.one_of(lambda: at_prompt("convert"), "language"),
         ),
     ],
     tolerance_um: Annotated[
-        float,
-        typer.Option(
-            "--tolerance-um", help="Straight pieces of a helix, for languages without one.", min=0.1, max=1000.0
-        ),
+        float, option("--tolerance-um", "Straight pieces of a helix, for languages without one.", min=0.1, max=1000.0)
     ] = 1.0,
     points_per_file: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--points-per-file",
-            help="Most motions in a file of a robot language; a main program calls the parts (limit of the language).",
+            "Most motions in a file of a robot language; a main program calls the parts (limit of the language).",
             min=10,
             max=100_000,
         ),
@@ -48,7 +46,7 @@ def convert(
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what was written as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print what was written as JSON.")] = False,
 ) -> None:
     """Say a program in another language: the same path, speeds and process words, nothing compensated.
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.units import UM
@@ -25,37 +26,37 @@ def correct(
     cell: CellFile,
     plan: Annotated[
         Path,
-        typer.Option(
+        option(
             "--plan",
-            help="Folder of compensate or correct: the program that the measured parts were made by.",
-            metavar="DIR",
-            callback=arguments.folder,
+            "Folder of compensate or correct: the program that the measured parts were made by.",
+            arguments.folder,
+            "DIR",
         ),
     ],
     scan: Annotated[
         list[Path],
-        typer.Option(
+        option(
             "--scan",
-            help="A measured part: deviations (or folder) of inspect, or a folder of simulate or prove. Repeatable.",
-            metavar="PART",
-            callback=arguments.file_or_folder,
+            "A measured part: deviations (or folder) of inspect, or a folder of simulate or prove. Repeatable.",
+            arguments.file_or_folder,
+            "PART",
         ),
     ],
     out: Out,
     limit_um: Annotated[
-        float, typer.Option("--limit-um", help="Largest change of a correction; more is refused.", min=5.0, max=5000.0)
+        float, option("--limit-um", "Largest change of a correction; more is refused.", min=5.0, max=5000.0)
     ] = 1500.0,
     apply: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--apply",
-            help="Write a new cell file with the constants of the likeliest explanation; no file is overwritten.",
-            metavar="CELL",
-            callback=arguments.output_file,
+            "Write a new cell file with the constants of the likeliest explanation; no file is overwritten.",
+            arguments.output_file,
+            "CELL",
         ),
     ] = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    report: Annotated[bool, option("--report/--no-report", "Write report.html.")] = True,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Correct the next part: measured deviations in, the program that takes back what repeats of them out.
 
@@ -76,15 +77,7 @@ def correct(
 
     with progress_bar(f"correcting {program.name}") as progress:
         summary = job.run(
-            program,
-            cell,
-            plan,
-            scan,
-            out,
-            apply=apply,
-            report=report,
-            progress=progress,
-            limit_m=limit_um * UM,
+            program, cell, plan, scan, out, apply=apply, report=report, progress=progress, limit_m=limit_um * UM
         )
     if as_json:
         print_json(summary)

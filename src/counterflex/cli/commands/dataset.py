@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_json, print_table
 
 _dataset = typer.Typer(no_args_is_help=True, help="Read measured data and summarise them.")
@@ -21,10 +22,8 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    data: Annotated[
-        Path, typer.Argument(help="Manifest of a dataset (.toml).", metavar="DATA", callback=arguments.file)
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    data: Annotated[Path, argument("Manifest of a dataset (.toml).", arguments.file, "DATA")],
+    as_json: Annotated[bool, option("--json", "Print JSON instead of a table.")] = False,
 ) -> None:
     """Read a dataset as identify does, and print rows, ranges and standard deviations.
 
@@ -62,9 +61,7 @@ def check(
     typer.echo("dataset ok")
 
 
-def channels(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
-) -> None:
+def channels(as_json: Annotated[bool, option("--json", "Print JSON instead of tables.")] = False) -> None:
     """List the kinds of datasets, the channels and the settings that a manifest can name.
 
     Example: `counterflex dataset channels`

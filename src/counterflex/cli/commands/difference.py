@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import Dialect, WithoutEnd
 from counterflex.cli.output import print_json, print_table
 from counterflex.programs.language import BY_ENDING
@@ -21,22 +22,15 @@ def register(app: typer.Typer) -> None:
 
 
 def difference(
-    before: Annotated[Path, typer.Argument(help="Program.", metavar="BEFORE", callback=arguments.file)],
-    after: Annotated[
-        Path, typer.Argument(help="The same program, compensated.", metavar="AFTER", callback=arguments.file)
-    ],
+    before: Annotated[Path, argument("Program.", arguments.file, "BEFORE")],
+    after: Annotated[Path, argument("The same program, compensated.", arguments.file, "AFTER")],
     by: Annotated[
-        str,
-        typer.Option(
-            "--by",
-            help="Order: change (largest first) or line.",
-            callback=arguments.one_of(_ORDERS, "order"),
-        ),
+        str, option("--by", "Order: change (largest first) or line.", arguments.one_of(_ORDERS, "order"))
     ] = _ORDERS[0],
-    most: Annotated[int, typer.Option("--most", help="Rows of the table at most.", min=1, max=1_000_000)] = 20,
+    most: Annotated[int, option("--most", "Rows of the table at most.", min=1, max=1_000_000)] = 20,
     dialect: Dialect = BY_ENDING,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print every changed motion as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print every changed motion as JSON.")] = False,
 ) -> None:
     """Say what changed between two versions of a program: how far each target moved, in um and deg per coordinate.
 

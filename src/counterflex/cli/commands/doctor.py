@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
@@ -18,18 +19,13 @@ def register(app: typer.Typer) -> None:
 
 def doctor(
     seconds: Annotated[
-        float, typer.Option("--seconds", help="How long to measure; less than 4 is too short for a verdict.", min=0.1)
+        float, option("--seconds", "How long to measure; less than 4 is too short for a verdict.", min=0.1)
     ] = 10.0,
     log: Annotated[
         Path,
-        typer.Option(
-            "--log",
-            help="Folder where run logs will be written; its disk is measured.",
-            metavar="DIR",
-            callback=arguments.output_folder,
-        ),
+        option("--log", "Folder where run logs will be written; its disk is measured.", arguments.output_folder, "DIR"),
     ] = Path(),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON.")] = False,
 ) -> None:
     """Measure whether this computer is fast enough for the online loop: clock, step, network stack, disk of the log.
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json
 
@@ -23,16 +24,11 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    program: Annotated[
-        Path, typer.Argument(help="RAPID module that sets up EGM (.mod).", metavar="MODULE", callback=arguments.file)
-    ],
+    program: Annotated[Path, argument("RAPID module that sets up EGM (.mod).", arguments.file, "MODULE")],
     cell: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell", help="Cell file, for the tables [online] and [egm].", metavar="CELL", callback=arguments.file
-        ),
+        Path | None, option("--cell", "Cell file, for the tables [online] and [egm].", arguments.file, "CELL")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of lines.")] = False,
 ) -> None:
     """Check a RAPID program that uses EGM: dangerous (error) or ineffective (warning) settings, with their remedy.
 
@@ -59,17 +55,11 @@ def check(
 def make(
     cell: CellFile,
     program: Annotated[
-        Path,
-        typer.Option(
-            "--program",
-            help="RAPID program that compensate --as rapid wrote.",
-            metavar="MODULE",
-            callback=arguments.file,
-        ),
+        Path, option("--program", "RAPID program that compensate --as rapid wrote.", arguments.file, "MODULE")
     ],
     out: Out,
-    host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.125.10",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    host: Annotated[str, option("--host", "Address of the sensor computer.")] = "192.168.125.10",
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Generate a RAPID program with EGM around its path, and a README with the settings of the controller.
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated
+from types import FunctionType
+from typing import Annotated, Final
 
 import typer
 
+from counterflex.cli.arguments import option
 from counterflex.cli.output import print_json, print_table
+from counterflex.core.registry import Registry
+
+COMMANDS: Final[Registry[FunctionType]] = Registry("counterflex.commands", "command", "types:FunctionType")
+"""Commands of other packages: by the word that calls it, the function that adds it to the command line."""
 
 
 def register(app: typer.Typer) -> None:
@@ -15,16 +21,17 @@ def register(app: typer.Typer) -> None:
     app.command()(extensions)
 
 
-def extensions(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List recipes, force laws, force sensors, languages, robots and materials that packages add, and our own.
+def extensions(as_json: Annotated[bool, option("--json", "Print JSON.")] = False) -> None:
+    """List recipes, force laws, force sensors, languages, robots, materials, commands that packages add, and our own.
 
     Each is loaded to see whether it works. Ends with status 1 when one does not. docs/extend.md says how to add one.
 
     Example: `counterflex extensions`
     """
+    from counterflex.app.extensions import REGISTRIES
     from counterflex.app.extensions import extensions as look
 
-    entries = look()
+    entries = look((*REGISTRIES, COMMANDS))
     if as_json:
         print_json([asdict(item) for item in entries])
     else:

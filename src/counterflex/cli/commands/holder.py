@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.errors import InputError
@@ -29,54 +30,48 @@ def _group() -> None:
 
 
 def design(
-    holder: Annotated[
-        Path, typer.Argument(help="Drawing of the holder (.toml).", metavar="HOLDER", callback=arguments.file)
-    ],
+    holder: Annotated[Path, argument("Drawing of the holder (.toml).", arguments.file, "HOLDER")],
     out: Out,
     mesh_mm: Annotated[
-        float, typer.Option("--mesh", help="Largest edge of a finite element, mm.", min=1.0, max=200.0, metavar="MM")
+        float, option("--mesh", "Largest edge of a finite element, mm.", metavar="MM", min=1.0, max=200.0)
     ] = 12.0,
     bricks: Annotated[
         int,
-        typer.Option(
+        option(
             "--bricks",
-            help="Fewest finite elements over every pocket's height, width and depth, and over the wall behind it.",
+            "Fewest finite elements over every pocket's height, width and depth, and over the wall behind it.",
+            metavar="N",
             min=1,
             max=12,
-            metavar="N",
         ),
     ] = 4,
     choose: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--choose",
-            help="Choose places for so many bridges, with pockets like the first of the drawing.",
+            "Choose places for so many bridges, with pockets like the first of the drawing.",
+            metavar="N",
             min=3,
             max=12,
-            metavar="N",
         ),
     ] = None,
     lost_percent: Annotated[
-        float,
-        typer.Option("--most-lost", help="Stiffness that a choice may cost in any direction, %.", min=0.1, max=90.0),
+        float, option("--most-lost", "Stiffness that a choice may cost in any direction, %.", min=0.1, max=90.0)
     ] = 10.0,
     cell: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell", help="Cell file: maps of the arm with this spindle.", metavar="CELL", callback=arguments.file
-        ),
+        Path | None, option("--cell", "Cell file: maps of the arm with this spindle.", arguments.file, "CELL")
     ] = None,
     mounting: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--mounting",
-            help="Angles at which the spindle may be mounted, beside the present one: spindle.b_deg=-35.",
-            metavar="BODY.KEY=A,B",
-            callback=arguments.angles_of_body,
+            "Angles at which the spindle may be mounted, beside the present one: spindle.b_deg=-35.",
+            arguments.angles_of_body,
+            "BODY.KEY=A,B",
         ),
     ] = None,
-    force_n: Annotated[float, typer.Option("--force", help="Radial force for the maps, N.", min=1.0, max=1e5)] = 500.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    force_n: Annotated[float, option("--force", "Radial force for the maps, N.", min=1.0, max=1e5)] = 500.0,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compute what the pockets of a sensing holder cost in stiffness and give in signal.
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, pairs
+from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, argument, option, pairs
 from counterflex.cli.output import keep_inputs, print_json, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES, own_title
@@ -51,55 +51,30 @@ def register(app: typer.Typer) -> None:
 
 
 def identify(
-    recipe: Annotated[
-        str,
-        typer.Argument(help="What to find, or history.", metavar="RECIPE", callback=_recipe),
-    ],
+    recipe: Annotated[str, argument("What to find, or history.", _recipe, "RECIPE")],
     data: Annotated[
-        list[Path] | None,
-        typer.Argument(help="Manifests of datasets (.toml).", metavar="DATA...", callback=arguments.file_or_folder),
+        list[Path] | None, argument("Manifests of datasets (.toml).", arguments.file_or_folder, "DATA...")
     ] = None,
-    cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)
-    ] = None,
+    cell: Annotated[Path | None, option("--cell", "Cell file (.toml).", arguments.file, "CELL")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=arguments.output_folder
-        ),
+        Path | None, option("--out", "Folder for the results; made when missing.", arguments.output_folder, "DIR")
     ] = None,
     holdout: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--holdout",
-            help="Manifest of data that are only predicted; else folds of DATA.",
-            metavar="DATA",
-            callback=arguments.file,
-        ),
+        option("--holdout", "Manifest of data that are only predicted; else folds of DATA.", arguments.file, "DATA"),
     ] = None,
     settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="A setting of the recipe.", metavar="KEY=VALUE", callback=arguments.settings),
+        list[str] | None, option("--set", "A setting of the recipe.", arguments.settings, "KEY=VALUE")
     ] = None,
-    seed: Annotated[
-        int, typer.Option("--seed", help="Of whatever is drawn: folds, starts, poses.", min=0, max=LARGEST_SEED)
-    ] = 0,
+    seed: Annotated[int, option("--seed", "Of whatever is drawn: folds, starts, poses.", min=0, max=LARGEST_SEED)] = 0,
     propose: Annotated[
         int | None,
-        typer.Option(
-            "--propose", help="Propose this many measurements instead.", metavar="N", min=1, max=MOST_PROPOSED
-        ),
+        option("--propose", "Propose this many measurements instead.", metavar="N", min=1, max=MOST_PROPOSED),
     ] = None,
     archive: Annotated[
-        Path | None,
-        typer.Option(
-            "--archive",
-            help="Archive of all runs; default DIR/archive.",
-            metavar="DIR",
-            callback=arguments.output_folder,
-        ),
+        Path | None, option("--archive", "Archive of all runs; default DIR/archive.", arguments.output_folder, "DIR")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the result as JSON.")] = False,
 ) -> None:
     """See the help text above."""
     if recipe == HISTORY:

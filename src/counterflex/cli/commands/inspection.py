@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.inspection_tables import show
 from counterflex.cli.commands.program import CellFile, Out, Program
 from counterflex.cli.commands.standards.options import FORMATS, frame_of
@@ -39,143 +40,140 @@ def inspect(
     out: Out,
     scan: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--scan",
-            help="Scan of the part: PLY, STL, OBJ, E57, LAS, PCD, PTX, table or report of points, DMIS output, QIF.",
-            metavar="FILE",
-            callback=arguments.file,
+            "Scan of the part: PLY, STL, OBJ, E57, LAS, PCD, PTX, table or report of points, DMIS output, QIF.",
+            arguments.file,
+            "FILE",
         ),
     ] = None,
     tool_log: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--tool-log",
-            help="In place of a scan: log of the tool along the program, by a tracker (log, export, dataset .toml) or "
+            "In place of a scan: log of the tool along the program, by a tracker (log, export, dataset .toml) or "
             "run logs of counterflex (folder or .mcap).",
-            metavar="FILE|DIR",
-            callback=arguments.file_or_folder,
+            arguments.file_or_folder,
+            "FILE|DIR",
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--unit",
-            help="Unit of the scan: um, mm, cm, inch, m; by default found from the size of the blank.",
-            metavar="UNIT",
-            callback=arguments.one_of(_UNITS, "unit"),
+            "Unit of the scan: um, mm, cm, inch, m; by default found from the size of the blank.",
+            arguments.one_of(_UNITS, "unit"),
+            "UNIT",
         ),
     ] = None,
     datum: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--datum",
-            help="Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
+            "Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
             "that the program does not machine.",
-            metavar="FACES",
-            callback=datum_faces,
+            datum_faces,
+            "FACES",
         ),
     ] = None,
     datum_points: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--datum-points",
-            help="Rough pose: lines of scan x,y,z in its unit and part x,y,z in mm, three or more.",
-            metavar="FILE",
-            callback=arguments.file,
+            "Rough pose: lines of scan x,y,z in its unit and part x,y,z in mm, three or more.",
+            arguments.file,
+            "FILE",
         ),
     ] = None,
-    aligned: Annotated[
-        bool, typer.Option("--aligned", help="The scan is in the part frame already; it is not moved.")
-    ] = False,
+    aligned: Annotated[bool, option("--aligned", "The scan is in the part frame already; it is not moved.")] = False,
     ball_diameter_mm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--ball-diameter-mm",
-            help="Of the probe, where the points are centres of its ball; 0: they lie on the surface.",
-            metavar="MM",
-            callback=arguments.between(0.0, 4.0),
+            "Of the probe, where the points are centres of its ball; 0: they lie on the surface.",
+            arguments.between(0.0, 4.0),
+            "MM",
         ),
     ] = None,
     clearance_mm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--clearance-mm",
-            help="Points further from the blank, or of what it stands on, are cut away; by default 3.",
-            metavar="MM",
-            callback=arguments.between(0.1, 100.0),
+            "Points further from the blank, or of what it stands on, are cut away; by default 3.",
+            arguments.between(0.1, 100.0),
+            "MM",
         ),
     ] = None,
     before: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--before",
-            help="Scan, or log of the tool, of an earlier part to compare with.",
-            metavar="FILE|DIR",
-            callback=arguments.file_or_folder,
+            "Scan, or log of the tool, of an earlier part to compare with.",
+            arguments.file_or_folder,
+            "FILE|DIR",
         ),
     ] = None,
     nominal: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--nominal",
-            help="CAD mesh in mm, part frame, to judge against in place of what the program makes.",
-            metavar="STL",
-            callback=arguments.file,
+            "CAD mesh in mm, part frame, to judge against in place of what the program makes.",
+            arguments.file,
+            "STL",
         ),
     ] = None,
     tolerances: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--tolerances",
-            help="Tolerances of the drawing: columns feature, quantity, tolerance_mm; without it ISO 2768-mK.",
-            metavar="CSV",
-            callback=arguments.file,
+            "Tolerances of the drawing: columns feature, quantity, tolerance_mm; without it ISO 2768-mK.",
+            arguments.file,
+            "CSV",
         ),
     ] = None,
     frame: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--frame",
-            help="Of a tracker's log: as-measured (the part frame), a cell file with [tracker], X,Y,Z,A,B,C of the "
+            "Of a tracker's log: as-measured (the part frame), a cell file with [tracker], X,Y,Z,A,B,C of the "
             "tracker in the part frame (mm, deg), or fit: laid on the program's path; by default [tracker] of --cell.",
-            metavar="FRAME",
-            callback=frame_of,
+            frame_of,
+            "FRAME",
         ),
     ] = None,
     form: Annotated[
         str,
-        typer.Option(
+        option(
             "--format",
-            help="Of a tracker's log: " + ", ".join(FORMATS) + ".",
-            metavar="NAME",
-            callback=arguments.one_of(FORMATS, "format of a tracker's export"),
+            "Of a tracker's log: " + ", ".join(FORMATS) + ".",
+            arguments.one_of(FORMATS, "format of a tracker's export"),
+            "NAME",
         ),
     ] = "counterflex",
     position: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--position",
-            help="Of a run log: measured (by the tracker), reported (by the controller), commanded; by default the "
+            "Of a run log: measured (by the tracker), reported (by the controller), commanded; by default the "
             "first of them that it holds, never the commanded one.",
-            metavar="NAME",
-            callback=arguments.one_of(_POSITIONS, "position"),
+            arguments.one_of(_POSITIONS, "position"),
+            "NAME",
         ),
     ] = None,
     run: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--run",
-            help="Of run logs: number of the run, where a folder holds several.",
+            "Of run logs: number of the run, where a folder holds several.",
+            metavar="N",
             min=0,
             max=arguments.MOST_RECORDS,
-            metavar="N",
         ),
     ] = None,
     cut: Annotated[
-        bool,
-        typer.Option("--cut", help="The part was cut while the tool was logged; without it all feed motion counts."),
+        bool, option("--cut", "The part was cut while the tool was logged; without it all feed motion counts.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Judge a real part: its scan, or the measured path of the tool, against what the program makes.
 

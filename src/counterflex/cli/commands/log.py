@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.operate import log_export, run_history
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.output import print_json, print_table, progress_bar
@@ -18,8 +19,8 @@ _SHOWN = 20
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or something cannot be read."""
 
-Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=arguments.folder)]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+Folder = Annotated[Path, argument("Folder of the run log.", arguments.folder, "DIR")]
+AsJson = Annotated[bool, option("--json", "Print JSON instead of tables.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -35,7 +36,7 @@ def register(app: typer.Typer) -> None:
 def show(
     folder: Folder,
     brief: Annotated[
-        bool, typer.Option("--brief", help="Take the digest at the end of each segment in place of its records.")
+        bool, option("--brief", "Take the digest at the end of each segment in place of its records.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -88,9 +89,7 @@ def _show_run(run: dict[str, Any], *, several: bool) -> None:
         ],
     )
     print_table(
-        "Time to answer, us",
-        list(reply),
-        [["-" if value is None else f"{value:g}" for value in reply.values()]],
+        "Time to answer, us", list(reply), [["-" if value is None else f"{value:g}" for value in reply.values()]]
     )
     print_table(
         "States",
@@ -222,17 +221,12 @@ def _others(counts: dict[str, int], listed: int) -> str:
 def replay(
     folder: Folder,
     cell: CellFile,
-    plan: Annotated[
-        Path | None,
-        typer.Option("--plan", help="Plan file of the run (.parquet).", metavar="PLAN", callback=arguments.file),
-    ] = None,
+    plan: Annotated[Path | None, option("--plan", "Plan file of the run (.parquet).", arguments.file, "PLAN")] = None,
     original: Annotated[
-        bool, typer.Option("--original", help="The robot ran the original program, not the compensated one.")
+        bool, option("--original", "The robot ran the original program, not the compensated one.")
     ] = False,
-    from_s: Annotated[
-        float, typer.Option("--from", help="Begin there, s: at the last recorded state before.", min=0.0)
-    ] = 0.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    from_s: Annotated[float, option("--from", "Begin there, s: at the last recorded state before.", min=0.0)] = 0.0,
+    as_json: Annotated[bool, option("--json", "Print JSON.")] = False,
 ) -> None:
     """Replay the logged inputs through the loop: corrections and states must equal the logged ones bit for bit.
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import numbers
+from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 
 
@@ -18,44 +18,40 @@ def register(app: typer.Typer) -> None:
 
 
 def modes(
-    cell: Annotated[Path, typer.Argument(help="Cell file (.toml).", metavar="CELL", callback=arguments.file)],
+    cell: Annotated[Path, argument("Cell file (.toml).", arguments.file, "CELL")],
     joints_deg: Annotated[
         str | None,
-        typer.Option(
-            "--joints",
-            "--joints-deg",
-            help="Six joint angles, deg; left out: the posture at the blank.",
-            metavar="A1,..,A6",
-            callback=arguments.numbers_of(6),
+        option(
+            "--joints --joints-deg",
+            "Six joint angles, deg; left out: the posture at the blank.",
+            arguments.numbers_of(6),
+            "A1,..,A6",
         ),
     ] = None,
-    count: Annotated[int, typer.Option("--count", help="Modes that are listed.", min=1, max=100)] = 6,
+    count: Annotated[int, option("--count", "Modes that are listed.", min=1, max=100)] = 6,
     assume_class: Annotated[
-        bool,
-        typer.Option("--assume-class", help="Give axes of unknown stiffness the median of the robot's class."),
+        bool, option("--assume-class", "Give axes of unknown stiffness the median of the robot's class.")
     ] = False,
     tap_test: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--tap-test",
-            help="CSV of a tap test at the tool's tip in this posture: frequency_hz,force,motion,real_um_n,imag_um_n.",
-            metavar="FILE",
-            callback=arguments.file,
+            "CSV of a tap test at the tool's tip in this posture: frequency_hz,force,motion,real_um_n,imag_um_n.",
+            arguments.file,
+            "FILE",
         ),
     ] = None,
-    up_to_hz: Annotated[
-        float, typer.Option("--up-to-hz", help="Rows of the tap test that count.", min=1.0, max=500.0)
-    ] = 40.0,
+    up_to_hz: Annotated[float, option("--up-to-hz", "Rows of the tap test that count.", min=1.0, max=500.0)] = 40.0,
     out: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--out",
-            help="Folder for summary.json and report.html, in which the modes move; made when missing.",
-            metavar="DIR",
-            callback=arguments.output_folder,
+            "Folder for summary.json and report.html, in which the modes move; made when missing.",
+            arguments.output_folder,
+            "DIR",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Natural frequencies, damping and mode shapes of the elastic cell in a posture.
 

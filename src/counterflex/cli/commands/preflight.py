@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.core.remarks import shown
@@ -22,30 +23,30 @@ def register(app: typer.Typer) -> None:
 
 
 def preflight(
-    program: Annotated[Path, typer.Argument(help="Program file.", metavar="PROGRAM", callback=arguments.file)],
+    program: Annotated[Path, argument("Program file.", arguments.file, "PROGRAM")],
     cell: CellFile,
     out: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--out",
-            help="Folder for report.html (pictures along the path) and summary.json; made when missing.",
-            metavar="DIR",
-            callback=arguments.output_folder,
+            "Folder for report.html (pictures along the path) and summary.json; made when missing.",
+            arguments.output_folder,
+            "DIR",
         ),
     ] = None,
     language: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--as",
-            help=f"Language that the robot gets the program in, for its size: {', '.join(robot_dialects())} (that of "
+            f"Language that the robot gets the program in, for its size: {', '.join(robot_dialects())} (that of "
             "the program, of the robot's maker).",
-            callback=arguments.one_of(robot_dialects, "language"),
+            arguments.one_of(robot_dialects, "language"),
         ),
     ] = None,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Check a program on a cell before it runs: one table with the worst line of each check.
 

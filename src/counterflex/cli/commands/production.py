@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import LARGEST_SEED, pairs
+from counterflex.cli.arguments import LARGEST_SEED, argument, option, pairs
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.files.shop_unit import digits_of, unit_of_name
@@ -27,31 +27,16 @@ def register(app: typer.Typer) -> None:
 
 
 def production(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Folders of run logs, as run writes them.", metavar="RUN...", callback=arguments.folder),
-    ],
+    runs: Annotated[list[Path], argument("Folders of run logs, as run writes them.", arguments.folder, "RUN...")],
     cell: CellFile,
-    plan: Annotated[
-        list[Path],
-        typer.Option("--plan", help="Plan file of the runs. Repeatable.", metavar="PLAN", callback=arguments.file),
-    ],
+    plan: Annotated[list[Path], option("--plan", "Plan file of the runs. Repeatable.", arguments.file, "PLAN")],
     out: Out,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="A setting.", metavar="KEY=VALUE", callback=arguments.settings),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of what is held out.", min=0, max=LARGEST_SEED)] = 0,
+    settings: Annotated[list[str] | None, option("--set", "A setting.", arguments.settings, "KEY=VALUE")] = None,
+    seed: Annotated[int, option("--seed", "Of what is held out.", min=0, max=LARGEST_SEED)] = 0,
     apply: Annotated[
-        Path | None,
-        typer.Option(
-            "--apply",
-            help="Write a new cell file with the constants found.",
-            metavar="CELL",
-            callback=arguments.output_file,
-        ),
+        Path | None, option("--apply", "Write a new cell file with the constants found.", arguments.output_file, "CELL")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the result as JSON.")] = False,
 ) -> None:
     """Find constants of the cutting force, and tool wear, from run logs of ordinary cuts.
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
 from counterflex.cli.predicted import MODEL
 from counterflex.cli.scenario import Layers
@@ -17,45 +18,40 @@ from counterflex.programs.language import BY_ENDING, at_prompt, dialects
 
 Program = Annotated[
     Path,
-    typer.Argument(
-        help="G-code, Sinumerik (.mpf), APT (.apt), KRL (.src), RAPID (.mod), FANUC TP (.ls) or VAL3 (.pgx).",
-        metavar="PROGRAM",
-        callback=arguments.file,
+    argument(
+        "G-code, Sinumerik (.mpf), APT (.apt), KRL (.src), RAPID (.mod), FANUC TP (.ls) or VAL3 (.pgx).",
+        arguments.file,
+        "PROGRAM",
     ),
 ]
-CellFile = Annotated[Path, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)]
-Out = Annotated[
-    Path,
-    typer.Option(
-        "--out", help="Folder for the results; made when missing.", metavar="DIR", callback=arguments.output_folder
-    ),
-]
+CellFile = Annotated[Path, option("--cell", "Cell file (.toml).", arguments.file, "CELL")]
+Out = Annotated[Path, option("--out", "Folder for the results; made when missing.", arguments.output_folder, "DIR")]
 Dialect = Annotated[
     str,
-    typer.Option(
+    option(
         "--dialect",
-        help=f"Language of the program: {', '.join(dialects())} (that of the file's ending).",
-        callback=arguments.one_of(dialects, "dialect"),
+        f"Language of the program: {', '.join(dialects())} (that of the file's ending).",
+        arguments.one_of(dialects, "dialect"),
     ),
 ]
 Parameters = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--parameters",
-        help="LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
-        metavar="FILE",
-        callback=arguments.file,
+        "LinuxCNC parameter file (.var, mm) of the machine it was written for: G28, G30, G53, work offsets.",
+        arguments.file,
+        "FILE",
     ),
 ]
 AssumeClass = Annotated[
     bool,
-    typer.Option(
+    option(
         "--assume-class",
-        help="Give axes of unknown stiffness the median of the robot's class; marked in everything that comes out.",
+        "Give axes of unknown stiffness the median of the robot's class; marked in everything that comes out.",
     ),
 ]
 WithoutEnd = Annotated[
-    bool, typer.Option("--without-end", help="The program is complete though it stops without M2, M30 or a closing %.")
+    bool, option("--without-end", "The program is complete though it stops without M2, M30 or a closing %.")
 ]
 
 
@@ -69,26 +65,18 @@ def path(
     program: Program,
     csv: Annotated[
         Path | None,
-        typer.Option(
-            "--csv",
-            help="Write the table to this file instead of printing it.",
-            metavar="FILE",
-            callback=arguments.output_file,
-        ),
+        option("--csv", "Write the table to this file instead of printing it.", arguments.output_file, "FILE"),
     ] = None,
     dialect: Dialect = BY_ENDING,
     cell: Annotated[
         Path | None,
-        typer.Option(
-            "--cell",
-            help="Cell file (.toml): tools by name, frames, work offsets, rotary machine.",
-            metavar="CELL",
-            callback=arguments.file,
+        option(
+            "--cell", "Cell file (.toml): tools by name, frames, work offsets, rotary machine.", arguments.file, "CELL"
         ),
     ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the motions as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the motions as JSON.")] = False,
 ) -> None:
     """List the motions of a program as read: line, end point, feed, arc and orientation of the tool.
 
@@ -124,26 +112,23 @@ def compensate(
     out: Out,
     language: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--as",
-            help=f"Language of the output: {', '.join(at_prompt('write', own=True))}, or one of another package "
+            f"Language of the output: {', '.join(at_prompt('write', own=True))}, or one of another package "
             "(`counterflex extensions`); without it that of the program.",
-            callback=arguments.one_of(lambda: at_prompt("write"), "language"),
+            arguments.one_of(lambda: at_prompt("write"), "language"),
         ),
     ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
     scenario: Layers = None,
     assume_class: AssumeClass = False,
-    predict: Annotated[
-        bool, typer.Option("--predict/--no-predict", help="Predict the path error before and after.")
-    ] = True,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    predict: Annotated[bool, option("--predict/--no-predict", "Predict the path error before and after.")] = True,
+    report: Annotated[bool, option("--report/--no-report", "Write report.html.")] = True,
     programmed_feed: Annotated[
-        bool,
-        typer.Option("--programmed-feed", help="Leave the feed as programmed: for `run --original`, corrected online."),
+        bool, option("--programmed-feed", "Leave the feed as programmed: for `run --original`, corrected online.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program: predict force and deflection at each point and write the corrected program.
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
+from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS, argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import (
     keep_folders,
@@ -27,23 +27,20 @@ from counterflex.programs.language import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
 Seeds = Annotated[
-    str,
-    typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
+    str, option("--seeds", "Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B")
 ]
 FamilyName = Annotated[
     str,
-    typer.Option(
+    option(
         "--family",
-        help="How far the simulated cell is from the cell file: mild or wide (docs/twin.md).",
-        metavar="FAMILY",
-        callback=arguments.one_of(FAMILIES, "family of truths"),
+        "How far the simulated cell is from the cell file: mild or wide (docs/twin.md).",
+        arguments.one_of(FAMILIES, "family of truths"),
+        "FAMILY",
     ),
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(
-        "--workers", help="Processes that machine at a time; by default one per core.", min=1, max=MOST_WORKERS
-    ),
+    option("--workers", "Processes that machine at a time; by default one per core.", min=1, max=MOST_WORKERS),
 ]
 
 
@@ -59,15 +56,11 @@ def register(app: typer.Typer) -> None:
 
 
 def truth(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=arguments.file)],
-    out: Annotated[
-        Path, typer.Option("--out", help="Truth file to write.", metavar="FILE", callback=arguments.output_file)
-    ],
+    cell: Annotated[Path, argument("The cell file.", arguments.file, "CELL")],
+    out: Annotated[Path, option("--out", "Truth file to write.", arguments.output_file, "FILE")],
     seed: Annotated[
         int | None,
-        typer.Option(
-            "--seed", help="Random seed of the deviations; without it truth and cell agree.", min=0, max=LARGEST_SEED
-        ),
+        option("--seed", "Random seed of the deviations; without it truth and cell agree.", min=0, max=LARGEST_SEED),
     ] = None,
     family: FamilyName = "mild",
     assume_class: AssumeClass = False,
@@ -92,23 +85,16 @@ def truth(
 def simulate(
     program: Program,
     cell: CellFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
-    ],
+    truth: Annotated[Path, option("--truth", "Truth file (.toml).", arguments.file, "TRUTH")],
     out: Out,
     original: Annotated[
         Path | None,
-        typer.Option(
-            "--original",
-            help="The uncompensated program, reference of a compensated one.",
-            metavar="PROGRAM",
-            callback=arguments.file,
-        ),
+        option("--original", "The uncompensated program, reference of a compensated one.", arguments.file, "PROGRAM"),
     ] = None,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Machine a program on the simulated cell.
 
@@ -136,17 +122,11 @@ def simulate(
 
 
 def evaluate(
-    folders: Annotated[
-        list[Path],
-        typer.Argument(help="Folders of simulate: before [after].", metavar="DIR...", callback=arguments.folder),
-    ],
+    folders: Annotated[list[Path], argument("Folders of simulate: before [after].", arguments.folder, "DIR...")],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Write summary.json and report.html here.", metavar="DIR", callback=arguments.output_folder
-        ),
+        Path | None, option("--out", "Write summary.json and report.html here.", arguments.output_folder, "DIR")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compare machined programs with the original: path, entries, exits, surface.
 
@@ -169,18 +149,18 @@ def evaluate(
 
 
 def mesh(
-    folder: Annotated[Path, typer.Argument(help="Folder of simulate.", metavar="DIR", callback=arguments.folder)],
+    folder: Annotated[Path, argument("Folder of simulate.", arguments.folder, "DIR")],
     out: Out,
     range_um: Annotated[
         float,
-        typer.Option(
+        option(
             "--range-um",
-            help="Deviation of full red (material left) and full blue (gouged).",
-            metavar="UM",
-            callback=arguments.between(1.0, 10_000.0),
+            "Deviation of full red (material left) and full blue (gouged).",
+            arguments.between(1.0, 10_000.0),
+            "UM",
         ),
     ] = 100.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Write the machined part as a mesh in the colours of its deviation, and the nominal part beside it.
 
@@ -213,16 +193,8 @@ def _um(value: float | None) -> str:
 
 
 def report(
-    before: Annotated[
-        Path,
-        typer.Argument(
-            help="Folder of simulate: the uncompensated program.", metavar="BEFORE", callback=arguments.folder
-        ),
-    ],
-    after: Annotated[
-        Path,
-        typer.Argument(help="Folder of simulate: the compensated program.", metavar="AFTER", callback=arguments.folder),
-    ],
+    before: Annotated[Path, argument("Folder of simulate: the uncompensated program.", arguments.folder, "BEFORE")],
+    after: Annotated[Path, argument("Folder of simulate: the compensated program.", arguments.folder, "AFTER")],
     out: Out,
 ) -> None:
     """Write the report of two machined programs: one HTML page with maps, curves, tables and what was assumed.
@@ -243,14 +215,12 @@ def prove(
     out: Out,
     seeds: Seeds = "1",
     family: FamilyName = "mild",
-    exact: Annotated[
-        bool, typer.Option("--exact/--no-exact", help="Also plan with the truth's exact constants.")
-    ] = True,
+    exact: Annotated[bool, option("--exact/--no-exact", "Also plan with the truth's exact constants.")] = True,
     assume_class: AssumeClass = False,
     workers: Workers = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program, machine it before and after on simulated cells, compare, and write the report.
 
@@ -321,13 +291,13 @@ def show_proof(summary: dict[str, Any], out: Path) -> None:
 
 
 def demo(
-    out: Annotated[
-        Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
-    ] = Path("counterflex-demo"),
+    out: Annotated[Path, option("--out", "Folder for the results.", arguments.output_folder, "DIR")] = Path(
+        "counterflex-demo"
+    ),
     seeds: Seeds = "1",
     family: FamilyName = "mild",
     workers: Workers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Run the complete chain on built-in data: compensate a test part, machine it before and after, compare, report.
 

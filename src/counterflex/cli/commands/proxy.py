@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 from counterflex.cli.scenario import Layers
 
 
@@ -20,21 +20,12 @@ def register(app: typer.Typer) -> None:
 
 def proxy(
     listen: Annotated[
-        str,
-        typer.Option(
-            "--listen", help="Where the side that begins sends to.", metavar="HOST:PORT", callback=arguments.host_port
-        ),
+        str, option("--listen", "Where the side that begins sends to.", arguments.host_port, "HOST:PORT")
     ],
-    to: Annotated[str, typer.Option("--to", help="The other side.", metavar="HOST:PORT", callback=arguments.host_port)],
-    log: Annotated[
-        Path | None,
-        typer.Option("--log", help="Log of what was done (CSV).", metavar="FILE", callback=arguments.output_file),
-    ] = None,
-    replay: Annotated[
-        Path | None,
-        typer.Option("--replay", help="Replay such a log.", metavar="FILE", callback=arguments.file),
-    ] = None,
-    seconds: Annotated[float | None, typer.Option("--seconds", help="End after so long.", min=0.0)] = None,
+    to: Annotated[str, option("--to", "The other side.", arguments.host_port, "HOST:PORT")],
+    log: Annotated[Path | None, option("--log", "Log of what was done (CSV).", arguments.output_file, "FILE")] = None,
+    replay: Annotated[Path | None, option("--replay", "Replay such a log.", arguments.file, "FILE")] = None,
+    seconds: Annotated[float | None, option("--seconds", "End after so long.", min=0.0)] = None,
     scenario: Layers = None,
 ) -> None:
     """Simulate an impaired network between two programs over UDP: lose, delay, duplicate and corrupt datagrams.

@@ -8,19 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import numbers
+from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table, warn
 from counterflex.cli.predicted import MODEL_NOTE
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+AsJson = Annotated[bool, option("--json", "Print JSON instead of a table.")]
 Target = Annotated[
-    str,
-    typer.Argument(
-        help="A robot of the catalogue, or a cell file (.toml).", metavar="ROBOT|CELL", callback=arguments.robot_or_cell
-    ),
+    str, argument("A robot of the catalogue, or a cell file (.toml).", arguments.robot_or_cell, "ROBOT|CELL")
 ]
 
 _cell = typer.Typer(no_args_is_help=True, help="Write, check and explain cell files.")
@@ -39,8 +36,7 @@ def register(app: typer.Typer) -> None:
 
 def robots(
     name: Annotated[
-        str | None,
-        typer.Argument(help="Show one robot as its data sheet does, with the source of every number; or a cell file."),
+        str | None, argument("Show one robot as its data sheet does, with the source of every number; or a cell file.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -117,27 +113,13 @@ def pose(
     target: Target,
     joints_deg: Annotated[
         str | None,
-        typer.Option(
-            "--joints-deg",
-            help="Six joint angles as the controller shows them.",
-            metavar="A1,..,A6",
-            callback=arguments.numbers_of(6),
-        ),
+        option("--joints-deg", "Six joint angles as the controller shows them.", arguments.numbers_of(6), "A1,..,A6"),
     ] = None,
     xyz_mm: Annotated[
-        str | None,
-        typer.Option(
-            "--xyz-mm", help="TCP position in the robot base.", metavar="X,Y,Z", callback=arguments.numbers_of(3)
-        ),
+        str | None, option("--xyz-mm", "TCP position in the robot base.", arguments.numbers_of(3), "X,Y,Z")
     ] = None,
     abc_deg: Annotated[
-        str,
-        typer.Option(
-            "--abc-deg",
-            help="TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).",
-            metavar="A,B,C",
-            callback=arguments.numbers_of(3),
-        ),
+        str, option("--abc-deg", "TCP orientation, intrinsic z-y'-x'' (KUKA A,B,C).", arguments.numbers_of(3), "A,B,C")
     ] = "0,0,0",
     as_json: AsJson = False,
 ) -> None:
@@ -195,27 +177,12 @@ def _row(values: dict[str, float]) -> tuple[list[str], list[list[str]]]:
 
 def deflection(
     target: Target,
-    joints_deg: Annotated[
-        str,
-        typer.Option("--joints-deg", help="Six joint angles.", metavar="A1,..,A6", callback=arguments.numbers_of(6)),
-    ],
+    joints_deg: Annotated[str, option("--joints-deg", "Six joint angles.", arguments.numbers_of(6), "A1,..,A6")],
     force_n: Annotated[
-        str,
-        typer.Option(
-            "--force-n",
-            help="Force on the tool at the TCP, base axes.",
-            metavar="FX,FY,FZ",
-            callback=arguments.numbers_of(3),
-        ),
+        str, option("--force-n", "Force on the tool at the TCP, base axes.", arguments.numbers_of(3), "FX,FY,FZ")
     ] = "0,0,0",
     moment_nm: Annotated[
-        str,
-        typer.Option(
-            "--moment-nm",
-            help="Moment on the tool about the TCP, base axes.",
-            metavar="MX,MY,MZ",
-            callback=arguments.numbers_of(3),
-        ),
+        str, option("--moment-nm", "Moment on the tool about the TCP, base axes.", arguments.numbers_of(3), "MX,MY,MZ")
     ] = "0,0,0",
     as_json: AsJson = False,
 ) -> None:
@@ -267,15 +234,9 @@ def _share(row: dict[str, Any]) -> list[str]:
 
 
 def cell_check(
-    cell: Annotated[Path, typer.Argument(help="The cell file.", metavar="CELL", callback=arguments.file)],
+    cell: Annotated[Path, argument("The cell file.", arguments.file, "CELL")],
     program: Annotated[
-        Path | None,
-        typer.Option(
-            "--program",
-            help="G-code file in whose cut the unknowns are judged.",
-            metavar="PROGRAM",
-            callback=arguments.file,
-        ),
+        Path | None, option("--program", "G-code file in whose cut the unknowns are judged.", arguments.file, "PROGRAM")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -361,14 +322,14 @@ def _seen(values: list[dict[str, Any]]) -> tuple[str, str]:
 
 
 def cell_example(
-    out: Annotated[
-        Path, typer.Option("--out", help="Where to write it; an existing file is kept.", callback=arguments.output_file)
-    ] = Path("cell.toml"),
+    out: Annotated[Path, option("--out", "Where to write it; an existing file is kept.", arguments.output_file)] = Path(
+        "cell.toml"
+    ),
     robot: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--robot",
-            help="Another robot of the catalogue (`counterflex robots`), with the same spindle, tools and part.",
+            "Another robot of the catalogue (`counterflex robots`), with the same spindle, tools and part.",
             metavar="NAME",
         ),
     ] = None,

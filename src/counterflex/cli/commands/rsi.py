@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
@@ -26,30 +27,21 @@ def register(app: typer.Typer) -> None:
 
 
 def check(
-    file: Annotated[
-        Path, typer.Argument(help="ETHERNET configuration file (.xml).", metavar="FILE", callback=arguments.file)
-    ],
+    file: Annotated[Path, argument("ETHERNET configuration file (.xml).", arguments.file, "FILE")],
     cell: Annotated[
-        Path | None,
-        typer.Option("--cell", help="Cell file, for the limits of [online].", metavar="CELL", callback=arguments.file),
+        Path | None, option("--cell", "Cell file, for the limits of [online].", arguments.file, "CELL")
     ] = None,
     context: Annotated[
-        Path | None,
-        typer.Option(
-            "--context", help="Context of the controller (.rsi.xml or .rsix).", metavar="FILE", callback=arguments.file
-        ),
+        Path | None, option("--context", "Context of the controller (.rsi.xml or .rsix).", arguments.file, "FILE")
     ] = None,
-    krl: Annotated[
-        Path | None,
-        typer.Option("--krl", help="KRL program that uses it (.src).", metavar="FILE", callback=arguments.file),
-    ] = None,
+    krl: Annotated[Path | None, option("--krl", "KRL program that uses it (.src).", arguments.file, "FILE")] = None,
     tracker: Annotated[
-        int | None, typer.Option("--tracker", help="UDP port for tracker datagrams, as in run.", min=1, max=65535)
+        int | None, option("--tracker", "UDP port for tracker datagrams, as in run.", min=1, max=65535)
     ] = None,
     force_port: Annotated[
-        int | None, typer.Option("--force-port", help="UDP port of a simulated force sensor.", min=1, max=65535)
+        int | None, option("--force-port", "UDP port of a simulated force sensor.", min=1, max=65535)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of lines.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of lines.")] = False,
 ) -> None:
     """Check an RSI set-up: dangerous (error) or ineffective (warning) settings, with their remedy.
 
@@ -81,17 +73,12 @@ def make(
     out: Out,
     program: Annotated[
         Path | None,
-        typer.Option(
-            "--program",
-            help="Compensated KRL program; default: one that tests the link.",
-            metavar="SRC",
-            callback=arguments.file,
-        ),
+        option("--program", "Compensated KRL program; default: one that tests the link.", arguments.file, "SRC"),
     ] = None,
-    host: Annotated[str, typer.Option("--host", help="Address of the sensor computer.")] = "192.168.44.10",
-    port: Annotated[int, typer.Option("--port", help="UDP port on it.", min=1, max=65535)] = 59152,
-    sentype: Annotated[str, typer.Option("--sentype", help="Type of the answers.")] = "Counterflex",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    host: Annotated[str, option("--host", "Address of the sensor computer.")] = "192.168.44.10",
+    port: Annotated[int, option("--port", "UDP port on it.", min=1, max=65535)] = 59152,
+    sentype: Annotated[str, option("--sentype", "Type of the answers.")] = "Counterflex",
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Generate an RSI set-up for a cell: ETHERNET file, context, KRL program with RSI around its path, README.
 
@@ -116,12 +103,9 @@ def make(
 def tune(
     cell: CellFile,
     apply: Annotated[
-        Path | None,
-        typer.Option(
-            "--apply", help="Write a new cell file with the gains.", metavar="FILE", callback=arguments.output_file
-        ),
+        Path | None, option("--apply", "Write a new cell file with the gains.", arguments.output_file, "FILE")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Tune a PID for the correction of each axis from identified dead time, lag and lowest mode.
 

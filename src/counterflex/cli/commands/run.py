@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments, interrupt
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.commands.simulated.options import require_not_abandoned
@@ -17,13 +17,7 @@ from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
 Rsi = Annotated[
-    Path | None,
-    typer.Option(
-        "--rsi",
-        help="KUKA: ETHERNET configuration file of the RSI context (.xml).",
-        metavar="FILE",
-        callback=arguments.file,
-    ),
+    Path | None, option("--rsi", "KUKA: ETHERNET configuration file of the RSI context (.xml).", arguments.file, "FILE")
 ]
 
 
@@ -38,11 +32,7 @@ def register_twin(twin: typer.Typer) -> None:
 
 
 def one_link(rsi: Path | None, egm: object) -> tuple[str, Path | None] | None:
-    """The link that is given and its file; None where the cell file is to name it.
-
-    Raises:
-        InputError: Two are given.
-    """
+    """The link that is given and its file; None where the cell file is to name it. Raises InputError: two are given."""
     if rsi is not None and egm is not None:
         raise InputError(
             "the robot's protocol is not clear",
@@ -59,24 +49,22 @@ def run(
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
-        int | None,
-        typer.Option("--egm", help="ABB: UDP port for EGM, set up by [egm].", min=0, max=65535, metavar="PORT"),
+        int | None, option("--egm", "ABB: UDP port for EGM, set up by [egm].", metavar="PORT", min=0, max=65535)
     ] = None,
     plan: Annotated[
-        Path | None,
-        typer.Option("--plan", help="Plan file of the program (.parquet).", metavar="PLAN", callback=arguments.file),
+        Path | None, option("--plan", "Plan file of the program (.parquet).", arguments.file, "PLAN")
     ] = None,
     original: Annotated[
-        bool, typer.Option("--original", help="The robot runs the original program, not the compensated one.")
+        bool, option("--original", "The robot runs the original program, not the compensated one.")
     ] = False,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Arm when all checks have passed. Without it the loop only monitors.")
+        bool, option("--arm", "Arm when all checks have passed. Without it the loop only monitors.")
     ] = False,
     trust_machine: Annotated[
-        bool, typer.Option("--trust-machine", help="Arm although counterflex doctor has not passed this computer.")
+        bool, option("--trust-machine", "Arm although counterflex doctor has not passed this computer.")
     ] = False,
     scenario: Layers = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Correct the robot during milling from force, plan and tracker, and log every cycle.
 
@@ -185,28 +173,16 @@ def _show(summary: dict[str, Any], out: Path) -> None:
 def cell(
     program: Program,
     cell: CellFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
-    ],
+    truth: Annotated[Path, option("--truth", "Truth file (.toml).", arguments.file, "TRUTH")],
     out: Out,
     rsi: Rsi = None,
     egm: Annotated[
         str | None,
-        typer.Option(
-            "--egm",
-            help="ABB: where EGM messages go; set up by [egm] of the cell.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        option("--egm", "ABB: where EGM messages go; set up by [egm] of the cell.", arguments.host_port, "HOST:PORT"),
     ] = None,
     original: Annotated[
         Path | None,
-        typer.Option(
-            "--original",
-            help="The uncompensated program, reference of a compensated one.",
-            metavar="PROGRAM",
-            callback=arguments.file,
-        ),
+        option("--original", "The uncompensated program, reference of a compensated one.", arguments.file, "PROGRAM"),
     ] = None,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,

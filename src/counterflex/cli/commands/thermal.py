@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import numbers
+from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.output import keep_inputs, print_json, print_table
 
 
@@ -21,46 +21,27 @@ def register(app: typer.Typer) -> None:
 def thermal(
     touches: Annotated[
         Path,
-        typer.Argument(
-            help="CSV: time_s,x_mm,y_mm,z_mm; where known spindle_rpm,sigma_um,temperature_c.",
-            metavar="TOUCHES",
-            callback=arguments.file,
+        argument(
+            "CSV: time_s,x_mm,y_mm,z_mm; where known spindle_rpm,sigma_um,temperature_c.", arguments.file, "TOUCHES"
         ),
     ],
     axis: Annotated[
-        str,
-        typer.Option(
-            "--axis",
-            help="Direction from spindle to tip, part axes.",
-            metavar="X,Y,Z",
-            callback=arguments.numbers_of(3),
-        ),
+        str, option("--axis", "Direction from spindle to tip, part axes.", arguments.numbers_of(3), "X,Y,Z")
     ] = "0,0,-1",
     limit_um: Annotated[
-        float, typer.Option("--limit-um", help="Growth and drift that are tolerated.", min=1.0, max=10_000.0)
+        float, option("--limit-um", "Growth and drift that are tolerated.", min=1.0, max=10_000.0)
     ] = 30.0,
     um_per_k: Annotated[
         float | None,
-        typer.Option(
-            "--um-per-k", help="Growth per kelvin of temperature_c; without it that is not used.", min=0.01, max=100.0
-        ),
+        option("--um-per-k", "Growth per kelvin of temperature_c; without it that is not used.", min=0.01, max=100.0),
     ] = None,
     model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", help="What an earlier call learnt of this machine.", metavar="FILE", callback=arguments.file
-        ),
+        Path | None, option("--model", "What an earlier call learnt of this machine.", arguments.file, "FILE")
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="File for what was learnt of this machine (.json).",
-            metavar="FILE",
-            callback=arguments.output_file,
-        ),
+        Path | None, option("--out", "File for what was learnt of this machine (.json).", arguments.output_file, "FILE")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Follow the thermal growth of spindle and arm through touches of one place between cuts.
 

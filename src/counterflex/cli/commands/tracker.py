@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Format
 from counterflex.core import file_content
@@ -29,19 +29,9 @@ def _group() -> None:
 
 
 def bridge(
-    to: Annotated[
-        str,
-        typer.Argument(
-            help="Where datagrams go: the loop's tracker.address.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
-    ],
+    to: Annotated[str, argument("Where datagrams go: the loop's tracker.address.", arguments.host_port, "HOST:PORT")],
     file: Annotated[
-        Path | None,
-        typer.Option(
-            "--file", help="Read lines from there; else from standard input.", metavar="CSV", callback=arguments.file
-        ),
+        Path | None, option("--file", "Read lines from there; else from standard input.", arguments.file, "CSV")
     ] = None,
     form: Format = "counterflex",
     as_json: AsJson = False,

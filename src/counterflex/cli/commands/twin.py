@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import LARGEST_SEED
+from counterflex.cli.arguments import LARGEST_SEED, argument, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.commands.proxy import register as register_proxy
 from counterflex.cli.commands.question import AsJson
@@ -42,26 +42,16 @@ def _group() -> None:
 
 
 def measure(
-    proposal: Annotated[
-        Path,
-        typer.Argument(
-            help="Proposal that identify RECIPE --propose wrote.", metavar="PROPOSAL", callback=arguments.file
-        ),
-    ],
+    proposal: Annotated[Path, argument("Proposal that identify RECIPE --propose wrote.", arguments.file, "PROPOSAL")],
     cell: CellFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
-    ],
+    truth: Annotated[Path, option("--truth", "Truth file (.toml).", arguments.file, "TRUTH")],
     out: Out,
     seed: Annotated[
         int,
-        typer.Option(
-            "--seed", help="Of the laboratory: where its instruments stand, and their noise.", min=0, max=LARGEST_SEED
-        ),
+        option("--seed", "Of the laboratory: where its instruments stand, and their noise.", min=0, max=LARGEST_SEED),
     ] = 0,
     session: Annotated[
-        str | None,
-        typer.Option("--session", help="Each session has different noise; default: the name of the folder."),
+        str | None, option("--session", "Each session has different noise; default: the name of the folder.")
     ] = None,
 ) -> None:
     """Carry out the measurements of a proposal on the simulated cell: a CSV file and its manifest.
@@ -83,14 +73,12 @@ def measure(
 
 
 def track(
-    program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    program: Annotated[Path, argument("G-code file.", arguments.file, "PROGRAM")],
     cell: CellFile,
-    truth: Annotated[
-        Path, typer.Option("--truth", help="Truth file (.toml).", metavar="TRUTH", callback=arguments.file)
-    ],
+    truth: Annotated[Path, option("--truth", "Truth file (.toml).", arguments.file, "TRUTH")],
     out: Out,
-    cycles: Annotated[int, typer.Option("--cycles", help="How often the program runs.", min=1, max=1000)] = 1,
-    seed: Annotated[int, typer.Option("--seed", help="Of the tracker's noise.", min=0, max=LARGEST_SEED)] = 0,
+    cycles: Annotated[int, option("--cycles", "How often the program runs.", min=1, max=1000)] = 1,
+    seed: Annotated[int, option("--seed", "Of the tracker's noise.", min=0, max=LARGEST_SEED)] = 0,
 ) -> None:
     """Run a program in the air on the simulated cell and log it with a tracker, in the part frame: tracker.csv.
 
@@ -110,9 +98,7 @@ def track(
 
 
 def scenarios(
-    name: Annotated[
-        str | None, typer.Argument(help="Print this one, to begin a file of your own with.", metavar="NAME")
-    ] = None,
+    name: Annotated[str | None, argument("Print this one, to begin a file of your own with.", metavar="NAME")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Scenarios that come with counterflex, for --scenario NAME.

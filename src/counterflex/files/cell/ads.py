@@ -19,11 +19,7 @@ HOLDER_TIME, HOLDER_TEMPERATURE = "holder_time", "holder_temperature"
 
 
 def si_of(unit: str) -> tuple[str, float]:
-    """SI unit of a unit, and the SI value of one of it.
-
-    Raises:
-        ValueError: The unit is not known.
-    """
+    """SI unit of a unit, and the SI value of one of it. Raises ValueError: the unit is not known."""
     requested = plain(unit)
     for si, units in UNITS.items():
         if requested in units:

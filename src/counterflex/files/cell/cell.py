@@ -40,33 +40,23 @@ VERSION = 1
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A cell: the tables of its file and the objects they describe, in SI.
+    """A cell: the tables of its file and the objects they describe, in SI."""
 
-    Attributes:
-        tables: The file as written, in shop units.
-        path: Where it was read from; relative paths in the file are relative to its folder.
-        robot: Robot with the file's changes to its elastic elements, and calibrated.
-        end_effector: Bodies from the flange outward and the TCP, calibrated.
-        chain: Both as one elastic chain.
-        nominal_robot: Robot without calibration: the geometry that its controller computes with.
-        nominal_end_effector: End effector without calibration.
-        class_stiffness: What the robot's class gave the axes that no stiffness is known of; None where nothing was
-            asked of it, or where every axis has one.
-        R_part_plane: (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool;
-            None where the tool is along z of the part. Part frame, datum points and blank are given in the plane then.
-        tool_turns: The tool cuts in several directions, or turns while it cuts: a program of five axes, planned in
-            part axes with columns of material.
-    """
-
-    tables: CellTables
-    path: Path
-    robot: Robot
-    end_effector: EndEffector
+    tables: CellTables  # The file as written, in shop units
+    path: Path  # Where it was read from; relative paths in the file are relative to its folder
+    robot: Robot  # Robot with the file's changes to its elastic elements, and calibrated
+    end_effector: EndEffector  # Bodies from the flange outward and the TCP, calibrated
     chain: ElasticChain
-    nominal_robot: Robot
-    nominal_end_effector: EndEffector
+    nominal_robot: Robot  # Robot without calibration: the geometry that its controller computes with
+    nominal_end_effector: EndEffector  # End effector without calibration
+    # What the robot's class gave the axes that no stiffness is known of; None where nothing was asked of it, or where
+    # every axis has one
     class_stiffness: ClassStiffness | None = None
+    # (3, 3) axes of the working plane in the part frame, whose z is the direction of a tilted tool; None where the tool
+    # is along z of the part. Part frame, datum points and blank are given in the plane then.
     R_part_plane: Float | None = None
+    # The tool cuts in several directions, or turns while it cuts: a program of five axes, planned in part axes with
+    # columns of material
     tool_turns: bool = False
 
     def with_turning_tool(self) -> Cell:
@@ -98,11 +88,7 @@ class Cell:
 
     @property
     def part(self) -> PartTable:
-        """Table ``[part]``.
-
-        Raises:
-            FileFormatError: The file has none.
-        """
+        """Table ``[part]``. Raises FileFormatError: the file has none."""
         if self.tables.part is None:
             raise self._lacking("[part]")
         return self.tables.part
@@ -114,11 +100,7 @@ class Cell:
 
     @property
     def material(self) -> MaterialTable:
-        """Table ``[material]``.
-
-        Raises:
-            FileFormatError: The file has none.
-        """
+        """Table ``[material]``. Raises FileFormatError: the file has none."""
         if self.tables.material is None:
             raise self._lacking("[material]")
         return self.tables.material
@@ -272,11 +254,7 @@ class Cell:
         return _force_law(self.material, str(self.path))
 
     def cutter(self, number: int) -> Cutter:
-        """The tool with the program's number.
-
-        Raises:
-            FileFormatError: The cell has no such tool, or none at all.
-        """
+        """The tool with the program's number. Raises FileFormatError: the cell has no such tool, or none at all."""
         if not self.tables.tools:
             raise self._lacking("[[tools]]")
         for tool in self.tables.tools:
@@ -336,11 +314,7 @@ class Cell:
         return BlankBox(np.array(stock.box_min_mm) * MM, np.array(stock.box_max_mm) * MM, turn)
 
     def stock(self) -> HeightMap:
-        """A fresh blank in the part frame.
-
-        Raises:
-            FileFormatError: There is no blank, or the mesh or the earlier result cannot be used.
-        """
+        """A fresh blank in the part frame."""
         if self.part.stock is None:
             raise self._lacking("[part.stock]")
         with located(f"{self.path}: part.stock"):
@@ -351,7 +325,6 @@ def read_cell(path: str | Path, *, assume_class: bool = False) -> Cell:
     """Read a cell file and resolve what it names.
 
     Args:
-        path: The file.
         assume_class: Give axes that no stiffness is known of the median of the robot's class.
 
     Raises:

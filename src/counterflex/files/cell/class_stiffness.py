@@ -20,14 +20,9 @@ _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
 
 @dataclass(frozen=True)
 class ClassStiffness:
-    """What a robot has been given by its class.
+    """What a robot has been given by its class."""
 
-    Attributes:
-        axes: Numbers 0..5 of the axes that nothing was known of.
-        prior: Their median stiffness and its spread.
-    """
-
-    axes: tuple[int, ...]
+    axes: tuple[int, ...]  # Numbers 0..5 of the axes that nothing was known of
     prior: ClassPrior
 
     @property

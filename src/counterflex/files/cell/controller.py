@@ -41,8 +41,6 @@ def _line(text: str) -> str:
 Statement = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_line)]
 Statements = Annotated[tuple[Statement, ...], Field(max_length=20)]
 Condition = Annotated[str, Field(max_length=200), AfterValidator(_line)]
-
-
 _SIGNS: Final = {";": "a semicolon"}
 """Names of the ends of statements, for messages."""
 
@@ -129,20 +127,11 @@ class SpindleTable(_SpindleLanguages):  # type: ignore[misc]
         """What the writer of a language calls for every block.
 
         Args:
-            language: Of the robot.
             tool_data: What the controller calls the tool frame, by number of the tool.
-            where: Path of the cell file, for messages.
         """
         table = self.of_language(language)
         return MachineFunctions(
-            language,
-            table.by_code(),
-            table.ready,
-            table.standing,
-            self.wait_s,
-            self.pause_s,
-            tool_data or {},
-            where,
+            language, table.by_code(), table.ready, table.standing, self.wait_s, self.pause_s, tool_data or {}, where
         )
 
 

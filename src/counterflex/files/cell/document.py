@@ -17,11 +17,7 @@ Doc = MutableMapping[str, Any]
 
 
 def parsed(path: Path) -> tomlkit.TOMLDocument:
-    """A cell file with its comments and order.
-
-    Raises:
-        FileFormatError: It cannot be read.
-    """
+    """A cell file with its comments and order."""
     text = file_content.text(path)
     with file_content.readable(path, "TOML"):
         return tomlkit.parse(text)

@@ -45,11 +45,7 @@ class EgmTable(Table):
         return self.configuration or ("pathCorr" if self.mode == "path" else "default")
 
     def require(self, online: OnlineTable, where: str) -> None:
-        """Check that EGM can do what the table ``[online]`` wants.
-
-        Raises:
-            InputError: It cannot.
-        """
+        """Check that EGM can do what the table ``[online]`` wants. Raises InputError: it cannot."""
 
         def refuse(what: str, value: object, limit: object, hint: str) -> None:
             raise InputError(what, where=where, value=value, limit=limit, hint=hint)

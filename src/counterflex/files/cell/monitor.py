@@ -119,7 +119,6 @@ def feed_exponent(law: ForceLaw, chip_m: float) -> float:
     """Exponent p of the tangential force in the feed at a chip thickness, ``d log F / d log h``, by differences.
 
     Args:
-        law: Force law.
         chip_m: Mean chip thickness of the cut, m.
     """
     step = 1e-3

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Field, field_validator
 
 from counterflex.core.units import DEG, MM, MS, PERCENT, UM, URAD
-from counterflex.files.cell.axis_pid import AxisPidTable
-from counterflex.files.cell.pair import PairTable
 from counterflex.files.cell.timing import TimingTable
 from counterflex.files.schema import Table
+from counterflex.runtime.axis_gains import AXES, AxisGains
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.estimator.fusion import FusionTuning
 from counterflex.runtime.plausibility.axis_tolerance import AxisTolerance
@@ -31,6 +30,78 @@ from counterflex.runtime.settings import (
 from counterflex.runtime.state.supervisor import SupervisorSettings
 from counterflex.signals.filters import Smoothing
 from counterflex.signals.limiter import MotionLimit
+
+if TYPE_CHECKING:
+    from counterflex.runtime.sensing.pair_wrench import PairTuning
+
+
+Force: TypeAlias = Annotated[float, Field(gt=0.0, le=1e5)]
+Age: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
+
+
+class PairTable(Table):
+    """What the filter of two sensors is told beside their own tables."""
+
+    sensor_noise_n: Force = 3.0
+    sensor_zero_n: Force = 1.0
+    sensor_walk_n: Force = 0.1
+    sensor_late_ms: Age = 0.0
+    holder_late_ms: Age = 0.0
+    slew_n: Force = 1000.0
+    gate: Annotated[float, Field(ge=2.0, le=20.0)] = 5.0
+    differ_n: Force = 30.0
+    differ_ms: Annotated[float, Field(gt=0.0, le=10_000.0)] = 100.0
+
+    def tuning(self, holder_walk_n: tuple[float, float, float]) -> PairTuning:
+        """In SI.
+
+        Args:
+            holder_walk_n: (3,) N over one second, holder axes, of what the zeros of the bridges look like.
+        """
+        from counterflex.runtime.sensing.pair_wrench import PairTuning  # with the compiler
+
+        return PairTuning(
+            noise_n=self.sensor_noise_n,
+            zero_n=self.sensor_zero_n,
+            walk_n=self.sensor_walk_n,
+            holder_walk_n=holder_walk_n,
+            slew_n=self.slew_n,
+            late_s=(self.sensor_late_ms * MS, self.holder_late_ms * MS),
+            gate=self.gate,
+            differ_n=self.differ_n,
+            differ_s=self.differ_ms * MS,
+        )
+
+
+Gain: TypeAlias = Annotated[float, Field(ge=0.0, le=20.0)]
+Rate: TypeAlias = Annotated[float, Field(ge=0.0, le=200.0)]
+Time: TypeAlias = Annotated[float, Field(ge=0.0, le=1000.0)]
+Angle: TypeAlias = Annotated[float, Field(gt=0.0, le=2e4)]
+
+
+class AxisPidTable(Table):
+    """One number for each axis."""
+
+    proportional: tuple[Gain, Gain, Gain, Gain, Gain, Gain] = (0.0,) * 6
+    integral_per_s: tuple[Rate, Rate, Rate, Rate, Rate, Rate] = (0.0,) * 6
+    derivative_ms: tuple[Time, Time, Time, Time, Time, Time] = (0.0,) * 6
+    filter_ms: tuple[Time, Time, Time, Time, Time, Time] = (0.0,) * 6
+    most_urad: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (1000.0,) * 6
+
+    @property
+    def gains(self) -> tuple[AxisGains, ...]:
+        """In SI, one per axis."""
+        return tuple(
+            AxisGains(
+                self.proportional[k],
+                self.integral_per_s[k],
+                self.derivative_ms[k] * MS,
+                self.filter_ms[k] * MS,
+                self.most_urad[k] * URAD,
+            )
+            for k in range(AXES)
+        )
+
 
 Above = Annotated[float, Field(gt=0.0, le=1e6)]
 Signed = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -157,11 +228,7 @@ class OnlineTable(Table):
             derivative_s=(d_feed * MS, d_across * MS, d_axial * MS),
             smoothing=Smoothing(self.corner_hz, self.average, period),
             inertia_hz=self.inertia_hz,
-            pilot=Pilot(
-                self.threshold_n,
-                self.blend_ms * MS,
-                None if self.lead_ms is None else self.lead_ms * MS,
-            ),
+            pilot=Pilot(self.threshold_n, self.blend_ms * MS, None if self.lead_ms is None else self.lead_ms * MS),
             delays=delays,
             tuning=self._tuning(delays, period, mode),
             fusion=FusionTuning(
@@ -247,8 +314,6 @@ def tracker_plant(delays: Delays, period_s: float, mode: tuple[float, float] | N
     """What the tracker sees of a correction, from identified delays.
 
     Args:
-        delays: Of the cell.
-        period_s: Cycle.
         mode: Lowest mode, Hz, and its damping ratio; None is a robot without one.
     """
     hz, damping = mode if mode is not None else (0.0, 0.1)

@@ -143,7 +143,6 @@ class LimitsTable(Table):
 
         Args:
             controller: Table ``[controller]``.
-            robot: The robot.
         """
         cables = {3: self.cable_axis4_deg, 5: self.cable_axis6_deg}
         speeds, accelerations = self.joint_speed_deg_s, self.joint_acceleration_deg_s2

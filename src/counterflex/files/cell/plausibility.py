@@ -44,14 +44,7 @@ _RATIO: Final = 30.0
 
 @dataclass(frozen=True)
 class Window:
-    """Magnitudes that a key may have, in its own unit.
-
-    Attributes:
-        least: Below it the file is refused.
-        low: Below it the number is told.
-        high: Above it the number is told.
-        most: Above it the file is refused.
-    """
+    """Magnitudes that a key may have, in its own unit."""
 
     least: float
     low: float
@@ -217,23 +210,14 @@ _OTHER: Final[dict[str, tuple[tuple[float, str], ...]]] = {
 
 @dataclass(frozen=True)
 class Unusual:
-    """A number outside of its window.
+    """A number outside of its window."""
 
-    Attributes:
-        key: Where it stands, as in the file: ``robot.play[1].friction_nm[3]``.
-        value: In the unit of the key.
-        low: End of the window that it should lie in.
-        high: The other end.
-        hint: Which unit it may be in, or empty.
-        refused: It lies where no milling cell lies.
-    """
-
-    key: str
-    value: float
-    low: float
+    key: str  # Where it stands, as in the file: ``robot.play[1].friction_nm[3]``
+    value: float  # In the unit of the key
+    low: float  # End of the window that it should lie in
     high: float
-    hint: str
-    refused: bool
+    hint: str  # Which unit it may be in, or empty
+    refused: bool  # It lies where no milling cell lies
 
     def sentence(self) -> str:
         """One line."""
@@ -242,11 +226,7 @@ class Unusual:
 
 
 def unusual(tables: CellTables) -> list[Unusual]:
-    """Numbers of a cell file outside of their windows, those that are refused first.
-
-    Args:
-        tables: As read.
-    """
+    """Numbers of a cell file outside of their windows, those that are refused first."""
     identified = [value.value for table in tables.identified for value in table.values]
     values = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
     own = set(_own(values))
@@ -292,10 +272,6 @@ def _held_the_other_way(name: str) -> str:
 
 def require_units(tables: CellTables, where: str) -> None:
     """Refuse a cell file with a number that no milling cell has.
-
-    Args:
-        tables: As read.
-        where: The file.
 
     Raises:
         FileFormatError: One line: key, value, limit, likely unit.

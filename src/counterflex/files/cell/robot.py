@@ -16,14 +16,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
-from counterflex.robot.model.controller_axes import (
-    MAKERS,
-    Axis3,
-    ControllerAxes,
-    from_geometry,
-    from_signs,
-    maker_of,
-)
+from counterflex.robot.model.controller_axes import MAKERS, Axis3, ControllerAxes, from_geometry, from_signs, maker_of
 from counterflex.robot.model.description import ElasticRegion, Robot
 from counterflex.robot.model.dh import AXES, DhRow, from_dh
 from counterflex.robot.model.elastic_region import ANGLES, DIRECTIONS
@@ -273,8 +266,6 @@ Order = Annotated[int, Field(ge=1, le=1000)]
 Amplitude = Annotated[float, Field(ge=-1e5, le=1e5)]
 Harmonics = Annotated[tuple[tuple[Order, Amplitude, Amplitude], ...], Field(max_length=200)]
 """Rows ``[order, sine amplitude in urad, cosine amplitude in urad]``."""
-
-
 Ranges = Annotated[tuple[tuple[Angle, Angle], ...], Field(max_length=6)]
 """Lowest and highest angle of each of the six axes."""
 

@@ -23,11 +23,7 @@ def robot_of(tables: CellTables, path: Path) -> Robot:
     """The robot, not calibrated.
 
     Args:
-        tables: Of the cell file.
         path: Of the file, for the files that it names and for faults.
-
-    Raises:
-        FileFormatError: An unknown robot or segment, or a file that cannot be used.
     """
     robot = _with_axes(_robot(tables, path), tables, str(path))
     robot = _with_drives(_with_elastic(robot, tables, str(path)), tables)
@@ -90,9 +86,7 @@ def _with_elastic(robot: Robot, tables: CellTables, where: str) -> Robot:
     for row in tables.robot.elastic:
         if row.segment not in segments:
             raise FileFormatError(
-                f"the robot has no segment '{row.segment}'",
-                where=f"{where}: robot.elastic",
-                limit=", ".join(segments),
+                f"the robot has no segment '{row.segment}'", where=f"{where}: robot.elastic", limit=", ".join(segments)
             )
         old = segments[row.segment]
         compliance = row.over(old.compliance)
@@ -116,9 +110,7 @@ def _with_drives(robot: Robot, tables: CellTables) -> Robot:
             slip_rad=gains.slip_urad * URAD,
         )
     return replace(
-        robot,
-        play=tuple(play) if any(play) else robot.play,
-        servo=tuple(servo) if any(servo) else robot.servo,
+        robot, play=tuple(play) if any(play) else robot.play, servo=tuple(servo) if any(servo) else robot.servo
     )
 
 

@@ -19,30 +19,19 @@ POSE_KEYS: Final = ("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg")
 
 
 class AxisMove(NamedTuple):
-    """An external axis goes to a value.
+    """An external axis goes to a value."""
 
-    Attributes:
-        from_mm: Place along the path of the program, from its first point, at which it begins to move.
-        to_mm: Place at which it has arrived; the same where the tool stands meanwhile.
-        value: mm or deg.
-        point_mm: Tool tip at its arrival, part frame.
-    """
-
-    from_mm: float
-    to_mm: float
-    value: float
-    point_mm: Sequence[float]
+    from_mm: float  # Place along the path of the program, from its first point, at which it begins to move
+    to_mm: float  # Place at which it has arrived; the same where the tool stands meanwhile
+    value: float  # mm or deg
+    point_mm: Sequence[float]  # Tool tip at its arrival, part frame
 
 
 def copied_text(path: Path, folder: Path) -> str:
     """Text of a cell file as it has to be in another folder: the files that it names are where they were.
 
     Args:
-        path: Cell file.
         folder: Where the copy will lie.
-
-    Raises:
-        FileFormatError: The file cannot be read.
     """
     doc = parsed(path)
     move_paths(doc, path.parent, folder)
@@ -55,14 +44,10 @@ def text_with_posture(
     """Text of a cell file with another posture; comments, order and everything else are kept.
 
     Args:
-        path: Cell file.
         branch: Such as ``front up noflip``.
         rotation_deg: Rotation about the tool axis.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
         turning: Rotation along the program, with its points; None where the tool does not turn about its axis.
-
-    Raises:
-        FileFormatError: The file cannot be read.
     """
     doc = parsed(path)
     table = _with_posture(doc, branch, rotation_deg)
@@ -98,7 +83,6 @@ def text_with_place(
     """Text of a cell file with the part (or the spindle that stands) elsewhere and a posture for it; all else is kept.
 
     Args:
-        path: Cell file.
         pose: Keys of ``[part]`` in shop units, of ``[tcp]`` where the robot holds the part; those that stay as they are
             do not appear anew.
         branch: Such as ``front up noflip``.
@@ -107,9 +91,6 @@ def text_with_place(
         mounted: Body of the end effector or ``tcp``, its key, and the angle in deg that it gets.
         axes: Values that external axes get, by name, mm or deg.
         moves: Where they go along the program, by name; those of an axis that is not named are taken out.
-
-    Raises:
-        FileFormatError: The file cannot be read.
     """
     doc = parsed(path)
     if mounted is not None:
@@ -139,12 +120,8 @@ def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
     """Text of a cell file with the part elsewhere; comments, order and everything else are kept.
 
     Args:
-        path: Cell file.
         pose: Keys of ``[part]`` that change, in shop units: ``x_mm`` ... ``c_deg``.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
-
-    Raises:
-        FileFormatError: The file cannot be read.
     """
     doc = parsed(path)
     table = table_of(doc, "part")
@@ -158,12 +135,7 @@ def text_placed_as(path: Path, other: Path, folder: Path) -> str:
     """Text of a cell file with the pose of the part and the posture of another one.
 
     Args:
-        path: Cell file.
-        other: Cell file that has them.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
-
-    Raises:
-        FileFormatError: A file cannot be read.
     """
     doc, there = parsed(path), parsed(other)
     part, pose = table_of(doc, "part"), there.get("part", {})
@@ -182,15 +154,10 @@ def text_with_files(path: Path, folder: Path, inputs: Path) -> tuple[str, dict[P
     """Text of a cell file whose files lie in a folder of its own, so that the folder is all that it needs.
 
     Args:
-        path: Cell file.
         folder: Where the new file will lie.
-        inputs: Folder for the files that it names.
 
     Returns:
         The text, and the contents of these files by where they have to be written.
-
-    Raises:
-        FileFormatError: A file cannot be read.
     """
     doc, files = parsed(path), {}
     for *keys, last in FILES:

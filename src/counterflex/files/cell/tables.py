@@ -31,43 +31,21 @@ from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.programs.limits import RESERVED
 
 Positive = Annotated[float, Field(gt=0.0)]
-
-
 NonNegative = Annotated[float, Field(ge=0.0)]
-
-
 Vector = tuple[Length, Length, Length]
 WorkOffsetName = Annotated[str, Field(pattern=r"^G(5[4-9]|59\.[1-3]|54\.1 P\d{1,3}|5\d\d)$")]
 """A work offset of G-code (``G54.1 P3``: also G154 P3) or a settable offset of Sinumerik (``G505``)."""
-
-
 Share = Annotated[float, Field(ge=0.0, le=5.0)]
-
-
 ToolLength = Annotated[float, Field(gt=0.0, le=1000.0)]
-
-
 Pressure = Annotated[float, Field(ge=0.0, le=20000.0)]
-
-
 EdgeForce = Annotated[float, Field(ge=0.0, le=1000.0)]
-
-
 MIN_CELLS: Final = 16
-
-
 MAX_CELLS: Final = 200_000_000
-
-
 SignedShare = Annotated[float, Field(ge=-5.0, le=5.0)]
-
-
 _NEEDED: Final = {
     "kienzle": ("kc11_n_mm2", "mc", "kr_over_kc", "ka_over_kc"),
     "linear_edge": ("ktc_n_mm2", "krc_n_mm2"),
 }
-
-
 _LAW_KEYS: Final = (
     *("kc11_n_mm2", "mc", "kr_over_kc", "mr", "ka_over_kc", "ma"),
     *("ktc_n_mm2", "krc_n_mm2", "kac_n_mm2", "kte_n_mm", "kre_n_mm", "kae_n_mm"),

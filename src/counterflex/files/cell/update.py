@@ -46,8 +46,6 @@ def updated_text(cell: Cell, changes: Sequence[Change], entry: IdentifiedTable, 
     """Text of the cell's file with changes applied.
 
     Args:
-        cell: As read; its file is the template.
-        changes: What was identified.
         entry: Provenance; it replaces an earlier entry of the same recipe.
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
 
@@ -68,7 +66,6 @@ def check_update(text: str, path: Path) -> Cell:
     """Read an updated text back as a cell, from a file that is written for it.
 
     Args:
-        text: Of the new cell file.
         path: Where it is written; relative paths in it are relative to its folder.
 
     Raises:
@@ -79,15 +76,7 @@ def check_update(text: str, path: Path) -> Cell:
 
 
 def require_new(target: Path, template: Path) -> None:
-    """Refuse to write over a file.
-
-    Args:
-        target: New cell file.
-        template: Cell file that it is made from.
-
-    Raises:
-        InputError: The target is the template, or any file that is there.
-    """
+    """Refuse to write over a file. Raises InputError: the target is the template, or any file that is there."""
     if target.resolve() == template.resolve():
         raise InputError("the cell file itself is not overwritten", where="--apply", value=target)
     if target.exists():
@@ -128,10 +117,8 @@ def write_new(text: str, target: Path, place: Path, what: str) -> None:
     """Write a cell file that was read back from a trial beside it.
 
     Args:
-        text: Of the cell file.
         target: Where it will be.
         place: Where it is written: see :func:`new_file`.
-        what: What the text says, for the error.
 
     Raises:
         ModelError: It is no possible cell; nothing is written.
@@ -156,8 +143,6 @@ def apply(doc: Doc, change: Change, cell: Cell, source: str) -> None:
 
     Args:
         doc: The tables, plain or with comments.
-        change: See :mod:`counterflex.identify.data.changes`.
-        cell: The cell that the tables describe.
         source: Goes into the ``source`` key of what is written.
 
     Raises:

@@ -18,12 +18,7 @@ _MOST_BYTES: Final = 64 * 2**20
 
 @dataclass(frozen=True)
 class Item:
-    """What was calibrated.
-
-    Attributes:
-        name: Of it, with manufacturer and model.
-        identifications: Serial numbers and the like.
-    """
+    """What was calibrated."""
 
     name: str
     identifications: tuple[str, ...]
@@ -31,27 +26,16 @@ class Item:
 
 @dataclass(frozen=True)
 class Certificate:
-    """A digital calibration certificate.
-
-    Attributes:
-        file: Name of the file.
-        number: Unique identifier.
-        version: Of the schema.
-        laboratory: Name of the laboratory.
-        date: Last day of the calibration, ``2026-03-14``.
-        items: What was calibrated.
-        signed: A signature is there; it is not checked.
-        quantities: In their order.
-    """
+    """A digital calibration certificate."""
 
     file: str
     number: str
     version: str
     laboratory: str
-    date: str
+    date: str  # Last day of the calibration, ``2026-03-14``
     items: tuple[Item, ...]
-    signed: bool
-    quantities: tuple[Quantity, ...]
+    signed: bool  # A signature is there; it is not checked
+    quantities: tuple[Quantity, ...]  # In their order
 
     @property
     def source(self) -> str:

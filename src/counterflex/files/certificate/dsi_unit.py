@@ -53,15 +53,10 @@ _WORD: Final = re.compile(r"\\([a-z]+)(?:\{(-?\d+(?:\.\d+)?)\})?")
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit.
+    """A unit."""
 
-    Attributes:
-        factor: SI value of one of it.
-        exponents: Of :data:`BASE`.
-    """
-
-    factor: float
-    exponents: tuple[int, ...]
+    factor: float  # SI value of one of it
+    exponents: tuple[int, ...]  # Of :data:`BASE`
 
     @property
     def si(self) -> str:
@@ -75,7 +70,6 @@ def parse_unit(text: str, where: str) -> Unit:
 
     Args:
         text: Such as ``\milli\newton\metre``.
-        where: Place of it, for the message.
 
     Raises:
         FileFormatError: Not D-SI, or a unit that is not known here.
@@ -170,7 +164,6 @@ def dsi_of(unit: str, where: str) -> str:
 
     Args:
         unit: As ``result.json`` has it.
-        where: Place of it, for the message.
 
     Raises:
         FileFormatError: A unit without an entry in :data:`DSI_OF`.

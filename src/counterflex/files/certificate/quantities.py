@@ -27,29 +27,18 @@ _NO_NUMBERS: Final = ("noQuantity", "charsXMLList")
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity of a certificate.
+    """A quantity of a certificate."""
 
-    Attributes:
-        number: Its place in the certificate, from 1.
-        name: Names of result, list and quantity.
-        ident: Its XML id, empty where it has none.
-        ref_types: What kind of quantity it says to be.
-        values: As stated.
-        units: D-SI, one for each value.
-        sigma: Standard uncertainties in the same units; None where none is stated.
-        coverage: Coverage factors that they were divided by; empty where no expanded uncertainty is stated.
-        unread: What of it is not understood; empty where all is.
-    """
-
-    number: int
+    number: int  # Its place in the certificate, from 1
     name: str
-    ident: str = ""
-    ref_types: tuple[str, ...] = ()
+    ident: str = ""  # Its XML id, empty where it has none
+    ref_types: tuple[str, ...] = ()  # What kind of quantity it says to be
     values: tuple[float, ...] = ()
-    units: tuple[str, ...] = ()
-    sigma: tuple[float, ...] | None = None
+    units: tuple[str, ...] = ()  # D-SI, one for each value
+    sigma: tuple[float, ...] | None = None  # Standard uncertainties in the same units; None where none is stated
+    # Coverage factors that they were divided by; empty where no expanded uncertainty is stated
     coverage: tuple[float, ...] = ()
-    unread: str = ""
+    unread: str = ""  # What of it is not understood; empty where all is
 
 
 def local(element: Any) -> str:
@@ -81,7 +70,6 @@ def read_quantities(results: Any, where: str) -> tuple[Quantity, ...]:
 
     Args:
         results: Element ``measurementResults``.
-        where: The file.
 
     Raises:
         FileFormatError: A quantity contradicts itself: number of values, of units, of uncertainties, coverage below 1.

@@ -30,29 +30,17 @@ _FORBIDDEN: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0
 
 @dataclass(frozen=True)
 class About:
-    """Who states the results, of what.
-
-    Attributes:
-        number: Unique identifier of the document.
-        laboratory: Who measured and identified.
-        person: Who answers for it.
-        country: Two letters, ISO 3166-1.
-        city: Of the laboratory.
-        begin: First day of the measurements, ``2026-03-14``.
-        end: Last day.
-        item: What was measured.
-        serial: Its serial number, or another mark that its owner knows it by.
-    """
+    """Who states the results, of what."""
 
     number: str
     laboratory: str
     person: str
-    country: str
+    country: str  # Two letters, ISO 3166-1
     city: str
-    begin: str
+    begin: str  # First day of the measurements, ``2026-03-14``
     end: str
     item: str
-    serial: str
+    serial: str  # Its serial number, or another mark that its owner knows it by
 
 
 def result_document(result: Mapping[str, Any], about: About, where: str) -> bytes:
@@ -60,7 +48,6 @@ def result_document(result: Mapping[str, Any], about: About, where: str) -> byte
 
     Args:
         result: Content of ``result.json``, see :mod:`counterflex.files.identification_file`.
-        about: Who states it, of what.
         where: The file that it is from, for messages.
 
     Raises:

@@ -11,11 +11,7 @@ from counterflex.core.errors import FileFormatError, InputError
 
 
 def require_library() -> None:
-    """Refuse to go on without the library.
-
-    Raises:
-        InputError: The extra ``dcc`` is not installed.
-    """
+    """Refuse to go on without the library. Raises InputError: the extra ``dcc`` is not installed."""
     if importlib.util.find_spec("xmlschema") is None:
         raise InputError(
             "the library xmlschema is not installed", where="--schema", hint='pip install "counterflex[dcc]"'
@@ -26,11 +22,9 @@ def require_valid(file: Path, schema: Path) -> None:
     """Check a certificate against a schema, whose imports are looked for beside it and nowhere else.
 
     Args:
-        file: The certificate.
         schema: ``dcc.xsd``; the schemas that it imports lie in the same folder.
 
     Raises:
-        FileFormatError: The schema cannot be read.
         InputError: The certificate is not valid; names the first element that is not.
     """
     require_library()

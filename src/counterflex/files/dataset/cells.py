@@ -16,21 +16,13 @@ from counterflex.identify.data.channels import ChannelKind
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Numbers of some columns for the rows of a dataset.
+    """Numbers of some columns for the rows of a dataset."""
 
-    Attributes:
-        values: (n, k) as the file has them, NaN where there is none.
-        names: Headers of the columns.
-        units: Unit that each header states, or None.
-        place: Where the cell of column k in row n stands, for messages.
-        places: File and column of each; empty for constants.
-    """
-
-    values: Float
+    values: Float  # (n, k) as the file has them, NaN where there is none
     names: tuple[str, ...]
-    units: tuple[str | None, ...]
-    place: Callable[[int, int], str]
-    places: tuple[tuple[int, int], ...] = ()
+    units: tuple[str | None, ...]  # Unit that each header states, or None
+    place: Callable[[int, int], str]  # Where the cell of column k in row n stands, for messages
+    places: tuple[tuple[int, int], ...] = ()  # File and column of each; empty for constants
 
 
 Pick = Callable[[Sequence[str | int], str], Cells]
@@ -94,7 +86,6 @@ def check_headers(
         cells: With what their headers state; another number of columns than of units is not compared.
         stated: Unit of each column.
         si: SI unit of its quantity.
-        where: For the message.
         all_of_them: Other units of the same quantity contradict too; False takes these as the unit.
 
     Raises:

@@ -40,15 +40,6 @@ LARGEST: Final[dict[str, tuple[float, str]]] = {
 def build(name: str, kind: ChannelKind, table: ChannelTable, manifest: Manifest, pick: Pick, n: int, where: str) -> Raw:
     """Read the numbers of a channel and check what the manifest says about them.
 
-    Args:
-        name: Canonical name.
-        kind: What it stands for.
-        table: What the manifest says.
-        manifest: Whole manifest.
-        pick: Gives columns.
-        n: Number of rows.
-        where: Manifest and key, for messages.
-
     Raises:
         FileFormatError: A wrong number of columns, a unit that is missing or not of this quantity, a frame, sign or
             convention that this channel cannot have.

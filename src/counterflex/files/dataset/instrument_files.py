@@ -29,24 +29,17 @@ _MAT_COMPRESSED: Final = 15
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of one length.
-
-    Attributes:
-        names: Of the columns.
-        values: (n,) each; nan where there is no number.
-        lines: (n,) lines of the file, or numbers of the rows from 1.
-    """
+    """Columns of one length."""
 
     names: tuple[str, ...]
-    values: tuple[Float, ...]
-    lines: Int
+    values: tuple[Float, ...]  # (n,) each; nan where there is no number
+    lines: Int  # (n,) lines of the file, or numbers of the rows from 1
 
 
 def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Columns | None:
     """Read a file of an instrument; None where it is none.
 
     Args:
-        path: The file.
         data: Its bytes.
         part: Segment of an ``.lvm`` (from 1), group of a ``.tdms``, variable or structure of a ``.mat``; None: all that
             go together.
@@ -256,11 +249,7 @@ def _flat(content: Mapping[str, Any], before: str) -> dict[str, Float]:
 
 
 def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> Columns:
-    """Columns as one table.
-
-    Raises:
-        FileFormatError: There are none, or they have different lengths.
-    """
+    """Columns as one table. Raises FileFormatError: there are none, or they have different lengths."""
     lengths = {len(value) for value in columns.values()}
     if not lengths:
         raise FileFormatError("the file holds no columns of numbers", where=str(path))

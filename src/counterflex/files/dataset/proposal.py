@@ -50,7 +50,6 @@ def write_proposal(folder: Path, proposal: Proposal) -> Path:
 
     Args:
         folder: Where.
-        proposal: What to measure.
 
     Returns:
         Path of ``proposal.toml``.

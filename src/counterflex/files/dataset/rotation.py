@@ -40,12 +40,7 @@ def matrices(convention: str, numbers: Float) -> Float:
 
 
 def faulty(convention: str, numbers: Float) -> tuple[Bool, str]:
-    """Which rows are no rotations, and what is wrong with the first of them.
-
-    Args:
-        convention: See :func:`matrices`.
-        numbers: See there.
-    """
+    """Which rows are no rotations, and what is wrong with the first of them."""
     if convention in ("quat_wxyz", "quat_xyzw"):
         bad = np.abs(np.linalg.norm(numbers, axis=1) - 1.0) > TOLERANCE
         return bad, "the quaternion does not have length 1"
@@ -66,7 +61,6 @@ def rotation_sigma(convention: str, numbers: Float, sigma: Float) -> Float:
     ``sigma_i^2 = sum_k a_ki^2 sigma_k^2``; other conventions have their standard deviations about the axes already.
 
     Args:
-        convention: See :func:`matrices`.
         numbers: (n, k) as there.
         sigma: (n, 3) rad, of each angle in the file's order (or about the axes).
 

@@ -37,33 +37,20 @@ Reference = str | int
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Rows of one file.
-
-    Attributes:
-        path: File.
-        how: How it is written.
-        header: Names of the columns, stripped; ``#1``, ``#2`` without a header line.
-        lines: (n,) line of the file on which each row begins.
-        columns: Cells of each column, stripped.
-        data: The bytes of the file, for the fingerprint.
-    """
+    """Rows of one file."""
 
     path: Path
     how: FileTable
-    header: tuple[str, ...]
-    lines: Int
-    columns: tuple[Sequence[str] | Float, ...]
-    data: bytes = field(repr=False, default=b"")
+    header: tuple[str, ...]  # Names of the columns, stripped; ``#1``, ``#2`` without a header line
+    lines: Int  # (n,) line of the file on which each row begins
+    columns: tuple[Sequence[str] | Float, ...]  # Cells of each column, stripped
+    data: bytes = field(repr=False, default=b"")  # The bytes of the file, for the fingerprint
 
     def __len__(self) -> int:
         return len(self.lines)
 
     def find(self, reference: Reference, where: str) -> int:
-        """Place of a column.
-
-        Raises:
-            FileFormatError: There is none, or two of the name.
-        """
+        """Place of a column. Raises FileFormatError: there is none, or two of the name."""
         if isinstance(reference, int):
             if reference > len(self.header):
                 raise FileFormatError(
@@ -181,7 +168,6 @@ def read_table(path: Path, how: FileTable) -> TextTable:
     Args:
         path: CSV (or any text with a separator), Parquet by its ending ``.parquet``, or a file of an instrument
             (:mod:`counterflex.files.dataset.instrument_files`).
-        how: How it is written.
 
     Raises:
         FileFormatError: Missing, not readable, rows with too many cells, no rows.

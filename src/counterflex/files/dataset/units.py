@@ -97,9 +97,7 @@ def factor(unit: str, si: str, where: str) -> float:
     """SI value of one unit.
 
     Args:
-        unit: As the manifest has it.
         si: SI unit of the quantity.
-        where: For the message.
 
     Raises:
         FileFormatError: Not a unit of this quantity.

@@ -38,16 +38,11 @@ def write_dataset(
 
     Args:
         folder: Where; made when missing.
-        name: Of the dataset and its files.
-        kind: What was measured (docs/datasets.md).
         channels: (n,) or (n, k) SI by canonical name; rotations as (n, 3) rotation vectors or (n, 3, 3) matrices.
         sigma: Standard deviations by channel name, SI: one, (k,), or (n, k); channels without one state none.
         group: (n,) ids of rows that belong together, written as a column ``group``.
         settings: Further facts by SI name.
         sensors: Of a measuring frame: ``name``, ``position_m``, ``direction``, ``normal``, ``point_m`` of each.
-
-    Returns:
-        Path of the manifest.
 
     Raises:
         InputError: Unknown kind, channel or setting; shapes that do not fit; numbers that are not finite.

@@ -28,11 +28,6 @@ def columns_of(readable: Salvaged, made_by: str, file: Path) -> tuple[str, ...]:
 
     Columns have only ever been added, so that a name stands for the same number in all logs.
 
-    Args:
-        readable: What can be read.
-        made_by: Version that wrote it, for the message.
-        file: For the message.
-
     Raises:
         FileFormatError: Columns that this program does not know, or without which nothing can be said.
     """
@@ -62,7 +57,6 @@ def placed(rows: Float, columns: tuple[str, ...]) -> Float:
 
     Args:
         rows: (n, k) as recorded.
-        columns: Their names.
     """
     if columns == COLUMNS:
         return rows
@@ -75,8 +69,6 @@ def require_all(absent: Sequence[str], about: Mapping[str, Any], where: str, wha
     """Refuse a log of older code for a job that needs everything that is recorded today.
 
     Args:
-        absent: Columns that it lacks.
-        about: What its run was made of.
         where: Folder or file, for the message.
         what: What cannot be done with it, for the message: ``computed again``.
 

@@ -61,15 +61,10 @@ _BAD: Final = (McapError, EOFError, ValueError, struct.error, OverflowError, Mem
 
 @dataclass(frozen=True)
 class Chunk:
-    """A sound chunk.
+    """A sound chunk."""
 
-    Attributes:
-        begin: Byte of the file at which it begins.
-        content: Its records, as written; their CRC-32 was right.
-    """
-
-    begin: int
-    content: bytes
+    begin: int  # Byte of the file at which it begins
+    content: bytes  # Its records, as written; their CRC-32 was right
 
     def records(self) -> Iterator[tuple[int, bytes]]:
         """Opcode and content of each of its records."""
@@ -83,48 +78,30 @@ class Chunk:
 
 @dataclass(frozen=True, eq=False)
 class MessageTimes:
-    """The index of a chunk's messages, which stands outside of it.
-
-    Attributes:
-        channel: Of the messages.
-        time_ns: (n,) when they were logged.
-    """
+    """The index of a chunk's messages, which stands outside of it."""
 
     channel: int
-    time_ns: np.ndarray[Any, np.dtype[np.uint64]]
+    time_ns: np.ndarray[Any, np.dtype[np.uint64]]  # (n,) when they were logged
 
 
 @dataclass(frozen=True)
 class Damage:
-    """A stretch of the file without a sound record, with sound ones behind it.
+    """A stretch of the file without a sound record, with sound ones behind it."""
 
-    Attributes:
-        begin: First byte.
-        end: First byte behind it.
-        chunks: Sound chunks before it.
-    """
-
-    begin: int
-    end: int
-    chunks: int
+    begin: int  # First byte
+    end: int  # First byte behind it
+    chunks: int  # Sound chunks before it
 
 
 @dataclass(eq=False)
 class Salvaged:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        chunks: In the order of the file.
-        records: All other sound records, likewise.
-        damage: Stretches that could not be read, with sound records behind them.
-        finished: The file ends as a finished one does.
-        magic: It begins as MCAP does.
-    """
-
-    chunks: list[Chunk] = field(default_factory=list)
+    chunks: list[Chunk] = field(default_factory=list)  # In the order of the file
     records: list[Any] = field(default_factory=list)
+    # Stretches that could not be read, with sound records behind them
     damage: list[Damage] = field(default_factory=list)
-    finished: bool = False
+    finished: bool = False  # The file ends as a finished one does
     magic: bool = False
 
 
@@ -134,9 +111,6 @@ def salvage(data: bytes | mmap) -> Salvaged:
     A chunk is sound when lengths and CRC-32 of its content are right; another record when it can be read and is exactly
     as long as it says, unless no sound record follows and a sound chunk begins within it. A bit that is wrong within a
     name or a time of such a record is not seen.
-
-    Args:
-        data: The whole file.
     """
     out = Salvaged(magic=data[: len(MAGIC)] == MAGIC)
     size = len(data)
@@ -177,8 +151,6 @@ def uniform_data(content: bytes, channel: int, length: int) -> bytes | None:
     """Data of all messages of a chunk, one behind the other, where it holds nothing else; None where it does.
 
     Args:
-        content: Of the chunk.
-        channel: All messages are of it.
         length: Bytes of data of each.
     """
     form = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("rest", "V20"), ("data", f"V{length}")])

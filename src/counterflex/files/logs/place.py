@@ -23,15 +23,7 @@ class LogGone(OSError):
 
 
 class LogPlace:
-    """The file of a log, and the folder it was begun in.
-
-    Args:
-        path: Of the file.
-        handle: Of the open file.
-
-    Attributes:
-        path: Of the file.
-    """
+    """The file of a log, and the folder it was begun in."""
 
     def __init__(self, path: Path, handle: int) -> None:
         self.path, self._file = path, os.fstat(handle)

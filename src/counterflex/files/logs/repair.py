@@ -38,31 +38,20 @@ _BARE: Final = {"format": KIND, "version": VERSION}
 
 @dataclass(frozen=True)
 class Repaired:
-    """What was done with a segment.
-
-    Attributes:
-        name: Of the segment.
-        kept: Name under which the original is kept; empty where nothing was done.
-        records: Records it now holds.
-        note: Why nothing was done, or empty.
-        missing: Cycles that it should hold and does not: before its first record, between its records, and behind the
-            last one by its own index.
-        damage: Stretches that could not be read.
-    """
+    """What was done with a segment."""
 
     name: str
-    kept: str
+    kept: str  # Name under which the original is kept; empty where nothing was done
     records: int
-    note: str
+    note: str  # Why nothing was done, or empty
+    # Cycles that it should hold and does not: before its first record, between its records, and behind the last one by
+    # its own index
     missing: int = 0
-    damage: int = 0
+    damage: int = 0  # Stretches that could not be read
 
 
 def repair_segment(
-    path: str | Path,
-    now_s: float | None = None,
-    about: Mapping[str, Any] | None = None,
-    cycle: int | None = None,
+    path: str | Path, now_s: float | None = None, about: Mapping[str, Any] | None = None, cycle: int | None = None
 ) -> Repaired | None:
     """Write a segment anew, finished, with all records that can be read; the original keeps another name.
 

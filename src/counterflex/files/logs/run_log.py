@@ -39,27 +39,15 @@ from counterflex.runtime.state_slots import LoopState
 
 FLUSH_S: Final = 0.06
 """With the recorder's own period less than 100 ms of records are lost with it."""
-
-
 SYNC_S: Final = 1.0
-
-
 SEGMENT_BYTES: Final = 64 << 20
-
-
 BOOT_KEY: Final = "held"
 """Key of the start of the computer on which a segment was held (:mod:`counterflex.core.held`) while it was written."""
-
-
 LAYOUT: Final = "state_layout"
 """Key of what the words of a recorded state mean: name, kind and count of each stretch
 (:mod:`counterflex.runtime.state.memory_layout`)."""
-
-
 UNKNOWN: Final = "unknown"
 """Key of what a segment is made of where nothing of that can be read."""
-
-
 _RETRY_S: Final = 1.0
 
 
@@ -69,10 +57,8 @@ class RunLog:
     Args:
         folder: Made when missing.
         about: What the run is made of; the first thing in every segment, with the number of the run's first segment.
-        opened: Opens a new file to write to.
 
     Attributes:
-        written: Records written.
         lost: Records that could not be written, or whose file was removed while the run went on.
         trouble: Why writing does not work at the moment, or empty.
         trouble_number: Of the system's error, or :data:`counterflex.files.logs.place.GONE`; 0: it works.

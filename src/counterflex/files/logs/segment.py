@@ -36,24 +36,17 @@ STATE_HEAD: Final = struct.Struct("<qq")
 
 @dataclass(frozen=True)
 class Unreadable:
-    """A stretch of a segment that cannot be read; what is behind it can.
+    """A stretch of a segment that cannot be read; what is behind it can."""
 
-    Attributes:
-        begin: First byte.
-        end: First byte behind it.
-        after: Records of the segment before it.
-    """
-
-    begin: int
-    end: int
-    after: int
+    begin: int  # First byte
+    end: int  # First byte behind it
+    after: int  # Records of the segment before it
 
 
 def begin_segment(stream: BinaryIO, about: Mapping[str, Any]) -> tuple[Writer, int, int]:
     """Write the head of a segment: what the run was made of and the columns.
 
     Args:
-        stream: Buffered.
         about: With ``format``, ``version``, ``run`` and ``segment``.
 
     Returns:
@@ -147,11 +140,7 @@ def lost_at_end(salvaged: Salvaged, rows: Float) -> int:
 
 
 def require_ours(channel: Channel | None, where: str) -> None:
-    """Check that a channel is one of a run log.
-
-    Raises:
-        FileFormatError: It is another program's.
-    """
+    """Check that a channel is one of a run log. Raises FileFormatError: it is another program's."""
     if channel is not None and (channel.id, channel.topic) not in ((CYCLE_CHANNEL, TOPIC), (STATE_CHANNEL, STATES)):
         raise FileFormatError("not a run log", where=where, value=channel.topic)
 
@@ -160,7 +149,6 @@ def unreadable_reason(salvaged: Salvaged, size: int) -> tuple[str, str]:
     """What a file is of which not one record can be read, and what to do.
 
     Args:
-        salvaged: In it.
         size: Of the file, bytes.
     """
     remove = "Nothing in it can be saved: remove it, or move it out of this folder"

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import mmap
 import os
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel
+from mcap.records import Channel, Footer, Metadata, MetadataIndex, Statistics, SummaryOffset
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.run_digest import Digest, read_digest
 from counterflex.files.logs.columns import columns_of, placed, require_all
-from counterflex.files.logs.mcap_index import indexed
-from counterflex.files.logs.mcap_salvage import Salvaged, message, parsed, salvage, uniform_data
+from counterflex.files.logs.mcap_salvage import MAGIC, Salvaged, message, parsed, salvage, uniform_data
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
 from counterflex.files.logs.segment import (
     ABOUT,
@@ -40,36 +40,105 @@ from counterflex.files.logs.segment import (
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
 
+_HEAD: Final = struct.Struct("<BQ")
+_TAIL: Final = _HEAD.size + 20 + len(MAGIC)
+"""Footer, and the magic at the end."""
+_MOST_BYTES: Final = 16 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Indexed:
+    """What the index of a file leads to."""
+
+    metadata: list[Metadata]  # In the order of the file; of what the run was made of one copy
+    messages: dict[int, int]
+
+
+def indexed(stream: BinaryIO, count: Callable[[int], None]) -> Indexed | None:
+    """Follow the index of a file; None where it was not finished, or where something of the index cannot be read.
+
+    Args:
+        count: Told how many bytes are read, each time.
+    """
+    size = stream.seek(0, os.SEEK_END)
+    if size < _TAIL:
+        return None
+    tail = _bytes(stream, size - _TAIL, _TAIL, count)
+    footers = _records(tail[: -len(MAGIC)], Opcode.FOOTER, Footer)
+    if not tail.endswith(MAGIC) or len(footers) != 1:
+        return None
+    begin, end = footers[0].summary_offset_start, size - _TAIL
+    if not 0 < begin <= end:
+        return None
+    groups = _records(_bytes(stream, begin, end - begin, count), Opcode.SUMMARY_OFFSET, SummaryOffset)
+    places = {one.group_opcode: (one.group_start, one.group_length) for one in groups}
+    if Opcode.METADATA_INDEX not in places or Opcode.STATISTICS not in places:
+        return None
+    index = _records(_bytes(stream, *places[Opcode.METADATA_INDEX], count), Opcode.METADATA_INDEX, MetadataIndex)
+    statistics = _records(_bytes(stream, *places[Opcode.STATISTICS], count), Opcode.STATISTICS, Statistics)
+    out: list[Metadata] = []
+    for one in _without_copies(index):
+        read = _records(_bytes(stream, one.offset, one.length, count), Opcode.METADATA, Metadata)
+        if len(read) != 1 or read[0].name != one.name:
+            return None
+        out += read
+    return Indexed(out, dict(statistics[0].channel_message_counts)) if len(statistics) == 1 else None
+
+
+def _without_copies(index: list[MetadataIndex]) -> list[MetadataIndex]:
+    """What the run was made of is written again and again, as long each time: its first copy will do."""
+    seen: set[tuple[str, int]] = set()
+    out = []
+    for one in index:
+        if one.name != ABOUT or (one.name, one.length) not in seen:
+            out.append(one)
+        seen.add((one.name, one.length))
+    return out
+
+
+def _bytes(stream: BinaryIO, begin: int, length: int, count: Callable[[int], None]) -> bytes:
+    """Bytes of a place; fewer where the file does not have them."""
+    stream.seek(begin)
+    data = stream.read(min(length, _MOST_BYTES))
+    count(len(data))
+    return data
+
+
+def _records(data: bytes, opcode: int, kind: Any) -> list[Any]:
+    """Records of one kind, one behind the other; nothing where something else stands there."""
+    out, at = [], 0
+    while at < len(data):
+        if at + _HEAD.size > len(data):
+            return []
+        kind_of, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        record = parsed(kind, data[at : at + length]) if kind_of == opcode else None
+        if record is None:
+            return []
+        out.append(record)
+        at += length
+    return out
+
+
 BRIEF: Final = (ABOUT, ACTION, DIGEST)
 """Metadata that is read in place of records."""
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """One file of a run log.
-
-    Attributes:
-        name: Of the file.
-        rows: (n, WIDTH) records: all that stand in sound chunks.
-        about: What the run was made of; empty where nothing of it can be read.
-        finished: It ends as a finished file does; else it was cut short, or is being written.
-        states: Of the loop, in order.
-        damage: Stretches that cannot be read.
-        lost_at_end: Records behind the last one that can be read, as far as the file's own index still names them.
-        absent: Columns that older code did not record: 0 in counts and flags, else not a number.
-        actions: What operators did meanwhile, with ``time_ns``.
-        digest: What stands in place of records that were not read: `rows` are those that it keeps; None where all were.
-    """
+    """One file of a run log."""
 
     name: str
-    rows: Float
-    about: dict[str, Any]
-    finished: bool
-    states: tuple[LoopState, ...] = ()
+    rows: Float  # (n, WIDTH) records: all that stand in sound chunks
+    about: dict[str, Any]  # What the run was made of; empty where nothing of it can be read
+    finished: bool  # It ends as a finished file does; else it was cut short, or is being written
+    states: tuple[LoopState, ...] = ()  # Of the loop, in order
     damage: tuple[Unreadable, ...] = ()
+    # Records behind the last one that can be read, as far as the file's own index still names them
     lost_at_end: int = 0
-    absent: tuple[str, ...] = ()
-    actions: tuple[dict[str, Any], ...] = ()
+    absent: tuple[str, ...] = ()  # Columns that older code did not record: 0 in counts and flags, else not a number
+    actions: tuple[dict[str, Any], ...] = ()  # What operators did meanwhile, with ``time_ns``
+    # What stands in place of records that were not read: `rows` are those that it keeps; None where all were
     digest: Digest | None = None
 
     @property
@@ -90,9 +159,6 @@ class Segment:
 
 def read_segment(path: str | Path) -> Segment:
     """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
-
-    Args:
-        path: MCAP file.
 
     Raises:
         FileFormatError: Missing, not a run log, newer than this program reads, or without a single sound record.
@@ -160,7 +226,6 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
     The index of the file and the checksums of what is read are looked at, its chunks are not.
 
     Args:
-        path: MCAP file.
         count: Told how many bytes are read, each time.
 
     Returns:
@@ -193,7 +258,6 @@ def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
     A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
 
     Args:
-        folder: Of the run log.
         brief: Take the digest of a segment, where it has one, in place of its records: :func:`read_brief`.
 
     Raises:

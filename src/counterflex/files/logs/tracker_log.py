@@ -33,10 +33,6 @@ _UNIT: Final = 1e-4
 class TrackerLines:
     """Reads a log line by line; the first line names the columns.
 
-    Args:
-        head: That line.
-        where: For messages.
-
     Raises:
         FileFormatError: An unknown, missing or repeated column.
     """
@@ -79,10 +75,6 @@ class TrackerLines:
     def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
         """The measurement of a line, or None for a comment or an empty line.
 
-        Args:
-            line: As it came.
-            sequence: Of the datagram it is to become.
-
         Raises:
             FileFormatError: Another number of values, not a number, a quaternion that is not of unit length, a
                 distance that is negative.
@@ -123,11 +115,7 @@ class TrackerLines:
 
 
 def measurements(lines: Iterable[str], where: str) -> Iterator[TrackerPose]:
-    """Measurements of lines as they come, the first naming the columns; numbered from 1.
-
-    Raises:
-        FileFormatError: As :class:`TrackerLines`.
-    """
+    """Measurements of lines as they come, the first naming the columns; numbered from 1."""
     reader: TrackerLines | None = None
     sequence = 0
     for line in lines:
@@ -172,7 +160,6 @@ def log_text(time_s: Float, Ts_tracker_target: Float, sigma_m: float) -> str:
     Args:
         time_s: (n,) s.
         Ts_tracker_target: (n, 4, 4) m.
-        sigma_m: Standard deviation of a position.
     """
     quat = rotation.quat_wxyz(Ts_tracker_target[:, :3, :3])
     rows = np.column_stack([Ts_tracker_target[:, :3, 3] / MM, quat])

@@ -26,7 +26,6 @@ def library_format(head: bytes, suffix: str) -> Callable[[Path], Scan] | None:
 
     Args:
         head: First bytes.
-        suffix: Of its name, small letters.
     """
     if head.startswith(b"ASTM-E57"):
         return read_e57
@@ -38,11 +37,7 @@ def library_format(head: bytes, suffix: str) -> Callable[[Path], Scan] | None:
 
 
 def needed(module: str, kind: str, path: Path) -> Any:
-    """Import a library of the extra.
-
-    Raises:
-        FileFormatError: It is not installed.
-    """
+    """Import a library of the extra. Raises FileFormatError: it is not installed."""
     try:
         return import_module(module)
     except ImportError as fault:

@@ -21,15 +21,10 @@ _SHAPE: Final = re.compile(r"[+-]?[\d.,' \u00a0\u202f\u2019]*\d[\d.,' \u00a0\u20
 
 @dataclass(frozen=True)
 class Decimals:
-    """Form in which numbers are written.
-
-    Attributes:
-        comma: The decimal mark is a comma.
-        group: Mark between groups of three digits, or "".
-    """
+    """Form in which numbers are written."""
 
     comma: bool = False
-    group: str = ""
+    group: str = ""  # Mark between groups of three digits, or ""
 
     @classmethod
     def of(cls, cells: Iterable[str]) -> Decimals:

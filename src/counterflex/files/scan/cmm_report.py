@@ -30,19 +30,12 @@ _SAMPLE: Final = 400
 
 @dataclass(frozen=True)
 class RowsOfAxes:
-    """Places of the cells of a report with one row for each axis.
+    """Places of the cells of a report with one row for each axis."""
 
-    Attributes:
-        separator: Between cells; None: any space.
-        axis: Column of the letter.
-        value: Column of the measured value.
-        label: Column of the name of the point, or None.
-    """
-
-    separator: str | None
+    separator: str | None  # Between cells; None: any space
     axis: int
     value: int
-    label: int | None
+    label: int | None  # Column of the name of the point, or None
 
 
 @dataclass
@@ -71,10 +64,6 @@ class _Points:
 
 def rows_of_axes(lines: list[str], where: str) -> RowsOfAxes | None:
     """Layout of a report with one row for each axis; None where a text is none.
-
-    Args:
-        lines: The first lines of the file.
-        where: For the error.
 
     Raises:
         FileFormatError: It is one, and its header does not say which value was measured.

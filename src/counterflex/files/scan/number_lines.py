@@ -20,11 +20,7 @@ SPACES: Final = (bytes.maketrans(b",;\t|", b"    "), b"")
 
 
 def separators(decimals: Decimals) -> tuple[bytes, bytes] | None:
-    """Translation of a line into numbers with points and spaces between, and bytes to take out; None: by cells only.
-
-    Args:
-        decimals: How numbers are written.
-    """
+    """Translation of a line into numbers with points and spaces between, and bytes to take out; None: by cells only."""
     if decimals.group not in ("", ",", ".", "'"):
         return None
     taken = decimals.group.encode()
@@ -77,7 +73,6 @@ def numbers(block: bytes, columns: int, table: tuple[bytes, bytes], path: Path, 
         block: Whole lines; empty ones and comments (``#``, ``//``) are left out.
         columns: Numbers in each line.
         table: Translation that leaves spaces between numbers, and bytes that are taken out.
-        path: For the error.
         first_line: Number of the first line of the block.
 
     Raises:

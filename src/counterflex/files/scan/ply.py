@@ -28,29 +28,17 @@ _ROWS: Final = 1 << 20
 
 @dataclass(frozen=True)
 class Header:
-    """What a PLY file announces.
-
-    Attributes:
-        text: Numbers as text.
-        order: Byte order, ``<`` or ``>``.
-        names: Properties of a vertex.
-        types: Their types.
-        vertices: Number of vertices.
-        faces: Number of faces.
-        start: Place of the first byte behind the header.
-        lines: Lines of the header.
-        plain: The vertices come first and have single numbers only; others are read by the library.
-    """
+    """What a PLY file announces."""
 
     text: bool
-    order: str
+    order: str  # Byte order, ``<`` or ``>``
     names: tuple[str, ...]
     types: tuple[str, ...]
     vertices: int
     faces: int
-    start: int
+    start: int  # Place of the first byte behind the header
     lines: int
-    plain: bool = True
+    plain: bool = True  # The vertices come first and have single numbers only; others are read by the library
 
 
 def read_header(path: Path) -> Header:

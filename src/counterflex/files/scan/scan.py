@@ -20,25 +20,15 @@ LIMIT_POINTS: Final = 100_000_000
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """Measured points.
-
-    Attributes:
-        name: Of the file.
-        kind: What the file is, in words.
-        chunks: (k, 3) float32 each, in file units, counted from ``origin``.
-        origin: (3,) in file units.
-        unit_m: SI value of one file unit where the file states it, else None.
-        ball_radius: Where the points are centres of a probe's ball: its radius, in file units; else 0.
-        dropped: Points of the file that were no finite numbers.
-    """
+    """Measured points."""
 
     name: str
     kind: str
-    chunks: tuple[Float32, ...]
-    origin: Float
-    unit_m: float | None = None
-    ball_radius: float = 0.0
-    dropped: int = 0
+    chunks: tuple[Float32, ...]  # (k, 3) float32 each, in file units, counted from ``origin``
+    origin: Float  # (3,) in file units
+    unit_m: float | None = None  # SI value of one file unit where the file states it, else None
+    ball_radius: float = 0.0  # Where the points are centres of a probe's ball: its radius, in file units; else 0
+    dropped: int = 0  # Points of the file that were no finite numbers
 
     def __len__(self) -> int:
         """Number of points."""
@@ -57,12 +47,7 @@ class Scan:
 
 @dataclass
 class PointStore:
-    """Takes the points of a file, a few at a time.
-
-    Attributes:
-        path: The file.
-        kind: What it is, in words.
-    """
+    """Takes the points of a file, a few at a time."""
 
     path: Path
     kind: str
@@ -106,11 +91,7 @@ class PointStore:
         return self
 
     def scan(self, unit_m: float | None = None, ball_radius: float = 0.0) -> Scan:
-        """What was taken.
-
-        Raises:
-            FileFormatError: There is no valid point.
-        """
+        """What was taken. Raises FileFormatError: there is no valid point."""
         if self._origin is None:
             raise FileFormatError(
                 "the file holds no valid point",

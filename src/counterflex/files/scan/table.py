@@ -34,27 +34,16 @@ _MARKS: Final = re.compile(rb"(?<![^\s,;|])\*+(?![^\s,;|])")
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the points stand in the lines.
+    """Where the points stand in the lines."""
 
-    Attributes:
-        skipped: Lines before the first row.
-        columns: Fields in a line.
-        xyz: Which of them are x, y, z.
-        separator: Between fields; None: any space.
-        decimals: How numbers are written.
-        plain: Every field is a number without quotes.
-        unit: Name of the unit in the header, or None.
-        count: Number of rows that the first line announces, or None.
-    """
-
-    skipped: int
+    skipped: int  # Lines before the first row
     columns: int
-    xyz: tuple[int, int, int]
-    separator: str | None
+    xyz: tuple[int, int, int]  # Which of them are x, y, z
+    separator: str | None  # Between fields; None: any space
     decimals: Decimals
-    plain: bool
-    unit: str | None
-    count: int | None
+    plain: bool  # Every field is a number without quotes
+    unit: str | None  # Name of the unit in the header, or None
+    count: int | None  # Number of rows that the first line announces, or None
 
 
 def read_table(path: Path) -> Scan:

@@ -64,10 +64,8 @@ class CubeMotions:
 def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
     """Relative motions of a dataset.
 
-    Args:
-        chain: The cell's.
-        data: Kind ``cubes``: ``q``, a load as for pulls, ``pair``, ``p_base_before``, ``p_base_after``,
-            ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``.
+    ``data``: Kind ``cubes``: ``q``, a load as for pulls, ``pair``, ``p_base_before``, ``p_base_after``,
+    ``d_before_base``, ``d_after_base`` (n, 6); ``settings.pairs`` as ``["base/axis1", ...]``.
 
     Raises:
         FileFormatError: A channel or standard deviation is missing, a pair names no bodies of the cell in order.
@@ -138,12 +136,8 @@ def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float 
     Standard deviations: of both cubes as stated, of the lost motion, and of bearings that are not where they are
     thought to be, as in :func:`counterflex.identify.pulls.residuals.misplaced`.
 
-    Args:
-        chain: The cell's.
-        plan: Parameters.
-        motions: The rows.
-        scale: Relative standard deviation of what the sensors of each cube show, the same in all rows: of the whole
-            motion of a cube, of which an element between two cubes leaves a small difference.
+    ``scale``: Relative standard deviation of what the sensors of each cube show, the same in all rows: of the whole
+    motion of a cube, of which an element between two cubes leaves a small difference.
     """
     pulls = motions.pulls
     lever = motions.p_base_after - forward(chain, pulls.q)[:, :3, 3]

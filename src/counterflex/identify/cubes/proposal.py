@@ -47,10 +47,7 @@ def pairs_of(chain: ElasticChain) -> tuple[str, ...]:
 def propose_cubes(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Choose poses and loads for the least determinant of the covariance; all pairs are read under each load.
 
-    Args:
-        cell: The cell.
-        count: How many loads.
-        settings: See :data:`SETTINGS`, and those of :mod:`counterflex.identify.geometry.compliances`.
+    ``settings``: See :data:`SETTINGS`, and those of :mod:`counterflex.identify.geometry.compliances`.
 
     Raises:
         InputError: No load, no sensor noise, or no such history.

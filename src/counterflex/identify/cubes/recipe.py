@@ -54,8 +54,7 @@ WORK: Final = {CHECKING: 0.07, FITTING: 0.31, HELD_OUT: 0.26}
 def identify(inputs: Inputs) -> Identification:
     """Find compliances from cubes.
 
-    Args:
-        inputs: Geometry, compliances, masses, play; datasets of the kind ``cubes``, held out by loads.
+    ``inputs``: Geometry, compliances, masses, play; datasets of the kind ``cubes``, held out by loads.
 
     Returns:
         The identification; its headline is the share of held-out relative rotation that is not explained.

@@ -45,9 +45,6 @@ def check(cell: CellModel, data: Dataset, tool: int | None, *, as_stated: bool =
         tool: Use cuts of this tool only; None where there is one.
         as_stated: Only remark.
 
-    Returns:
-        Remarks.
-
     Raises:
         InputError: Another reading is suspected; the message names it and what to change.
     """

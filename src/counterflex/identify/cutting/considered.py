@@ -74,9 +74,8 @@ class ForceSensor:
     def shares(self, force_n: float) -> tuple[float, float]:
         """Standard deviations of scale and cross-talk as shares of the force.
 
-        Args:
-            force_n: Largest force measured. An uncertainty in N is what it is there: half of it (one standard
-                deviation) over the force.
+        ``force_n``: Largest force measured. An uncertainty in N is what it is there: half of it (one standard
+        deviation) over the force.
         """
         if self.accuracy_n is None:
             return self.scale, self.cross_talk
@@ -98,9 +97,6 @@ class ForceSensor:
 
 def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
     """The sensor as the manifests state it under ``[settings]``; of several statements the widest.
-
-    Args:
-        data: Test cuts, all with one sensor.
 
     Raises:
         InputError: A statement out of range, or the uncertainty stated twice.
@@ -157,10 +153,7 @@ def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor,
 def shown_by_sensor(force: Float, axes: Float, sensor: ForceSensor) -> Float:
     """(n, 3, 12) N, feed frame: what one standard deviation of scale, cross-talk and alignment moves mean forces by.
 
-    Args:
-        force: (n, 3) N in the feed frame.
-        axes: (n, 3, 3) from the axes of the force channel to the feed frame.
-        sensor: How true it is.
+    ``force``: (n, 3) N in the feed frame. ``axes``: (n, 3, 3) from the axes of the force channel to the feed frame.
     """
     n = len(force)
     scale, cross = sensor.shares(float(np.max(np.linalg.norm(force, axis=1), initial=0.0)))
@@ -175,11 +168,8 @@ def shown_by_sensor(force: Float, axes: Float, sensor: ForceSensor) -> Float:
 def runout_force(block: SlotResiduals, x: Float, law: ForceLaw, runout_m: float) -> Float:
     """(n, 3) N: by how much runout changes the mean force of each piece.
 
-    Args:
-        block: The pieces.
-        x: (p,) values of all parameters.
-        law: A law.
-        runout_m: Offset of the cutter's axis, m; at its angle to the teeth the mean over a revolution is the same.
+    ``x``: (p,) values of all parameters. ``runout_m``: Offset of the cutter's axis, m; at its angle to the teeth the
+    mean over a revolution is the same.
 
     Returns:
         Force with less force without it. Descent of the tool is left out.

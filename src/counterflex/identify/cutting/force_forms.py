@@ -41,7 +41,6 @@ class Form:
 
     Attributes:
         name: As typed in settings.
-        text: In words.
         exponents: Number of free exponents: 0 (the linear law), 1 for all directions together, or 3.
         edge: Whether edge forces are free.
     """
@@ -62,12 +61,7 @@ class Form:
         return (3, 3, 3) if self.exponents == 1 else (3, 4, 5)
 
     def parameters(self, law: ForceLaw, h_ref_m: float) -> Parameters:
-        """The nine constants around those of a known law.
-
-        Args:
-            law: Known before.
-            h_ref_m: Reference thickness.
-        """
+        """The nine constants around those of a known law."""
         k, m, e = constants(law, h_ref_m)
         if self.exponents == 0:
             m = (0.0, 0.0, 0.0)
@@ -98,12 +92,7 @@ class Form:
     def law(self, x: Float, h_ref_m: float, h_min_m: float, h_max_m: float, source: str) -> ForceLaw:
         """The law of fitted constants.
 
-        Args:
-            x: (>= 9,) values in the order of :data:`NAMES`.
-            h_ref_m: Reference thickness.
-            h_min_m: Least mean thickness of the data.
-            h_max_m: Largest one.
-            source: Where the numbers come from.
+        ``x``: (>= 9,) values in the order of :data:`NAMES`.
         """
         k, e = x[:3].tolist(), x[6:9].tolist()
         m = [float(x[i]) for i in self.exponent_of]

@@ -10,14 +10,54 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
+from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.expected_deviations import expected_sigma
-from counterflex.identify.cutting.settings import machine_settings
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.recipe import Proposal
+
+CELL_M = 0.2 * MM
+"""Side of a cell of the simulated blank."""
+
+
+def machine_settings(cell: CellModel, tool: int, cutter: Cutter) -> dict[str, Any]:
+    """Controller, cutter and blank of a cell in plain values, SI.
+
+    Raises:
+        ModelError: The robot has no closed-form geometry, or the cell no box as blank.
+    """
+    opw, box = cell.nominal_robot.opw, cell.blank_part
+    if opw is None or box is None:
+        raise ModelError(
+            "test cuts need the closed-form geometry of the robot and a box as blank", value=cell.nominal_robot.name
+        )
+    T = np.eye(4)
+    for segment in cell.nominal_end_effector.segments:
+        T = T @ segment.T_prev_seg
+    settings: dict[str, Any] = {
+        "tool": tool,
+        "opw_m": [opw.a1_m, opw.a2_m, opw.b_m, opw.c1_m, opw.c2_m, opw.c3_m, opw.c4_m],
+        "opw_offsets_rad": list(opw.offsets_rad),
+        "opw_signs": [int(s) for s in opw.signs],
+        "joint_limits_rad": cell.nominal_robot.joint_limits_rad.tolist(),
+        "T_flange_tcp": (T @ cell.nominal_end_effector.T_last_tcp).tolist(),
+        "T_base_part": cell.T_base_part.tolist(),
+        "branch": cell.branch,
+        "rotation_about_tool_rad": cell.rotation_about_tool_rad,
+        "cutter_diameter_m": cutter.diameter_m,
+        "cutter_corner_radius_m": cutter.corner_radius_m,
+        "cutter_flutes": cutter.flutes,
+        "cutter_flute_length_m": cutter.flute_length_m,
+        "blank_low_m": box[0].tolist(),
+        "blank_high_m": box[1].tolist(),
+        "blank_cell_m": CELL_M,
+    }
+    if cell.datum_points_part is not None:
+        settings["datum_points_m"] = cell.datum_points_part.tolist()
+    return settings
+
 
 SETTINGS: dict[str, float | int | str | bool] = {
     "spindle_rad_s": 13000.0 * RPM,
@@ -69,10 +109,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     spread geometrically over ``feed_ratio``; the depth of each cut keeps the force of the law known so far below
     ``force_max_n``.
 
-    Args:
-        cell: With the corners of its blank.
-        count: Number of pieces, each with a feed of its own.
-        settings: :data:`SETTINGS`, ``tool`` and ``seed``.
+    ``count``: Number of pieces, each with a feed of its own. ``settings``: :data:`SETTINGS`, ``tool`` and ``seed``.
 
     Raises:
         InputError: The cell has no box as blank, or the blank is too small for the tool.

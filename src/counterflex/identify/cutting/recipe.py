@@ -71,8 +71,7 @@ WORK: Final = {READING: 0.1, HELD_OUT: 0.7, FITTING: 0.03}
 def identify(inputs: Inputs) -> Identification:
     """Find the force constants from test cuts.
 
-    Args:
-        inputs: The force law before; test slots, held out by cuts.
+    ``inputs``: The force law before; test slots, held out by cuts.
 
     Raises:
         InputError: Too few settled cuts, cuts of several tools, or data that another reading explains far better.
@@ -156,7 +155,6 @@ class Trial:
     """A form of the law, tried on cuts held out.
 
     Attributes:
-        form: The form.
         error: (n,) relative error of each training piece while it was held out.
         held_out: The errors of both laws.
     """

@@ -144,9 +144,6 @@ def settled(
         trim_m: (n,) distance that is left out beside every end and step.
         gap: (n,) rows before which the record has a gap. Given for a record without any air: its stretches begin and
             end in the cut, so nothing is left out at gaps and at its ends.
-
-    Returns:
-        Rows of each stretch.
     """
     n = len(touching)
     travel = np.diff(travel_m)

@@ -35,9 +35,7 @@ WIDTH_SIGMA_M: Final = 50.0 * UM
 def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Parameters:
     """What changes depth and width beside the force: how much higher each blank is, and how much the tool yielded.
 
-    Args:
-        pieces: All pieces.
-        top_sigma_m: Standard deviation of the stated top of a blank.
+    ``top_sigma_m``: Standard deviation of the stated top of a blank.
 
     Returns:
         ``top.0``, ``top.1``, ... (m, positive: higher than stated), and ``give`` (1 is what the elastic model says).
@@ -90,15 +88,8 @@ class Shape:
 class SlotResiduals:
     """Mean forces of pieces of cuts; implements :class:`counterflex.identify.solver.residuals.Residuals`.
 
-    Args:
-        pieces: The pieces.
-        cutter: Their cutter.
-        form: Form of the law.
-        h_ref_m: Its reference thickness.
-        law: A law near the truth, to turn what is not known of depth and width into force.
-        blanks: Number of blanks of the identification.
-        depth_sigma_m: What depth scatters beside top and give, from piece to piece.
-        width_sigma_m: The same of a width of cut.
+    ``law``: A law near the truth, to turn what is not known of depth and width into force. ``depth_sigma_m``: What
+    depth scatters beside top and give, from piece to piece.
 
     The parameters are the nine constants of :data:`counterflex.identify.cutting.force_forms.NAMES`, the tops, and
     ``give``.

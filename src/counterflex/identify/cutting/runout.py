@@ -34,9 +34,6 @@ class TurnForce:
 
     Attributes:
         amplitude_n: Length of the complex amplitude of the force across the tool axis.
-        depth_m: Axial depth.
-        entry_rad: Entry angle.
-        exit_rad: Exit angle.
         feed_tooth_m: Feed per tooth.
     """
 
@@ -67,11 +64,7 @@ def fast_enough(time_s: Float, spindle_rad_s: float, flutes: int) -> bool:
 def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: int) -> float:
     """Amplitude of what repeats once per turn, N: least squares on the harmonics of a turn up to the tooth passing.
 
-    Args:
-        force: (n, 2) N across the tool axis.
-        time_s: (n,) s.
-        spindle_rad_s: Spindle speed.
-        flutes: Number of teeth.
+    ``force``: (n, 2) N across the tool axis. ``time_s``: (n,) s.
 
     Raises:
         InputError: The record is not fast or long enough; see :func:`fast_enough`.
@@ -97,11 +90,6 @@ def predicted_amplitude(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m
 
 def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout | None:
     """Runout that gives every piece its amplitude; median over the pieces.
-
-    Args:
-        turns: Pieces.
-        cutter: The cutter, two flutes or more.
-        law: Force law identified.
 
     Returns:
         The runout, or None for a single flute, no piece, or an amplitude beyond what runout can do.

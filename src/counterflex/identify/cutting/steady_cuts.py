@@ -59,13 +59,10 @@ class SteadyCuts:
     """Pieces of all datasets, with what they were found from.
 
     Attributes:
-        pieces: The pieces.
         cutter: The one cutter of all of them.
-        tool: Its number.
         blanks: Names of the blanks.
         places: Where each piece stands in the data, for messages.
         remarks: What a reader should know.
-        force: Channel used.
     """
 
     pieces: Pieces
@@ -82,14 +79,7 @@ def pieces_of(
 ) -> SteadyCuts:
     """Find the settled pieces of all test cuts.
 
-    Args:
-        cell: The cell.
-        data: Datasets of kind ``slots``.
-        options: How settled parts are found.
-        tool: Use cuts of this tool only.
-
-    Returns:
-        The pieces.
+    ``data``: Datasets of kind ``slots``.
 
     Raises:
         FileFormatError: A channel is missing, or has no standard deviation.

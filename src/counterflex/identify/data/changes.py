@@ -14,7 +14,6 @@ class ElementCompliance:
     """Compliance of one elastic element, of the robot or of the end effector.
 
     Attributes:
-        segment: Its name.
         compliance: (6,) ``tx ty tz rx ry rz`` m/N, rad/(N m); all of it.
     """
 

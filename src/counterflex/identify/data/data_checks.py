@@ -46,10 +46,7 @@ def check_finite(data: Dataset, channels: Sequence[str]) -> None:
 def check_moves(data: Dataset, channel: str, least: float) -> None:
     """Refuse a channel that stands still: a column that was copied down, or the wrong column.
 
-    Args:
-        data: The dataset.
-        channel: (n, k).
-        least: Spread (standard deviation of at least one component), SI, that any use has.
+    ``channel``: (n, k). ``least``: Spread (standard deviation of at least one component), SI, that any use has.
 
     Raises:
         InputError: No component varies by that much.
@@ -77,11 +74,7 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
     the stated variances are chi-square distributed; single gross errors (rows beyond ``gross`` standard deviations of
     the set's median) are left to the robust fit unless every second row of the set is one.
 
-    Args:
-        data: The dataset.
-        channel: (n, k) values that must agree.
-        same: Channels (n, k) that make rows alike.
-        gross: See above.
+    ``channel``: (n, k) values that must agree. ``same``: Channels (n, k) that make rows alike.
 
     Raises:
         InputError: Names lines, difference and standard deviation.
@@ -132,10 +125,7 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
 def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Sequence[str] = ()) -> None:
     """Refuse fewer measured numbers than parameters; rows of one group (repeats of a posture) count once.
 
-    Args:
-        parameters: What to find.
-        blocks: Measurements.
-        needed: Names of parameters that have a prior so wide that the data must determine them (frames).
+    ``needed``: Names of parameters that have a prior so wide that the data must determine them (frames).
 
     Raises:
         InputError: Says how many numbers there are and how many are needed.

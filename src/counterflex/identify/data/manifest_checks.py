@@ -74,7 +74,6 @@ class Suspicion:
     """Another reading that explains the data far better.
 
     Attributes:
-        reading: Which.
         stated: Misfit as stated: of the rows, or of the values against their priors; infinite where no fit is possible.
         otherwise: The same as read otherwise.
         of_values: The figures are of the values, not of the rows.
@@ -133,12 +132,6 @@ def suspect(data: Dataset, readings: Sequence[Reading], score: Score, *, rows: i
     of the squared ratio, both fits with their degrees of freedom), or where the values found come :data:`CLOSER` times
     closer to their priors while the rows fit as well (chi-square test of the priors as stated).
 
-    Args:
-        data: As stated.
-        readings: What else it could mean.
-        score: The recipe's quick fit.
-        rows: Rows that are tried.
-
     Returns:
         The best other reading, or None.
     """
@@ -165,12 +158,7 @@ def check_reading(
 ) -> tuple[str, ...]:
     """Refuse a dataset that another reading explains far better.
 
-    Args:
-        data: As stated.
-        readings: What else it could mean.
-        score: The recipe's quick fit.
-        as_stated: The user insists (the recipe's setting ``as_stated``): the finding is returned as a remark.
-        rows: Rows that are tried.
+    ``as_stated``: The user insists (the recipe's setting ``as_stated``): the finding is returned as a remark.
 
     Returns:
         Remarks for the report; empty where nothing is suspected.

@@ -166,10 +166,7 @@ def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float,
 def condition(frame: SensorFrame, s_unloaded: Float, reference: Float) -> tuple[float, Float]:
     """Condition of a row of readings for the motion, rotations as the way at the mean lever arm of the feet.
 
-    Args:
-        frame: The sensors.
-        s_unloaded: (k,) m.
-        reference: (3,) m.
+    ``s_unloaded``: (k,) m. ``reference``: (3,) m.
 
     Returns:
         Largest by smallest singular value, and the motion that is seen worst: (6,) or (3,) m, rad.
@@ -187,9 +184,7 @@ def condition(frame: SensorFrame, s_unloaded: Float, reference: Float) -> tuple[
 def meeting_point(frame: SensorFrame, s: Float) -> Float:
     """(n, 3) m, the point that the normals through the feet come nearest to: a cube's centre, where it is looked at.
 
-    Args:
-        frame: The sensors.
-        s: (n, k) m, readings.
+    ``s``: (n, k) m, readings.
     """
     across = np.eye(3) - frame.normal[:, :, None] * frame.normal[:, None, :]
     sums = np.sum(across[None] @ feet(frame, s)[..., None], axis=1)

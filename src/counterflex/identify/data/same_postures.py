@@ -31,11 +31,7 @@ _LOADS: Final = {"pulls": "w_tcp_base"}
 def joined(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Datasets with groups that rows of one posture share, within a file and between files.
 
-    Args:
-        datasets: As read. Kinds whose rows follow each other in time, and rows without joint angles, keep their groups.
-
-    Returns:
-        The same datasets in the same order.
+    ``datasets``: As read. Kinds whose rows follow each other in time, and rows without joint angles, keep their groups.
     """
     chosen = [i for i, d in enumerate(datasets) if d.kind in SINGLE_ROWS and d.has("q") and len(d)]
     if not chosen:
@@ -78,8 +74,7 @@ def _feature(d: Dataset) -> Float:
 def leaders(rows: Float) -> Int:
     """Number of the row that stands for each row: the first within 1 in every column, in the order of the rows.
 
-    Args:
-        rows: (n, k); rows that are not finite stand for themselves.
+    ``rows``: (n, k); rows that are not finite stand for themselves.
 
     Returns:
         (n,) ids from 0.

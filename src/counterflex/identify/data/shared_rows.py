@@ -61,9 +61,8 @@ def require_disjoint(data: Sequence[Dataset], holdout: Sequence[Dataset]) -> Non
 def joined_by_rows(datasets: Sequence[Dataset]) -> tuple[Dataset, ...]:
     """Datasets with groups that all measurements of one row of a file share, so that folds hold them out together.
 
-    Args:
-        datasets: As :func:`counterflex.identify.data.same_postures.joined` gives them: kinds of single rows with joint
-            angles share group ids already.
+    ``datasets``: As :func:`counterflex.identify.data.same_postures.joined` gives them: kinds of single rows with joint
+    angles share group ids already.
 
     Returns:
         The same datasets in the same order; as they were where no two share a row.

@@ -21,9 +21,7 @@ _WITHIN = 0.1
 def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
     """Refuse a pair of channels that cannot be what the manifest says.
 
-    Args:
-        estimate: The fit of a pair.
-        as_stated: The user insists: what was found is returned as remarks.
+    ``as_stated``: The user insists: what was found is returned as remarks.
 
     Returns:
         Remarks; empty where nothing is suspected.

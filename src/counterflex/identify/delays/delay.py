@@ -62,8 +62,6 @@ class Pair:
 
     Attributes:
         name: Of the pair, first part of its parameters' names.
-        reference: What leads.
-        answer: What follows.
         labels: (m,) of the answer's components, for parameter names.
         components: (m,) of the answer's components with unit.
         mixing: ``own``: each component follows its own of the reference; ``matrix``: any of them (other axes).
@@ -100,9 +98,6 @@ class Delay:
     """What was found about a pair.
 
     Attributes:
-        pair: The pair.
-        block: Its residuals.
-        parameters: All parameters.
         fit: With standard deviations that allow for correlated residuals.
         order: Of the lag that was fitted.
         held_out: Errors on stretches of time that their fit had not seen.
@@ -127,11 +122,8 @@ class Delay:
 def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: bool = True) -> Delay:
     """Fit delay, lag, gains and, between two clocks, drift of a pair of channels.
 
-    Args:
-        pair: The channels.
-        order: Of the lag; ``auto`` takes first order where one is to be expected and its time stands three standard
-            deviations clear of zero. Without a lag the delay is that of slow motion, dead time and lag together.
-        robust: See :func:`counterflex.identify.solver.solve.solve`.
+    ``order``: Of the lag; ``auto`` takes first order where one is to be expected and its time stands three standard
+    deviations clear of zero. Without a lag the delay is that of slow motion, dead time and lag together.
 
     Returns:
         The fit. Standard deviations are the largest of the sandwich estimate of
@@ -155,10 +147,7 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
 def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayResiduals, Float, tuple[str, ...]]:
     """Parameters, residuals, start values and the names that any use has to find first (offsets and gains).
 
-    Args:
-        pair: The channels.
-        order: Of the lag.
-        shift_s: Rough delay, s: where the search starts.
+    ``shift_s``: Rough delay, s: where the search starts.
     """
     basis, columns = _basis(pair)
     answer = pair.answer

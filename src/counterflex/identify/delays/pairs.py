@@ -31,10 +31,7 @@ class Following:
         name: Of the pair and of its table in the cell file, ``[timing.<name>]``.
         reference: Channels that may lead, the best first.
         answer: Channel that follows.
-        mixing: See :class:`counterflex.identify.delays.delay.Pair`.
-        derivative: See there.
         components: How many components of the answer take part; 0 is all.
-        inertia: See :class:`counterflex.identify.delays.delay.Pair`.
         lag: A lag large enough to be told from a dead time is to be expected.
         requested: Only looked for when it is asked for by name.
     """

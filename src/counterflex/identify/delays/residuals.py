@@ -29,7 +29,6 @@ class Basis:
 
     Attributes:
         start_s: Time of the first sample, by the clock of the reference.
-        step_s: Between samples.
         values: (N, B) any unit.
         lagged: (B,) which of them the lag acts on.
     """
@@ -77,8 +76,6 @@ class DelayResiduals:
         sigma: (n, m) SI.
         time_s: (n,) stamps of the answer.
         measured: (n, m) SI.
-        middle_s: t_mid.
-        basis: Known signals.
         places: Where the parameters stand.
         count: Number of all parameters.
     """

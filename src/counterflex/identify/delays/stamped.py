@@ -35,7 +35,6 @@ class Stamped:
         sigma: (n, k) SI.
         clock: Name of the clock that stamped it.
         remarks: What was set right, in words.
-        where: For messages.
     """
 
     name: str
@@ -55,9 +54,7 @@ class Stamped:
 def stamped(dataset: Dataset, name: str) -> Stamped:
     """A channel of a record with its own time.
 
-    Args:
-        dataset: Of kind ``record``, ``reversals`` or ``servo_steps``.
-        name: Canonical channel name.
+    ``dataset``: Of kind ``record``, ``reversals`` or ``servo_steps``.
 
     Returns:
         The channel; rows that repeat stamp and values of the row before (a buffer read twice) are left out with a

@@ -58,10 +58,8 @@ class Candidates:
 def candidates_of(parameters: Parameters, blocks: Sequence[Residuals], x: Float | None = None) -> Candidates:
     """Information of every group of rows.
 
-    Args:
-        parameters: What is to be found.
-        blocks: Candidate measurements; what they measured does not matter, only their Jacobian.
-        x: (p,) SI values at which they are judged; None is nominal.
+    ``blocks``: Candidate measurements; what they measured does not matter, only their Jacobian. ``x``: (p,) SI values
+    at which they are judged; None is nominal.
     """
     x = parameters.nominal if x is None else x
     free = np.flatnonzero(parameters.free)
@@ -93,10 +91,7 @@ def prior_information(parameters: Parameters) -> Float:
 def expected_sigma(parameters: Parameters, covariance: Float, x: Float | None = None) -> dict[str, float]:
     """Expected standard deviations of the free parameters by name, SI.
 
-    Args:
-        parameters: What is to be found.
-        covariance: (f, f) in fit coordinates.
-        x: (p,) SI values; None is nominal.
+    ``covariance``: (f, f) in fit coordinates. ``x``: (p,) SI values; None is nominal.
     """
     slope = parameters.slope(parameters.nominal if x is None else x)
     free = np.flatnonzero(parameters.free)
@@ -125,9 +120,6 @@ def choose(
         already: Candidates that are chosen in any case.
         passes: Most passes of exchange.
         progress: Told about passes.
-
-    Returns:
-        The choice.
 
     Raises:
         InputError: More than there are candidates, or information that is not positive definite.

@@ -11,10 +11,8 @@ from counterflex.core.errors import InputError
 def greedy(J: Float, count: int, fixed: int = 0) -> tuple[Int, Float]:
     """Rows that raise ``det(1 + sum J^T J)`` most, one by one; each may be taken once.
 
-    Args:
-        J: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1.
-        count: How many.
-        fixed: So many of the first rows are taken whatever they bring, before all others.
+    ``J``: (n, k, f) weighted derivatives in fit coordinates, where every prior is 1. ``fixed``: So many of the first
+    rows are taken whatever they bring, before all others.
 
     Returns:
         (count,) rows and the (f, f) covariance they give together with the priors.

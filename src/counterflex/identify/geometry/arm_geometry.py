@@ -146,8 +146,7 @@ class ArmGeometry:
     def moved(self, x: Float) -> tuple[Float, Int, Float]:
         """What the parameters move.
 
-        Args:
-            x: (p,) values of all parameters, SI.
+        ``x``: (p,) values of all parameters, SI.
 
         Returns:
             T_base_tcp (m, 4, 4); places (k,) of the arm's parameters; (m, 6, k) twist of the TCP (velocity of its

@@ -66,7 +66,6 @@ class ArmModel:
     Attributes:
         chain: Nominal chain with the cell's compliances and masses.
         layout: Places of its parameters; they are the first of all.
-        parameters: These.
         sag: How own weight is treated.
     """
 
@@ -107,13 +106,7 @@ class ArmModel:
 
 
 def with_lost_motion(model: ArmModel, axes: Sequence[int], prior_rad: float) -> ArmModel:
-    """A model with half of the lost motion of some axes 0..5 as parameters.
-
-    Args:
-        model: The arm.
-        axes: Which.
-        prior_rad: Standard deviation.
-    """
+    """A model with half of the lost motion of some axes 0..5 as parameters."""
     first = len(model.parameters)
     items = [
         Parameter(
@@ -132,10 +125,8 @@ def with_lost_motion(model: ArmModel, axes: Sequence[int], prior_rad: float) -> 
 def sag_of(chain: ElasticChain, requested: str) -> Sag:
     """How own weight is treated.
 
-    Args:
-        chain: The chain.
-        requested: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only
-            masses, and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others.
+    ``requested``: ``auto`` finds masses where the cell knows how soft the arm is, torsion where it knows only masses,
+    and the sag of axes 2 and 3 where it knows no masses of the arm; or one of the others.
 
     Raises:
         InputError: Another word, or one that the chain's masses and compliances do not allow.

@@ -99,9 +99,7 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
     A direction with a compliance above zero is logarithmic around it with a relative prior; a rigid one that is freed
     is linear from zero up, with a prior of :data:`TRANSLATION_M_N` or :data:`ROTATION_RAD_NM`.
 
-    Args:
-        chain: With what the cell file says.
-        settings: See :data:`SETTINGS`; lists of names are separated by commas or blanks.
+    ``settings``: See :data:`SETTINGS`; lists of names are separated by commas or blanks.
 
     Returns:
         The parameters, in the order of the chain.

@@ -29,11 +29,8 @@ Change = Callable[[ArmGeometry], ArmGeometry]
 def with_honest_sigma(fit: Fit, blocks: Sequence[Residuals], compliance: float, bearing_m: float) -> Fit:
     """The fit with standard deviations that hold for what the model of the arm lacks.
 
-    Args:
-        fit: Of these blocks.
-        blocks: Tracker poses, points, distances, planes, fiducials.
-        compliance: Relative standard deviation of the compliances that are not fitted.
-        bearing_m: Standard deviation, per axis, of the points that the elements turn about.
+    ``compliance``: Relative standard deviation of the compliances that are not fitted. ``bearing_m``: Standard
+    deviation, per axis, of the points that the elements turn about.
 
     Returns:
         Standard deviations not below those of the jackknife over postures (drives, play, drift), and what is known of

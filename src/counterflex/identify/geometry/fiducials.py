@@ -32,10 +32,8 @@ class FiducialResiduals:
     """``p_base - T_base_tracker p_tracker`` of fiducials, in base axes.
 
     Attributes:
-        name: For messages.
         group: (m,) id of each row's fiducial.
         sigma: (m, 3) m.
-        tracker: T_base_tracker.
         p_base: (m, 3) m, known.
         p_tracker: (m, 3) m, measured.
     """
@@ -90,11 +88,7 @@ def fiducial_sigma(d: Dataset) -> Float:
 def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> None:
     """Refuse points whose lengths or handedness contradict each other.
 
-    Args:
-        p_base: (m, 3) m.
-        p_tracker: (m, 3) m, the same points.
-        sigma_m: Standard deviation of their distances.
-        where: Of the data.
+    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m, the same points.
 
     Raises:
         InputError: Lengths differ by a unit's factor, or a mirror image fits far better than the points themselves.
@@ -124,10 +118,7 @@ def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> 
 def robust_register(p_base: Float, p_tracker: Float, *, seed: int = 0) -> Float:
     """T_base_tracker (4, 4) by the triple of points whose registration has the least median error, then refined.
 
-    Args:
-        p_base: (m, 3) m.
-        p_tracker: (m, 3) m.
-        seed: Of the triples.
+    ``p_base``: (m, 3) m. ``p_tracker``: (m, 3) m.
 
     Raises:
         InputError: As :func:`counterflex.geometry.pose.register`.

@@ -22,10 +22,7 @@ ROTATION_RAD: Final = 100.0 * URAD
 def foreseen(model: ArmModel, q: Float, known: KnownFrames | None) -> tuple[Parameters, TrackerResiduals]:
     """Parameters, and the residuals that readings of a six-axis target at poses not yet measured would have.
 
-    Args:
-        model: The arm with its errors as parameters.
-        q: (n, 6) rad.
-        known: First estimates of tracker and target; None: in the base and at the tool tip.
+    ``q``: (n, 6) rad. ``known``: First estimates of tracker and target; None: in the base and at the tool tip.
 
     Returns:
         The parameters of the arm, ``T_base_tracker.*`` and ``T_tcp_target.*`` (nothing is known of these two); the

@@ -105,10 +105,7 @@ def error_of(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, T_tcp_t
 def quick_of_samples(Ts_base_tcp: Float, Ts_tracker_target: Float, partly: bool) -> tuple[Float, Float]:
     """Frames of many small samples, not refined: rotations first where they tell, else together with the positions.
 
-    Args:
-        Ts_base_tcp: (t, s, 4, 4) robot poses, m, of t samples.
-        Ts_tracker_target: (t, s, 4, 4) measured poses, m.
-        partly: As for :func:`of_poses`.
+    ``Ts_base_tcp``: (t, s, 4, 4) robot poses, m, of t samples. ``Ts_tracker_target``: (t, s, 4, 4) measured poses, m.
 
     Returns:
         T_base_tracker and T_tcp_target of the samples that turn enough, each (k, 4, 4).
@@ -294,10 +291,7 @@ def _proper(M: Float) -> Float:
 def of_points(Ts_base_tcp: Float, p_tracker_target: Float, *, partly: bool = False) -> tuple[Float, Float]:
     """Tracker and offset of a reflector by least squares.
 
-    Args:
-        Ts_base_tcp: (m, 4, 4) robot poses, m.
-        p_tracker_target: (m, 3) measured points.
-        partly: As for :func:`of_poses`.
+    ``Ts_base_tcp``: (m, 4, 4) robot poses, m. ``p_tracker_target``: (m, 3) measured points.
 
     Returns:
         T_base_tracker (4, 4), T_tcp_target (4, 4) without rotation; what the poses do not tell of the offset is zero.

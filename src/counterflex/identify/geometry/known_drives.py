@@ -44,10 +44,7 @@ def _known_sag(cell: CellModel) -> AxisSag | None:
 def axis_sag_table(known: DriveErrors, added_rad: Float, source: str) -> TableValues:
     """The table of sag with what was found added to what was known.
 
-    Args:
-        known: Before.
-        added_rad: (6,) rad, to be added, in the order of :data:`counterflex.robot.elasticity.axis_sag.TERMS`.
-        source: Where the numbers come from.
+    ``added_rad``: (6,) rad, to be added, in the order of :data:`counterflex.robot.elasticity.axis_sag.TERMS`.
     """
     whole = added_rad if known.sag is None else added_rad + known.sag.moments_rad
     values: dict[str, float | str | bool | list[float] | list[list[float]]] = {
@@ -60,11 +57,7 @@ def axis_sag_table(known: DriveErrors, added_rad: Float, source: str) -> TableVa
 def drive_error_table(known: DriveErrors, added: Iterable[DriveError], q: Float, source: str) -> TableValues:
     """The table with what was found added to what was known.
 
-    Args:
-        known: Before.
-        added: To be added.
-        q: (m, 6) rad, the angles it was found from; where something was known, both ranges have to hold.
-        source: Where the numbers come from.
+    ``q``: (m, 6) rad, the angles it was found from; where something was known, both ranges have to hold.
     """
     low, high = np.floor(q.min(axis=0) / DEG), np.ceil(q.max(axis=0) / DEG)
     if known.terms and known.measured_rad:

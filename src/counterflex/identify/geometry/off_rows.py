@@ -56,7 +56,6 @@ class Session:
     """Rows of one dataset in the order of the file, as rows of the residuals that hold them.
 
     Attributes:
-        data: The dataset.
         block: (n,) which residuals.
         row: (n,) which of their rows.
     """
@@ -71,7 +70,6 @@ class OffRows:
     """A block of consecutive rows that are all off.
 
     Attributes:
-        data: The dataset.
         rows: (k,) its rows, from 0, consecutive.
         least_m: Error of the row that is off least, against the fit without the block.
         most_m: The same of the row that is off most.
@@ -119,14 +117,7 @@ class OffRows:
 def off_rows(
     parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[Session]
 ) -> tuple[OffRows, ...]:
-    """Find consecutive rows of fitted sessions that are all off.
-
-    Args:
-        parameters: Of the fit.
-        blocks: Its residuals.
-        fit: Of these, robust.
-        sessions: Datasets whose rows are among them.
-    """
+    """Find consecutive rows of fitted sessions that are all off."""
     out: list[OffRows] = []
     keep = [np.ones(len(b.group), dtype=np.bool_) for b in blocks]
     for session in sessions:
@@ -163,13 +154,7 @@ def _fitted(parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, keep:
 
 
 def off_rows_of_unseen(blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[Session]) -> tuple[OffRows, ...]:
-    """Find the same in sessions that are predicted only.
-
-    Args:
-        blocks: Residuals that are not fitted.
-        fit: Of others.
-        sessions: Datasets whose rows are among the former.
-    """
+    """Find the same in sessions that are predicted only."""
     none = [np.zeros(len(b.group), dtype=np.bool_) for b in blocks]
     out = []
     for session in sessions:
@@ -185,13 +170,7 @@ def without(
 ) -> tuple[list[Dataset], tuple[str, ...]]:
     """Leave blocks of rows out of their datasets.
 
-    Args:
-        data: Datasets.
-        blocks: Rows that are all off.
-        as_stated: The user insists on the data as they are: nothing is left out.
-
-    Returns:
-        Datasets, and what is said.
+    ``as_stated``: The user insists on the data as they are: nothing is left out.
 
     Raises:
         InputError: More than :data:`LEFT_OUT` of a session is off.
@@ -223,7 +202,6 @@ class _Rows:
     """Rows of one session at a fit, and their errors without some of them.
 
     Attributes:
-        session: Which.
         kept: (n,) rows that were fitted.
     """
 

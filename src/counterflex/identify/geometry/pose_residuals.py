@@ -37,12 +37,9 @@ class TrackerResiduals:
     """Tracker poses (R given) or tracker points (R None) of one target seen from one place of the tracker.
 
     Attributes:
-        name: For messages.
         group: (m,) ids of poses.
         sigma: (m, 6) or (m, 3) m, rad.
         arm: The arm in the m poses.
-        tracker: T_base_tracker.
-        target: T_tcp_target.
         p: (m, 3) m, measured p_tracker_target.
         R: (m, 3, 3) measured R_tracker_target, or None.
     """

@@ -143,9 +143,6 @@ def check_tracker_data(
         partly: Poses that turn about one axis only will do.
         target: T_tcp_target (4, 4) where other data fix it: only the tracker is looked for.
 
-    Returns:
-        Remarks.
-
     Raises:
         InputError: See above; the message names what was found.
         FileFormatError: A channel is missing.

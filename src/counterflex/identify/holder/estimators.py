@@ -54,9 +54,7 @@ def regressions(block: HolderReadings, fold: Int) -> Mapping[str, Float]:
 def cross_talk(block: HolderReadings, error: Float) -> Float:
     """(3,) for a load along x, y, z: mean length of the error across it, as a share of the load; NaN without such.
 
-    Args:
-        block: Readings.
-        error: (m, 3) N of the estimated force.
+    ``error``: (m, 3) N of the estimated force.
     """
     size = np.linalg.norm(block.force, axis=1)
     out = np.full(3, np.nan)

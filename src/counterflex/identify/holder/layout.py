@@ -43,9 +43,7 @@ _ANGLES = (0.0, 45.0 * DEG, -45.0 * DEG)
 def places(beam: HolderBeam, factor: float) -> tuple[Gauge, ...]:
     """Candidates: faces of both cheeks, inner and outer, along the cheek and at 45 deg; edges along it.
 
-    Args:
-        beam: The holder.
-        factor: By which a notch raises the strain.
+    ``factor``: By which a notch raises the strain.
     """
     half, t, b, L = 0.5 * beam.distance_m, 0.5 * beam.thickness_m, 0.5 * beam.width_m, beam.length_m
     out = [

@@ -32,10 +32,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     Loads of ``largest_n`` in 17 directions (never pulling the tool out of the spindle), at the tool tip and
     ``shorter_m`` nearer the spindle: two points make the effect of the tool's length visible. Greedy, D-optimal.
 
-    Args:
-        cell: With an instrumented holder.
-        count: Loads, at least 6.
-        settings: ``gauges`` (``given`` or ``choose``), ``largest_n``, ``shorter_m``.
+    ``count``: Loads, at least 6. ``settings``: ``gauges`` (``given`` or ``choose``), ``largest_n``, ``shorter_m``.
 
     Raises:
         InputError: Fewer than 6, or a cell without such a holder.

@@ -64,8 +64,7 @@ WORK = {CHECKING: 1.0, FITTING: 1.0, HELD_OUT: 5.0, COMPARING: 0.3}
 def identify(inputs: Inputs) -> Identification:
     """Find the bridges' sensitivities to force and moment from known loads.
 
-    Args:
-        inputs: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``.
+    ``inputs``: The holder before, whose drawing is what is known; datasets of the kind ``holder_loads``.
 
     Raises:
         InputError: Too few loads or directions, or data that fit far better when read otherwise.
@@ -134,11 +133,7 @@ def fitted(
 ) -> tuple[Parameters, Fit]:
     """The parameters of a holder and their fit, its standard deviations with what all loads share.
 
-    Args:
-        holder: Before.
-        blocks: Readings under known loads.
-        settings: Others than :data:`SETTINGS`.
-        progress: Told about the fit.
+    ``settings``: Others than :data:`SETTINGS`.
     """
     s = {**SETTINGS, **settings}
     spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
@@ -292,10 +287,7 @@ def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> 
 
     ``var f_i = sum over bridges of (M dS [e_j; p x e_j])_i`` for a force of 1 N along j.
 
-    Args:
-        identified: The holder.
-        fit: Its sensitivities with their covariance.
-        p_holder_tcp: (3,) m tool tip.
+    ``p_holder_tcp``: (3,) m tool tip.
 
     Returns:
         (3, 3) standard deviation of the force shown along i (rows) by a force of 1 N along j (columns).

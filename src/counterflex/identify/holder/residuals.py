@@ -34,11 +34,8 @@ def sizes(holder: StrainHolder) -> Float:
 def parameters(holder: StrainHolder, share: float, *, temperature: bool, drift: bool) -> Parameters:
     """The parameters around what the cell file says.
 
-    Args:
-        holder: Before.
-        share: Standard deviation of the sensitivities, see :data:`DRAWING_SHARE`.
-        temperature: The temperature coefficients are free.
-        drift: A drift of each zero is free; it is not kept.
+    ``share``: Standard deviation of the sensitivities, see :data:`DRAWING_SHARE`. ``drift``: A drift of each zero is
+    free; it is not kept.
     """
     spread = share * sizes(holder)
     n = len(holder.gauges)
@@ -77,7 +74,6 @@ class HolderReadings:
     """Bridges under known loads; see :class:`counterflex.identify.solver.residuals.Residuals`.
 
     Attributes:
-        name: For messages.
         group: (m,) rows held out together.
         sigma: (m, n) of the strains, noise of the force included.
         strain: (m, n).
@@ -178,11 +174,9 @@ def force_error(block: HolderReadings, x: Float) -> Float:
 def readings(data: Dataset, holder: StrainHolder, *, reference_c: float) -> HolderReadings:
     """Residuals of one dataset of kind ``holder_loads``.
 
-    Args:
-        data: Channels ``strain``, ``f_tcp_holder``; ``p_holder_load`` (else the tool tip of the cell),
-            ``temperature_c`` and ``time_s`` where present.
-        holder: Before: its sensitivities carry the noise of the force over to strain.
-        reference_c: Temperature that the zeros belong to.
+    ``data``: Channels ``strain``, ``f_tcp_holder``; ``p_holder_load`` (else the tool tip of the cell),
+    ``temperature_c`` and ``time_s`` where present. ``holder``: Before: its sensitivities carry the noise of the force
+    over to strain.
 
     Raises:
         FileFormatError: A channel is missing or holds values that are not numbers.

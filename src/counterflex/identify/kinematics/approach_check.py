@@ -36,13 +36,7 @@ _STEP_RAD: Final = 1e-5
 
 
 def approach_remarks(setup: Setup, fit: Fit, data: Sequence[Dataset]) -> tuple[str, ...]:
-    """Say by how much the residuals depend on the direction of approach, by the order of the rows.
-
-    Args:
-        setup: Without lost motion.
-        fit: Of its blocks.
-        data: Its datasets.
-    """
+    """Say by how much the residuals depend on the direction of approach, by the order of the rows."""
     sense = _senses(data)
     blocks = [
         i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)

@@ -102,20 +102,13 @@ def senses(d: Dataset) -> Float | None:
 def seen_axes(places: Mapping[int, int], fit: Fit) -> tuple[int, ...]:
     """Axes whose half of the lost motion is above zero beyond chance.
 
-    Args:
-        places: Of the parameters, by axis 0..5.
-        fit: With them.
+    ``places``: Of the parameters, by axis 0..5.
     """
     return tuple(a for a, i in places.items() if fit.values[i] > SEEN * fit.sigma[i])
 
 
 def better(with_lost: HeldOut, without: HeldOut) -> tuple[bool, str]:
-    """Whether poses held out are predicted better beyond chance, pose by pose, and the sentence that says it.
-
-    Args:
-        with_lost: With lost motion.
-        without: The same rows without.
-    """
+    """Whether poses held out are predicted better beyond chance, pose by pose, and the sentence that says it."""
     rows = {
         (int(b), int(r)): float(e)
         for b, r, e, g in zip(without.block, without.row, without.identified, without.gross, strict=True)
@@ -164,8 +157,7 @@ def as_play(chain: ElasticChain, axis: int, half_rad: float, compliance: float, 
 def play_remarks(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
     """What is said of the cell file's ``[[robot.play]]``.
 
-    Args:
-        plays: By axis 0..5, see :func:`as_play`.
+    ``plays``: By axis 0..5, see :func:`as_play`.
     """
     stored = [f"{a + 1}" for a, play in sorted(plays.items()) if play is not None]
     omitted = [f"{a + 1}" for a, play in sorted(plays.items()) if play is None]

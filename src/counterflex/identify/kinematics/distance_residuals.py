@@ -16,7 +16,6 @@ class DistanceResiduals:
     """``L - |p_base_tcp(q) - p_base_anchor|``, or ``L - |p_base_tcp(q) - p_base_tcp(q_second)|``.
 
     Attributes:
-        name: For messages.
         group: (m,).
         sigma: (m, 1) m.
         arm: The arm in the m poses.
@@ -84,10 +83,7 @@ def find_anchor(p: Float, length: Float, where: str) -> Float:
     ``|p_i - a|^2 = L_i^2`` less its mean over all rows is linear in a; the solution is refined by a few Gauss-Newton
     steps. A first estimate: the errors of the robot are in it.
 
-    Args:
-        p: (m, 3) m.
-        length: (m,) m.
-        where: Of the data.
+    ``p``: (m, 3) m. ``length``: (m,) m.
 
     Returns:
         (3,) m.

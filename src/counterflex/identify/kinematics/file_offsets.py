@@ -104,14 +104,6 @@ def file_offsets(
 def refuse(offsets: Sequence[FileOffset], where: Sequence[str], *, as_stated: bool) -> tuple[str, ...]:
     """Name them: as an error, or as remarks where the user insists on the data as they are.
 
-    Args:
-        offsets: What was found.
-        where: Manifest of each block.
-        as_stated: The user insists.
-
-    Returns:
-        Remarks.
-
     Raises:
         InputError: There are some and the user does not insist.
     """

@@ -45,11 +45,6 @@ def placed(setup: Setup, unseen: Sequence[Residuals], names: Sequence[str]) -> L
 
     A tracker is placed by the positions of its target where these span a plane: it is positions that are judged, and a
     tracker turned after orientations moves them by the error of the arm's orientation times the distance.
-
-    Args:
-        setup: Of the fit.
-        unseen: Held-out residuals.
-        names: Of the parameters of their frames.
     """
     places = {setup.parameters.index(name) for name in names}
     blocks: list[Residuals] = []
@@ -73,12 +68,7 @@ def _spans_a_plane(p: Float) -> bool:
 def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent) -> HeldOut:
     """Errors of held-out rows: of separate data, or of folds of the postures.
 
-    Args:
-        setup: Of the fit.
-        holdout: Separate data; empty is folds.
-        folds: How many.
-        fit: With its weights; fits start there.
-        progress: Told about folds.
+    ``holdout``: Separate data; empty is folds.
     """
     if holdout:
         return score_separate(
@@ -97,11 +87,6 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
 
 def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
-
-    Args:
-        setup: Of the fit.
-        fit: With its weights.
-        progress: Told about what is held out.
 
     Returns:
         Figures, and what is said of a way of holding out that these data do not allow.

@@ -72,12 +72,6 @@ class _Table:
 def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progress = silent) -> Harmonics:
     """Harmonics of the drives that hold-out wants.
 
-    Args:
-        setup: Of the geometry without periodic errors.
-        fit: Of its blocks.
-        prior_rad: Standard deviation of an amplitude.
-        progress: Told about harmonics and folds.
-
     Returns:
         Orders by axis 0..5, only where there are any.
     """

@@ -19,7 +19,6 @@ class PlaneResiduals:
     probe is part of h, since each plane is touched from one side.
 
     Attributes:
-        name: For messages.
         group: (m,).
         sigma: (m, 1) m.
         arm: The arm in the m poses.
@@ -79,10 +78,7 @@ class PlaneResiduals:
 def find_plane(p: Float, where: str, *, seed: int = 0) -> tuple[Float, Float]:
     """First estimate of a plane through most of the points: the triple with the least median distance, then refined.
 
-    Args:
-        p: (m, 3) m.
-        where: Of the data.
-        seed: Of the triples.
+    ``p``: (m, 3) m.
 
     Returns:
         Centre (3,) m and axes (3, 3), the first column the normal.

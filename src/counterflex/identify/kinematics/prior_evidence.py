@@ -52,7 +52,6 @@ class Widened:
 
     Attributes:
         priors: As stated, or wider.
-        setup: With them.
         fit: Of its blocks.
         remarks: Sentences on priors that the data contradict.
     """
@@ -66,12 +65,8 @@ class Widened:
 def widened(priors: ArmPriors, setup: Setup, fit: Fit, made: Callable[[ArmPriors], Setup], option: str) -> Widened:
     """Widen priors that the data contradict.
 
-    Args:
-        priors: As stated.
-        setup: With them.
-        fit: Of its blocks.
-        made: Returns the setup with other priors: same parameters in the same order.
-        option: ``evidence``, or ``stated`` to name such priors only.
+    ``made``: Returns the setup with other priors: same parameters in the same order. ``option``: ``evidence``, or
+    ``stated`` to name such priors only.
     """
     if not _misfit(setup, fit):
         return Widened(priors, setup, fit, ())

@@ -25,10 +25,8 @@ CANDIDATES: Final = 6
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses of a six-axis tracker target that determine geometry, masses and frames best (D-optimal).
 
-    Args:
-        cell: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed.
-        count: How many.
-        settings: ``seed``, ``sag`` as in the recipe.
+    ``cell``: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed. ``settings``:
+    ``seed``, ``sag`` as in the recipe.
 
     Raises:
         InputError: Too few.

@@ -72,9 +72,8 @@ _DONE: Final = dict(zip(WORK, np.cumsum(list(WORK.values())) / sum(WORK.values()
 def identify(inputs: Inputs) -> Identification:
     """Find the displacements behind the segments, what the sag needs, and periodic errors of the drives.
 
-    Args:
-        inputs: The cell, whose earlier calibrations are where the displacements start; datasets of the kinds
-            :data:`counterflex.identify.kinematics.setup.KINDS`, mixed.
+    ``inputs``: The cell, whose earlier calibrations are where the displacements start; datasets of the kinds
+    :data:`counterflex.identify.kinematics.setup.KINDS`, mixed.
 
     Raises:
         InputError: Unusable data (see :func:`counterflex.identify.geometry.tracker_data.check_tracker_data`) or

@@ -21,10 +21,7 @@ _MOST_NAMED = 10
 def headline(setup: Setup, held_out: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
     """Errors of held-out rows, with the nominal arm in frames of its own beside them, and which rows these are.
 
-    Args:
-        setup: Of the fit.
-        held_out: Errors of the rows.
-        separate: They come from data given for that, else from folds of the postures.
+    ``separate``: They come from data given for that, else from folds of the postures.
     """
     poses = any(isinstance(b, TrackerResiduals) for b in setup.blocks)
     which = "separate data" if separate else f"{len(held_out.fits)} folds of the postures"

@@ -67,7 +67,6 @@ class Setup:
         needed: Names of the parameters that any use finds first (all but the arm's).
         local: Names of those that only the separate file has.
         frames: Frames by name.
-        model: The arm.
     """
 
     parameters: Parameters
@@ -89,12 +88,8 @@ def set_up(
 ) -> Setup:
     """Find frames, anchors and planes robustly, then build the residuals of all datasets.
 
-    Args:
-        cell: The cell, as known so far.
-        model: The arm with its parameters.
-        data: Datasets of the kinds :data:`KINDS`.
-        holdout: Datasets that are predicted only.
-        known: Tracker and target of the cell file with their standard deviations as priors; None leaves them free.
+    ``data``: Datasets of the kinds :data:`KINDS`. ``known``: Tracker and target of the cell file with their standard
+    deviations as priors; None leaves them free.
 
     Raises:
         InputError: A dataset that fixes no frame, anchor or plane.
@@ -164,12 +159,7 @@ def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
 
 
 def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Session]:
-    """Datasets of poses and points in the order of their rows.
-
-    Args:
-        data: Datasets.
-        blocks: Their residuals, as :func:`set_up` makes them.
-    """
+    """Datasets of poses and points in the order of their rows."""
     places = iter([i for i, b in enumerate(blocks) if isinstance(b, TrackerResiduals)])
     out = []
     for d in data:

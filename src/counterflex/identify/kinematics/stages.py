@@ -37,15 +37,7 @@ def priors_of(options: Mapping[str, Any]) -> ArmPriors:
 
 
 def model_of_data(cell: CellModel, data: Sequence[Dataset], priors: ArmPriors, sag: str, *, tied: bool) -> ArmModel:
-    """The arm with the displacements that the kinds of data can tell from their own frames.
-
-    Args:
-        cell: The cell.
-        data: All datasets.
-        priors: Standard deviations.
-        sag: See :func:`counterflex.identify.geometry.arm_parameters.sag_of`.
-        tied: Tracker and target are known beforehand.
-    """
+    """The arm with the displacements that the kinds of data can tell from their own frames."""
     kinds = {d.kind for d in data}
     touching = bool(kinds & {"distances", "planes"})
     return arm_model(
@@ -68,21 +60,7 @@ def with_turns(
     folds: int,
     known: KnownFrames | None,
 ) -> tuple[Setup, Fit, tuple[str, ...]]:
-    """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given.
-
-    Args:
-        cell: The cell.
-        setup: Without turns.
-        fit: Of its blocks.
-        data: Fitted datasets.
-        holdout: Datasets that only judge.
-        priors: Standard deviations.
-        folds: How many.
-        known: Tracker and target where they are known.
-
-    Returns:
-        Setup, fit, and what is said.
-    """
+    """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given."""
     model = model_of_data(cell, [*data, *holdout], priors, "axes", tied=known is not None)
     wider = set_up(cell, model, data, holdout, known=known)
     try:
@@ -108,17 +86,7 @@ def with_lost(
 ) -> tuple[Setup, Fit, tuple[str, ...]]:
     """The fit with lost motion by the sense of approach, of the axes that show it, where poses held out bear it out.
 
-    Args:
-        cell: The cell.
-        setup: Without it.
-        fit: Of its blocks.
-        data: Fitted datasets, with the channel ``approach``.
-        holdout: Datasets that only judge, else folds.
-        folds: How many.
-        known: Tracker and target where they are known.
-
-    Returns:
-        Setup, fit, and what is said.
+    ``data``: Fitted datasets, with the channel ``approach``.
     """
     directions = np.concatenate([s for d in data if (s := senses(d)) is not None])
     axes = [

@@ -67,14 +67,7 @@ def check(
     Tried are the units of forces and moments, every sign, exchanged columns, forces for moments, left-handed axes and
     shifted or reversed rows, each by a fit of zero, weight, centre of gravity and a small mounting rotation.
 
-    Args:
-        data: As stated.
-        sensor: Of the cell before.
-        block_of: Makes residuals of a dataset.
-        as_stated: The finding is a remark, not a refusal.
-
-    Returns:
-        Remarks.
+    ``as_stated``: The finding is a remark, not a refusal.
 
     Raises:
         InputError: Another reading is far better.

@@ -29,11 +29,7 @@ _WINDOWS: Final = 8
 def with_added_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Float) -> ElasticChain:
     """The chain with another sum of masses behind a body, the difference booked on the heaviest body there.
 
-    Args:
-        chain: The chain.
-        segment: Body that carries the sensor.
-        mass_kg: Of what hangs behind it.
-        p_seg_com: (3,) m, centre of gravity in the body's frame.
+    ``p_seg_com``: (3,) m, centre of gravity in the body's frame.
     """
     split = shared_mass(chain, segment, mass_kg, p_seg_com)
     mass, com = chain.mass.copy(), chain.com.copy()
@@ -47,11 +43,7 @@ def shared_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Fl
 
     The heaviest body behind the sensor takes the difference. Where that left it without mass, all bodies are scaled.
 
-    Args:
-        chain: The chain.
-        segment: Body that carries the sensor.
-        mass_kg: Sum.
-        p_seg_com: (3,) m, its centre of gravity in the body's frame.
+    ``p_seg_com``: (3,) m, its centre of gravity in the body's frame.
 
     Returns:
         By index of the segment: kg, and (3,) m in its own frame; empty where nothing is behind the sensor.
@@ -188,13 +180,6 @@ def distinct(block: SensorReadings) -> int:
 
 def check_orientations(blocks: Sequence[SensorReadings], where: str) -> tuple[str, ...]:
     """Refuse what cannot give weight and bias; say what a poor set cannot see.
-
-    Args:
-        blocks: All readings.
-        where: For the message.
-
-    Returns:
-        Remarks.
 
     Raises:
         InputError: Fewer than three directions of gravity.

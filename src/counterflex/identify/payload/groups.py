@@ -25,8 +25,7 @@ ALIKE_RAD: Final = 2.0 * DEG
 def orientations(R_base_sensor: Float) -> Int:
     """Number of the orientation that each reading is one of, in the order in which they first come.
 
-    Args:
-        R_base_sensor: (n, 3, 3).
+    ``R_base_sensor``: (n, 3, 3).
 
     Returns:
         (n,) ids from 0; a reading belongs to the first one within :data:`ALIKE_RAD`, not to a neighbour of a
@@ -46,9 +45,7 @@ def orientations(R_base_sensor: Float) -> Int:
 def groups_of(blocks: Sequence[SensorReadings], at_rest: Sequence[bool]) -> tuple[Int, ...]:
     """Groups of readings, within and between files: one for each orientation; groups of the files stay whole.
 
-    Args:
-        blocks: Readings.
-        at_rest: Of each block, whether its rows are single orientations; motions keep groups of their own.
+    ``at_rest``: Of each block, whether its rows are single orientations; motions keep groups of their own.
 
     Returns:
         (n,) ids for each block.

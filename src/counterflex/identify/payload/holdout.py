@@ -16,13 +16,7 @@ from counterflex.identify.solver.solve import solve
 
 
 def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings], progress: Progress = silent) -> HeldOut:
-    """Force errors by folds; the nominal ones with the zero found on the training part.
-
-    Args:
-        chosen: Parameters of the fit.
-        blocks: Readings.
-        progress: Told about folds.
-    """
+    """Force errors by folds; the nominal ones with the zero found on the training part."""
     return cross_validate(chosen, blocks, needed=needed(), error=force_error, progress=progress)
 
 
@@ -35,12 +29,7 @@ def held_out_moments(
 ) -> HeldOut:
     """Moment errors of the same rows by the same fits.
 
-    Args:
-        force: Of the forces.
-        chosen: Parameters of its fits.
-        blocks: Readings that were fitted.
-        unseen: Readings of a separate file, or empty for folds of ``blocks``.
-        progress: Told about folds.
+    ``unseen``: Readings of a separate file, or empty for folds of ``blocks``.
     """
     zero_only = chosen.with_fixed([name for name in chosen.names if name not in needed()])
     nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))

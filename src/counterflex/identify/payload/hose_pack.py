@@ -72,10 +72,7 @@ def degrees_of(settings: Mapping[str, Any]) -> tuple[int, ...]:
 def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints: bool) -> tuple[str, ...]:
     """Bodies that the setting ``hose_from`` allows, ``""`` for the base.
 
-    Args:
-        settings: Of the recipe.
-        bodies: Of :func:`counterflex.sensing.carrier.hose_bodies`.
-        with_joints: The data say where the axes stand; without, only the base can be tried.
+    ``with_joints``: The data say where the axes stand; without, only the base can be tried.
 
     Raises:
         InputError: A body that no hose pack can come from.
@@ -93,11 +90,7 @@ def trials_of(
 ) -> dict[str, float]:
     """What :func:`choose_rest` tries on these readings, by name, with what it costs against a fit without a rest.
 
-    Args:
-        blocks: Readings.
-        degrees: Of :func:`degrees_of`.
-        frames: Of :func:`frames_of`.
-        forced: A rest is wanted whether it helps or not.
+    ``forced``: A rest is wanted whether it helps or not.
     """
     rows = len(np.unique(np.concatenate([b.group for b in blocks])))
     trials = {} if forced else {_trial(0): _cost(0)}
@@ -130,15 +123,7 @@ def choose_rest(
 ) -> Rest:
     """Degree and body of the rest with the least error on orientations not used.
 
-    Args:
-        blocks_in: Readings with the rotation in a body.
-        sensor: Before.
-        known: Priors.
-        effects: What else is free.
-        degrees: Of :func:`degrees_of`.
-        frames: Of :func:`frames_of`.
-        progress: Told about trials.
-        forced: A rest is wanted whether it helps or not: only the body is chosen.
+    ``forced``: A rest is wanted whether it helps or not: only the body is chosen.
     """
     if not degrees or (forced and len(degrees) == len(frames) == 1):
         return Rest(*((degrees[0], frames[0]) if degrees else (0, "")))

@@ -79,10 +79,7 @@ def parameters(sensor: FlangeSensor, known: Knowledge, effects: Effects) -> Para
 
     The offset has nominal 0 and its size as prior, so that bias, weight and mounting explain what they can.
 
-    Args:
-        sensor: Of the cell before.
-        known: Standard deviations of that knowledge.
-        effects: What is free; the rest is held at what the cell file says.
+    ``effects``: What is free; the rest is held at what the cell file says.
     """
 
     def six(
@@ -125,10 +122,8 @@ def parameters(sensor: FlangeSensor, known: Knowledge, effects: Effects) -> Para
 def sensor_of(sensor: FlangeSensor, x: Float, reference_c: float) -> FlangeSensor:
     """The sensor with found values.
 
-    Args:
-        sensor: Of the cell before: body and frame; and where the hose pack was taken to come from.
-        x: (p,) SI values in the order of :func:`parameters`.
-        reference_c: Temperature that the bias belongs to.
+    ``sensor``: Of the cell before: body and frame; and where the hose pack was taken to come from. ``x``: (p,) SI
+    values in the order of :func:`parameters`.
     """
     return FlangeSensor(
         segment=sensor.segment,

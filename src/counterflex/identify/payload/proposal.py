@@ -46,12 +46,9 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     raise the determinant of the information most (priors counted). A share of them stands about the posture in which
     programs work, where the rest that no function holds matters most. Then ordered cheapest to drive: nearest next.
 
-    Args:
-        cell: The cell.
-        count: How many, at least 3.
-        settings: ``seed``; ``height_m`` least height of the tool tip above the base; ``force_n`` and ``moment_nm``
-            noise of a reading; ``hose`` degree of the hose pack (``auto``: 1 from 20 orientations); ``near_share`` of
-            the orientations about the working posture, never more than leaves three others.
+    ``count``: How many, at least 3. ``settings``: ``seed``; ``height_m`` least height of the tool tip above the base;
+    ``force_n`` and ``moment_nm`` noise of a reading; ``hose`` degree of the hose pack (``auto``: 1 from 20
+    orientations); ``near_share`` of the orientations about the working posture, never more than leaves three others.
 
     Raises:
         InputError: Fewer than 3, or no posture that meets the limits.
@@ -129,11 +126,7 @@ def working_postures(cell: CellModel, count: int, seed: int, height_m: float) ->
     The working posture has the tool square to the part's zero plane, turned about itself as the cell says, over the
     middle of the blank.
 
-    Args:
-        cell: The cell.
-        count: How many; 0 gives none.
-        seed: Of the draw.
-        height_m: Least height of the tool tip above the base.
+    ``count``: How many; 0 gives none. ``height_m``: Least height of the tool tip above the base.
 
     Raises:
         InputError: None meets the limits.

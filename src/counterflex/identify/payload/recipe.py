@@ -81,10 +81,8 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
 def identify(inputs: Inputs) -> Identification:
     """Find the constants of the flange sensor from readings without a process.
 
-    Args:
-        inputs: The sensor before; ``sensor_poses`` and ``sensor_motion``. Setting ``hose`` is ``auto``, ``none``,
-            ``1`` or ``2`` (degree of its functions), ``hose_from`` ``auto``, ``base`` or the body that the hose pack
-            comes from.
+    ``inputs``: The sensor before; ``sensor_poses`` and ``sensor_motion``. Setting ``hose`` is ``auto``, ``none``, ``1``
+    or ``2`` (degree of its functions), ``hose_from`` ``auto``, ``base`` or the body that the hose pack comes from.
 
     Raises:
         InputError: Too few orientations, or data that fit far better when read otherwise.

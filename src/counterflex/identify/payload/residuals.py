@@ -37,7 +37,6 @@ class SensorReadings:
     """Readings with no process; see :class:`counterflex.identify.solver.residuals.Residuals`.
 
     Attributes:
-        name: For messages.
         group: (n,) rows held out together.
         sigma: (n, 6) N, N m.
         w_sensor: (n, 6) N, N m as read.

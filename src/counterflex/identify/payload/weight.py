@@ -64,11 +64,7 @@ class Plain:
 
 
 def plain_weight(block: SensorReadings) -> Plain:
-    """Fit zero, weight, centre of gravity and a small mounting rotation to readings at rest, robustly.
-
-    Args:
-        block: Readings; their motion is left out.
-    """
+    """Fit zero, weight, centre of gravity and a small mounting rotation to readings at rest, robustly."""
     n = len(block.group)
     turn = skew(block.gamma)
     J = np.zeros((n, 6, _UNKNOWN))
@@ -148,13 +144,7 @@ def check(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[str, .
     Another reading is named where it makes the residual of the plain weight :data:`RATIO` times smaller (F test), or
     fits as well and finds a weight that hangs down where the stated one finds none or one that pulls upward.
 
-    Args:
-        data: Kind ``sensor_poses``; motions are left alone.
-        block_of: Makes readings of a dataset.
-        as_stated: The user insists: the finding is a remark.
-
-    Returns:
-        Remarks.
+    ``data``: Kind ``sensor_poses``; motions are left alone. ``as_stated``: The user insists: the finding is a remark.
 
     Raises:
         InputError: Another reading is found, or the weight pulls upward in all.
@@ -215,13 +205,7 @@ def _better(stated: Plain, other: Plain, count: int) -> bool:
 def check_rest(blocks: Sequence[SensorReadings], fit: Fit, *, as_stated: bool) -> tuple[str, ...]:
     """Refuse an orientation-dependent rest as large as the weight: something else than a hose pack is in the data.
 
-    Args:
-        blocks: Readings that were fitted.
-        fit: With the rest.
-        as_stated: The user insists: the finding is a remark.
-
-    Returns:
-        Remarks.
+    ``as_stated``: The user insists: the finding is a remark.
 
     Raises:
         InputError: The force of the rest varies by as much as the weight.

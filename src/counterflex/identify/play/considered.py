@@ -38,9 +38,7 @@ _SAME_RAD: Final = 1e-3
 def with_honest_sigma(plain: Fit, rows: AxisResiduals) -> Fit:
     """The fit of an axis with standard deviations that hold for what the model of a gear leaves out.
 
-    Args:
-        plain: Of these rows, its covariance that of independent rows.
-        rows: All motions of the axis.
+    ``plain``: Of these rows, its covariance that of independent rows.
 
     Returns:
         Standard deviations of correlated rows, not below those of the jackknife over stretches of the motions, and what
@@ -54,12 +52,7 @@ def with_honest_sigma(plain: Fit, rows: AxisResiduals) -> Fit:
 
 
 def compliance_share(fit: Fit, rows: AxisResiduals) -> Float:
-    """Standard deviations (p,) SI of all parameters by a torsion compliance that is held; zero where it is fitted.
-
-    Args:
-        fit: Of these rows.
-        rows: All motions of the axis.
-    """
+    """Standard deviations (p,) SI of all parameters by a torsion compliance that is held; zero where it is fitted."""
     out = np.zeros(len(fit.values))
     place = rows.parts[0].places.compliance
     item = fit.parameters.items[place]
@@ -76,9 +69,7 @@ def compliance_share(fit: Fit, rows: AxisResiduals) -> Float:
 def left_out(rows: AxisResiduals, x: Float) -> Float:
     """(n, m) what one standard deviation of each thing left out moves the measured values by, SI.
 
-    Args:
-        rows: All motions of an axis.
-        x: (p,) values.
+    ``x``: (p,) values.
     """
     places = [round(float(np.mean(part.q)) / _SAME_RAD) for part in rows.parts]
     poses = sorted(set(places))

@@ -45,11 +45,7 @@ def compliance(cell: CellModel, axis: int) -> float:
 def parameters(cell: CellModel, axis: int, *, free_compliance: bool, delay: bool) -> tuple[Parameters, PlayPlaces]:
     """Parameters of an axis.
 
-    Args:
-        cell: What is known.
-        axis: 0..5.
-        free_compliance: The data see elastic torsion (encoders over large motions); else it is held.
-        delay: The motions have time stamps.
+    ``axis``: 0..5. ``free_compliance``: The data see elastic torsion (encoders over large motions); else it is held.
     """
     play, known = axis_play(cell, axis)
     band, dry, slip = KNOWN if known else GUESSED

@@ -41,10 +41,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     other axes stand firmly on one flank of their gears; of the poses that qualify the one with the longest lever is
     taken.
 
-    Args:
-        cell: Play, compliance and weights.
-        count: Motions; at least 12 (two of each axis).
-        settings: ``seed`` of the candidates.
+    ``count``: Motions; at least 12 (two of each axis). ``settings``: ``seed`` of the candidates.
 
     Returns:
         A row for each motion: pose ``q1_rad`` ... ``q6_rad``, ``axis`` (1..6), ``amplitude_rad``,

@@ -46,8 +46,7 @@ def angle_error(block: Residuals, x: Float) -> Float:
 def identify(inputs: Inputs) -> Identification:
     """Find play and friction axis by axis; see :mod:`counterflex.identify.play.residuals` for the model.
 
-    Args:
-        inputs: Compliance and weights, play known before; ``reversals``, held out by motions.
+    ``inputs``: Compliance and weights, play known before; ``reversals``, held out by motions.
 
     Returns:
         A fit for each axis that moved, ``[[robot.play]]`` of these.

@@ -75,10 +75,7 @@ def too_wide(value: float, sigma: float) -> bool:
 def least_seen(axis: int, mine: Sequence[Motion], friction_nm: float) -> str | None:
     """Return what one of the two kinds of poses that is missing leaves open; None where both were measured.
 
-    Args:
-        axis: 0..5.
-        mine: Its motions.
-        friction_nm: Dry friction on the side of the link.
+    ``axis``: 0..5. ``friction_nm``: Dry friction on the side of the link.
     """
     load = [float(np.min(np.abs(m.torque))) for m in mine]
     if min(load) >= BALANCED * friction_nm:

@@ -151,12 +151,7 @@ def _correlation(a: Float, b: Float) -> float:
 
 
 def steady(run: RunRecord, cycles: int) -> Bool:
-    """(m,) cycles around which the tool neither speeds up nor slows down: what it carries then pulls by weight only.
-
-    Args:
-        run: The run.
-        cycles: That many on both sides.
-    """
+    """(m,) cycles around which the tool neither speeds up nor slows down: what it carries then pulls by weight only."""
     speed = np.gradient(run.p_part, run.time_s, axis=0)
     change = np.linalg.norm(np.diff(speed, axis=0, prepend=speed[:1]), axis=1) > 1.0 * MM
     near = np.convolve(change.astype(np.float64), np.ones(2 * cycles + 1), mode="same") > 0.0

@@ -67,7 +67,6 @@ class Difference:
         chance: Probability of a difference as large if the stated values were exactly true.
         chance_in_prior: The same if they are as uncertain as stated.
         statistic: Of the first.
-        count: Constants compared.
     """
 
     chance: float
@@ -89,9 +88,7 @@ class Estimate:
         fit: Nine constants, then the geometry.
         level: Which were free.
         conditions: Of every level.
-        h_ref_m: Reference thickness.
         range_m: Least and largest mean chip thickness.
-        held_out: Relative errors.
         difference: From the stated ones.
         block: What was fitted.
     """
@@ -133,11 +130,8 @@ def reference_m(block: ProductionResiduals) -> tuple[float, tuple[float, float]]
 def constants_of(law: ForceLaw, h_ref_m: float, known: Mapping[str, float], level: str) -> Parameters:
     """The nine constants around the stated law, those of a level free.
 
-    Args:
-        law: Stated.
-        h_ref_m: Reference thickness.
-        known: Standard deviation by name where one is identified: of k relative, of m and e in SI.
-        level: Of :data:`LEVELS`.
+    ``known``: Standard deviation by name where one is identified: of k relative, of m and e in SI. ``level``: Of
+    :data:`LEVELS`.
     """
     items = []
     for item in _form(law).parameters(law, h_ref_m):

@@ -77,17 +77,14 @@ class Drift:
         before_m: (n,) length that its edge had cut at the middle of each run.
         events: Named, in their order.
         shape: Name of the most probable shape of the growth.
-        shape_chance: Of it.
         factor: (n,) expected factor of each run, scatter apart.
         force: (n,) the same by the first run's.
         force_sigma: (n,) its standard deviation.
         slope: Growth per metre of cut at the last run, share of the force of the first run of its edge.
         low: Lower end of the interval of the slope (:data:`LEVEL`).
-        high: Upper end.
         scatter: Standard deviation of runs beside their own.
         grown: Growth of the force from the first run of the last edge to the last run, jumps up included.
         grown_low: Lower end of its interval.
-        grown_high: Upper end.
         is_known: Whether there are runs enough for a growth.
     """
 

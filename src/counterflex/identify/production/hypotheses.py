@@ -69,7 +69,6 @@ class Event:
     """A change between runs.
 
     Attributes:
-        kind: Of it.
         at: First run after it.
         until: First run after a passing change; 0 for the others.
     """
@@ -89,8 +88,6 @@ class Shape:
     """Growth over the length cut, as columns that are 0 for a new edge.
 
     Attributes:
-        name: As printed.
-        prior: Probability.
         bends: Kind of the second column: ``""`` none, ``"fast"`` exponential approach, ``"late"`` a power,
             ``"knee"`` a second slope from a length on.
         at: Its power, or its length as a share of the longest life.
@@ -179,8 +176,6 @@ class Design:
     """Columns of one hypothesis.
 
     Attributes:
-        events: Of it.
-        shape: Of it.
         rows: (n, p) columns at each run.
         mean: (p,) prior means.
         sigma: (p,) prior standard deviations.
@@ -254,7 +249,6 @@ class Weighed:
     """A hypothesis and its posterior.
 
     Attributes:
-        design: Its columns.
         log_weight: (t,) logarithm of the evidence times the priors, by scatter.
         mean: (t, p) of the unknowns.
         covariance: (t, p, p) theirs.

@@ -53,10 +53,7 @@ class Geometry:
 def geometry_of(stretches: Stretches, run: Int, top_sigma_m: float = TOP_SIGMA_M) -> Geometry:
     """Tops by run and height, bounds by height and width of cut: a bound off by the grid is so in every run.
 
-    Args:
-        stretches: All of them.
-        run: (n,) number of the run of each.
-        top_sigma_m: Standard deviation of a top.
+    ``run``: (n,) number of the run of each.
     """
     items: list[Parameter] = []
     places: dict[tuple[object, ...], int] = {}
@@ -94,13 +91,8 @@ def geometry_of(stretches: Stretches, run: Int, top_sigma_m: float = TOP_SIGMA_M
 class ProductionResiduals:
     """Mean forces of stretches; implements :class:`counterflex.identify.solver.residuals.Residuals`.
 
-    Args:
-        stretches: The stretches.
-        geometry: Their unknowns.
-        cutter: The tool.
-        h_ref_m: Reference thickness of the constants.
-        group: (n,) contacts, over all runs.
-        growth: (n,) factor by which the force of each has grown since the tool was new.
+    ``group``: (n,) contacts, over all runs. ``growth``: (n,) factor by which the force of each has grown since the tool
+    was new.
     """
 
     components: tuple[str, ...] = ("along N", "left N", "up N")

@@ -135,14 +135,6 @@ def stretches_of(
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 
-    Args:
-        cell: Its tool, force law and elastic model.
-        run: The run.
-        plan: Its plan.
-        at: Where on the plan it was.
-        tool: Number of the tool.
-        choice: Which stretches are taken.
-
     Raises:
         InputError: A saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
             steady stretch.

@@ -67,12 +67,7 @@ def layout(
     Half bands are parameters where a history is known (elsewhere play only adds to the standard deviation); the turn
     of the tracker where displacements are written in its axes.
 
-    Args:
-        chain: The cell's.
-        springs: Its compliances.
-        pulls: Data and held-out data.
-        turn_sigma: (3,) rad, prior standard deviation of the tracker's axes; None is :data:`TURN_PRIOR_RAD`.
-        bearing_m: See :class:`Layout`.
+    ``turn_sigma``: (3,) rad, prior standard deviation of the tracker's axes; None is :data:`TURN_PRIOR_RAD`.
     """
     items: list[Parameter] = []
     bands = np.full(6, -1, dtype=np.int64)
@@ -110,11 +105,7 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     (:func:`counterflex.identify.pulls.history.lost_sigma`), and of bearings that are not where they are thought to be
     (:func:`counterflex.identify.pulls.residuals.misplaced`).
 
-    Args:
-        chain: The cell's.
-        plan: Parameters.
-        pulls: The rows.
-        R_base_tracker: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``.
+    ``R_base_tracker``: (3, 3) axes of the tracker in the base; needed where ``pulls.in_tracker``.
 
     Returns:
         The block; :func:`refreshed` brings its offset up to date.

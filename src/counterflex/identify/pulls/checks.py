@@ -73,10 +73,7 @@ def work(chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None) -> tup
     Where three components were measured beside the tool tip the force is taken at the measured point; the turn of the
     tool is then left out.
 
-    Args:
-        chain: The cell's.
-        pulls: The rows.
-        R_base_tracker: (3, 3), where the displacement is in tracker axes.
+    ``R_base_tracker``: (3, 3), where the displacement is in tracker axes.
     """
     d, sigma = pulls.d, pulls.d_sigma
     if pulls.in_tracker and R_base_tracker is not None:
@@ -112,9 +109,6 @@ def check_work(
         as_stated: The user insists: the finding is a remark.
         most: Share of the rows above which the data are refused.
 
-    Returns:
-        Remarks for the report.
-
     Raises:
         InputError: More rows than ``most``, and the user does not insist.
     """
@@ -146,9 +140,7 @@ def check_worth(unexplained_percent: float, where: str) -> None:
     However large the priors, springs that were found have to explain something; where they do not, deflections are
     smaller than anything the priors allow (mm stated as m), or have nothing to do with the loads.
 
-    Args:
-        unexplained_percent: ``sum |measured - predicted| / sum |measured|`` of held-out pulls, in %.
-        where: The data, for the message.
+    ``unexplained_percent``: ``sum |measured - predicted| / sum |measured|`` of held-out pulls, in %.
 
     Raises:
         InputError: 100 % or more.

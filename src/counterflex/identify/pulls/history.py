@@ -38,9 +38,7 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     Each row is a path of its own: relaxed at ``q + approach``, to ``q`` (unloaded reading), load on, and, where it was
     approached again, back to ``q + approach`` and to ``q`` under load (loaded reading).
 
-    Args:
-        chain: With play; axes without an entry lose nothing.
-        pulls: With a history.
+    ``chain``: With play; axes without an entry lose nothing.
 
     Returns:
         (n, 6) rad, positive in the positive direction of the axis angles.
@@ -85,10 +83,6 @@ def band_slopes(chain: ElasticChain, pulls: Pulls) -> Float:
 
     -2 .. 2: 2 where the load turns the torque of an axis round, 0 where it does not.
 
-    Args:
-        chain: With play.
-        pulls: With a history.
-
     Returns:
         (n, 6).
     """
@@ -108,9 +102,7 @@ def uncertain_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     that nobody can say on which side of its play it is. Such rows, believed, make the play smaller and the torsion
     softer than they are.
 
-    Args:
-        chain: With play or None.
-        pulls: With a history.
+    ``chain``: With play or None.
 
     Returns:
         (n, 6) rad.
@@ -151,9 +143,7 @@ def lost_sigma(chain: ElasticChain, pulls: Pulls) -> Float:
 
     :func:`uncertain_angles` where the history is known, :func:`unknown_angles` where it is not, carried to the tool.
 
-    Args:
-        chain: With play or None.
-        pulls: The rows.
+    ``chain``: With play or None.
 
     Returns:
         (n, 6) m, rad, base axes.

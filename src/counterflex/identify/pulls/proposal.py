@@ -53,10 +53,8 @@ _SCALE_M: Final = 10.0 * UM
 def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Choose pulls for the least variance of the deflection predicted near the part under forces in all directions.
 
-    Args:
-        cell: The cell; where it knows its tracker, poses are in its sight.
-        count: How many pulls.
-        settings: See :data:`SETTINGS`, and those of :mod:`counterflex.identify.geometry.compliances`.
+    ``cell``: The cell; where it knows its tracker, poses are in its sight. ``settings``: See :data:`SETTINGS`, and
+    those of :mod:`counterflex.identify.geometry.compliances`.
 
     Returns:
         Pulls in the order in which to take them: one cable direction after the other, each from pose to next pose.

@@ -73,9 +73,6 @@ def read_pulls(chain: ElasticChain, data: Dataset, p_tcp_target: Float | None = 
         p_tcp_target: (3,) m, where the tracker's target sits in the frame of the TCP: the measured point of
             ``d_tracker_target`` where the dataset does not say another.
 
-    Returns:
-        The pulls.
-
     Raises:
         FileFormatError: A channel is missing or without standard deviation, a setting makes no sense.
     """

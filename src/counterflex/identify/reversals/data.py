@@ -45,7 +45,6 @@ class Motion:
         measured: (n,) rad link minus motor, or m along the motion of the tool.
         sigma: (n,).
         motor_torque: (n,) N m or None.
-        where: For messages.
         lever_m: Distance that the tool moves per rad; infinite for encoders.
         pose: (6,) rad, mean angles of all axes.
     """
@@ -67,11 +66,8 @@ class Motion:
 def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
     """All motions of some datasets.
 
-    Args:
-        cell: Its weight loads the axes.
-        data: Of kind ``reversals``: ``q_motor`` or ``q`` of six axes, ``q_link`` or ``p_tracker_target``; perhaps
-            ``time_s`` and ``tau_motor``. Rows of one group are one motion.
-        first_run: Number of the first motion.
+    ``cell``: Its weight loads the axes. ``data``: Of kind ``reversals``: ``q_motor`` or ``q`` of six axes, ``q_link``
+    or ``p_tracker_target``; perhaps ``time_s`` and ``tau_motor``. Rows of one group are one motion.
 
     Raises:
         FileFormatError: A channel or standard deviation is missing, values are not numbers, time runs backwards.

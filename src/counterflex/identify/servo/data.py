@@ -26,7 +26,6 @@ class LoadStep:
     """One release of a load.
 
     Attributes:
-        run: Number.
         step_s: s.
         time_s: (n,) s from the first row.
         released: (n,) the load is off.
@@ -34,7 +33,6 @@ class LoadStep:
         sigma: (n, 6) rad.
         torque: (n, 6) N m, less the mean before.
         tip: (n, 3) m position seen by a tracker, or None.
-        where: For messages.
     """
 
     run: int
@@ -55,11 +53,9 @@ class LoadStep:
 def load_steps(data: Sequence[Dataset], first_run: int = 0) -> list[LoadStep]:
     """All load steps of some datasets.
 
-    Args:
-        data: Of kind ``servo_steps``: ``time_s``, ``q_command``, ``q_motor``, ``tau_motor`` of six axes and
-            ``w_tcp_base`` or ``f_tcp_base`` (what the cable pulls with, zero once it is cut); perhaps
-            ``p_tracker_target``. Rows of one group are one step.
-        first_run: Number of the first.
+    ``data``: Of kind ``servo_steps``: ``time_s``, ``q_command``, ``q_motor``, ``tau_motor`` of six axes and
+    ``w_tcp_base`` or ``f_tcp_base`` (what the cable pulls with, zero once it is cut); perhaps ``p_tracker_target``.
+    Rows of one group are one step.
 
     Raises:
         FileFormatError: Channels or standard deviations are missing, values are not numbers, uneven time.

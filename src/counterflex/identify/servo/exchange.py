@@ -29,9 +29,7 @@ def with_exchange(fit: Fit, axis: int) -> Fit:
     With p the probability of the exchange, a variance is larger by p times the square of the difference between the
     two solutions: the second moment, about the one found, of both together.
 
-    Args:
-        fit: Of one axis.
-        axis: 0..5.
+    ``axis``: 0..5.
 
     Returns:
         The same values and covariance; ``sigma`` of Kv and Ti widened.
@@ -48,11 +46,7 @@ def with_exchange(fit: Fit, axis: int) -> Fit:
 def exchange_probability(parameters: Parameters, x: Float, rate: int, time: int) -> float:
     """Probability that Kv and 1/Ti are the other way round, by their priors: ``1 / (1 + exp((u'^2 - u^2) / 2))``.
 
-    Args:
-        parameters: Of an axis, Kv and Ti logarithmic.
-        x: (p,) values.
-        rate: Place of Kv.
-        time: Place of Ti.
+    ``x``: (p,) values.
     """
     other = np.array(x)
     other[rate], other[time] = 1.0 / x[time], 1.0 / x[rate]
@@ -64,9 +58,7 @@ def exchange_probability(parameters: Parameters, x: Float, rate: int, time: int)
 def together(fit: Fit, axis: int) -> Derived:
     """Kv + 1/Ti (1/s) and Kv / Ti (1/s^2), (2,) each: the same whichever of the two is which.
 
-    Args:
-        fit: Of one axis.
-        axis: 0..5.
+    ``axis``: 0..5.
     """
     at_rate, at_time = _places(fit, axis)
     rate, time = float(fit.values[at_rate]), float(fit.values[at_time])

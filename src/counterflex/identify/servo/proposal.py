@@ -30,10 +30,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
 
     Chosen one after another so that the sum over the axes of the logarithm of the squared motion grows most.
 
-    Args:
-        cell: Geometry, and loop gains where known.
-        count: Load steps; at least 3.
-        settings: ``seed`` of the candidates, ``force_n``.
+    ``count``: Load steps; at least 3. ``settings``: ``seed`` of the candidates, ``force_n``.
 
     Returns:
         ``q1_rad`` ... ``q6_rad``, ``fx_n fy_n fz_n`` (what the cable pulls the tool with, base axes); expected

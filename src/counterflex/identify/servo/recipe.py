@@ -50,10 +50,9 @@ _RINGS_S = 0.02
 def identify(inputs: Inputs) -> Identification:
     """Find loop gains, the lowest mode, and lags of drives and corrections.
 
-    Args:
-        inputs: Gains, play and friction known before; ``servo_steps`` (see
-            :func:`counterflex.identify.servo.data.load_steps`), ``reversals`` with ``tau_motor`` for the friction of
-            the motors, ``record`` for lags.
+    ``inputs``: Gains, play and friction known before; ``servo_steps`` (see
+    :func:`counterflex.identify.servo.data.load_steps`), ``reversals`` with ``tau_motor`` for the friction of the
+    motors, ``record`` for lags.
 
     Returns:
         Fits by axis and pair; ``[[robot.servo]]``, ``[dynamics]`` mode and damping, ``[timing]``.

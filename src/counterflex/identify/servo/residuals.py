@@ -26,7 +26,6 @@ class Release:
     """One load step of one axis.
 
     Attributes:
-        run: Number.
         step_s: Between rows, s.
         torque: (n,) N m given by the motor, less its mean before the step.
         error: (n,) rad, motor angle less command, less its mean before the step.
@@ -73,7 +72,6 @@ class ServoResiduals:
 
     Attributes:
         axis: 0..5.
-        releases: Load steps.
     """
 
     axis: int

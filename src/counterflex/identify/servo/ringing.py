@@ -41,10 +41,7 @@ class Mode:
 def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
     """The lowest mode that rings noticeably.
 
-    Args:
-        signals: (n, k) at even steps, from just after the release; like units.
-        step_s: s.
-        order: Number of exponentials.
+    ``signals``: (n, k) at even steps, from just after the release; like units. ``step_s``: s.
 
     Returns:
         Of the modes with at least :data:`SHARE` of the strongest one's amplitude the one of lowest frequency.

@@ -51,11 +51,7 @@ class Agreement:
 
 
 def agreement(fits: Iterable[Fit]) -> Agreement:
-    """Compare the values of fits with those known before.
-
-    Args:
-        fits: All fits of one identification.
-    """
+    """Compare the values of fits with those known before."""
     total, count, seen, freedom = 0.0, 0, 0.0, 0.0
     for fit in fits:
         free = fit.free_index
@@ -76,14 +72,7 @@ def agreement(fits: Iterable[Fit]) -> Agreement:
 
 
 def contradicted(fit: Fit) -> tuple[tuple[str, float], ...]:
-    """Names of the parameters that the data determine far from their priors, with the distance in prior sigmas.
-
-    Args:
-        fit: The fit.
-
-    Returns:
-        Farthest first.
-    """
+    """Names of the parameters that the data determine far from their priors, with the distance in prior sigmas."""
     u = np.abs(fit.parameters.coordinates(fit.values))
     off = [
         (p.label or p.name, float(u[i]))

@@ -26,11 +26,9 @@ from counterflex.identify.solver.residuals import Residuals
 def considered(fit: Fit, blocks: Sequence[Residuals], moved: Sequence[Float]) -> Float:
     """(f, f) covariance that quantities which are not fitted add, in fit coordinates.
 
-    Args:
-        fit: Of these blocks, its covariance that of independent rows.
-        blocks: Their rows.
-        moved: Per block (rows, components, m) what one standard deviation of each of m quantities, the same m in all
-            blocks, moves the measured values by, in their units.
+    ``fit``: Of these blocks, its covariance that of independent rows. ``moved``: Per block (rows, components, m) what
+    one standard deviation of each of m quantities, the same m in all blocks, moves the measured values by, in their
+    units.
 
     Returns:
         ``G G^T``; independent of the sign of ``moved``.

@@ -26,9 +26,7 @@ _STEEPEST = 0.97
 def with_correlation(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
     """The fit with covariance and standard deviations that allow for correlated rows.
 
-    Args:
-        fit: Of these blocks.
-        blocks: Their rows in order of time.
+    ``blocks``: Their rows in order of time.
 
     Returns:
         The same values; ``covariance`` and ``sigma`` replaced, never smaller than half of what independence gives.
@@ -55,8 +53,7 @@ def with_correlation(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
 def long_run(scores: Float) -> Float:
     """Long-run covariance (p, p) of a series (n, p): the sum of its autocovariances over all lags.
 
-    Args:
-        scores: (n, p), mean zero at a least-squares solution.
+    ``scores``: (n, p), mean zero at a least-squares solution.
     """
     n = len(scores)
     if n < 4:

@@ -38,7 +38,6 @@ class Fit:
     """Result of :func:`counterflex.identify.solver.solve.solve`.
 
     Attributes:
-        parameters: As given.
         values: (p,) SI.
         sigma: (p,) standard deviations, SI (0 for held ones).
         covariance: (f, f) of the free parameters in fit coordinates.
@@ -46,7 +45,6 @@ class Fit:
         seen: (p,) how much of each comes from the data.
         residuals: Per block (rows, components) at the solution, unweighted by robustness.
         weights: Per block (rows,) robust weight.
-        outliers: Largest first.
         sigma_factors: Per block, the factor by which the residuals exceed the stated standard deviations, at least 1;
             the block's standard deviations were widened by it (Birge ratio; with robust weights Huber's form of it).
         chi2_reduced: Weighted sum of squares per degree of freedom.

@@ -36,7 +36,6 @@ class Folds:
     """How rows are dealt to the folds that hold them out.
 
     Attributes:
-        count: How many.
         seed: Of the dealing.
         parts: Per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of
             ``count`` folds of groups dealt at random.
@@ -54,7 +53,6 @@ class Local(NamedTuple):
     """Parameters that only a separate file has.
 
     Attributes:
-        names: Their names.
         blocks: Residuals that they are fitted to; empty is the file's own.
     """
 

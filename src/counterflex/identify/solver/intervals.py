@@ -37,9 +37,7 @@ def coverage_factor(fit: Fit, level: float = LEVEL) -> float:
     The normal quantile where the stated standard deviations hold; Student's t with the degrees of freedom of the fit
     where a block's were widened by what its residuals show, which is then an estimate from as many numbers.
 
-    Args:
-        fit: The fit.
-        level: Probability that the interval holds the truth, 0..1.
+    ``level``: Probability that the interval holds the truth, 0..1.
 
     Raises:
         InputError: A level outside 0..1.
@@ -59,10 +57,6 @@ def intervals(fit: Fit, level: float = LEVEL) -> Float:
 
     ``x -+ k sigma``; of a logarithmic parameter ``x exp(-+ k sigma / x)``, so that it stays positive; cut at the bounds
     of the parameter.
-
-    Args:
-        fit: The fit.
-        level: Probability that an interval holds the truth.
 
     Returns:
         (p, 2) lower and upper end, SI; of a held parameter both are its value.
@@ -92,11 +86,8 @@ def covariance_si(fit: Fit) -> Float:
 def of_linear(fit: Fit, derivative: Float, value: Float, level: float = LEVEL) -> Derived:
     """Quantities whose derivative by the parameters is known: ``var = G C G^T``.
 
-    Args:
-        fit: The fit.
-        derivative: (m, p) G, derivative of each quantity by every parameter, SI.
-        value: (m,) the quantities at the fitted values.
-        level: Probability that an interval holds the truth.
+    ``derivative``: (m, p) G, derivative of each quantity by every parameter, SI. ``value``: (m,) the quantities at the
+    fitted values.
 
     Returns:
         Values with standard deviations and intervals.

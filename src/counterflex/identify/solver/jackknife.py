@@ -54,10 +54,8 @@ def parts_of_groups(blocks: Sequence[Residuals], most: int = MOST_PARTS) -> tupl
 def with_jackknife(fit: Fit, blocks: Sequence[Residuals], parts: Sequence[Int]) -> Fit:
     """The fit with standard deviations not below those of the jackknife.
 
-    Args:
-        fit: Of these blocks, its covariance that of independent rows (its inverse the information).
-        blocks: Their rows.
-        parts: Per block (rows,) which part a row belongs to.
+    ``fit``: Of these blocks, its covariance that of independent rows (its inverse the information). ``parts``: Per
+    block (rows,) which part a row belongs to.
 
     Returns:
         The same values; ``covariance`` and ``sigma`` widened where the jackknife says so, correlations kept. The fit as
@@ -101,10 +99,6 @@ def with_groups_once(fit: Fit, blocks: Sequence[Residuals]) -> Fit:
         V = (sum_g 1/m_g sum_rows J^T J / s^2 + priors)^-1,    s^2 = sum_g 1/m_g sum_rows |r|^2 / (k G - used)
 
     with m_g rows in group g, G groups of k numbers each, and s never below the factor of the fit.
-
-    Args:
-        fit: Of these blocks.
-        blocks: Their rows.
 
     Returns:
         The same values, ``covariance`` and ``sigma`` widened; the fit as it was where no group has two rows.

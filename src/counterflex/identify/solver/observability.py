@@ -48,9 +48,6 @@ def examine(parameters: Parameters, free: Int, jacobian: Float, sigma_u: Float, 
         jacobian: (m, f) of the weighted residuals, without priors.
         sigma_u: (f,) posterior standard deviations in fit coordinates.
         prior: (f,) which have a prior.
-
-    Returns:
-        The findings.
     """
     f = len(free)
     padded = np.concatenate([jacobian, np.zeros((max(f - len(jacobian), 0), f))])

@@ -27,7 +27,6 @@ class Parameter:
         prior_sigma: Standard deviation of that knowledge: SI, or relative for a logarithmic parameter; infinity is no
             knowledge at all (then ``scale`` says what a change of ordinary size is).
         lower: Least value that makes sense.
-        upper: Largest one.
         free: False holds it at ``nominal``.
         log: Logarithmic; ``nominal`` must be positive.
         scale: Size of an ordinary change where the prior is infinite; else unused.

@@ -40,8 +40,7 @@ class Residuals(Protocol):
     def evaluate(self, x: Float) -> Float:
         """Weighted residuals ``(measured - predicted) / sigma``.
 
-        Args:
-            x: (p,) values of all parameters, SI, in the order of the identification's parameters.
+        ``x``: (p,) values of all parameters, SI, in the order of the identification's parameters.
 
         Returns:
             (rows, components), dimensionless.

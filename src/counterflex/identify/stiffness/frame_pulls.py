@@ -48,9 +48,6 @@ def with_displacements(
         data: Kind ``pulls``; as it is where it has no sensors.
         as_stated: Readings that contradict each other are a remark, not a refusal.
 
-    Returns:
-        The dataset, and remarks for the report.
-
     Raises:
         InputError: The geometry does not show the motion, or the readings contradict each other.
         FileFormatError: A channel is missing, or the displacement is given twice.
@@ -146,10 +143,7 @@ def summary(data: Dataset) -> dict[str, Any] | None:
 def places(chain: ElasticChain, data: Dataset, frame: SensorFrame) -> tuple[Float, Float]:
     """Axes of the sensors in the base (n, 3, 3), and the measured point in them (n, 3) m, of each row.
 
-    Args:
-        chain: The cell's.
-        data: With ``q``; with ``R_base_frame`` (and ``p_base_frame``) where the axes are those of the frame.
-        frame: The sensors.
+    ``data``: With ``q``; with ``R_base_frame`` (and ``p_base_frame``) where the axes are those of the frame.
 
     Raises:
         FileFormatError: The place of the frame is missing.

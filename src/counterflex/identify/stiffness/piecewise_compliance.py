@@ -62,7 +62,6 @@ class Region:
     Attributes:
         spring: Place in the springs.
         name: Of its parameter: ``axis2.rz.q2_half``.
-        text: In words.
         kind: What ``raw`` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the load, or
             its size over the largest.
         axis: Driven axis 0..5 of the angle.
@@ -91,13 +90,7 @@ class Region:
         return factor(self.element(chain, plan, 1.0), pulls.q) - 1.0
 
     def element(self, chain: ElasticChain, plan: Layout, change: float) -> ElasticRegion:
-        """As a plan uses it: the factor ``1 + change phi`` on the compliance.
-
-        Args:
-            chain: The cell's.
-            plan: Parameters.
-            change: a.
-        """
+        """As a plan uses it: the factor ``1 + change phi`` on the compliance."""
         at = np.array(self.knots)
         raw = self.raw(np.repeat(at[:, None], 6, axis=1), np.zeros(len(at)))
         factors = 1.0 + change * (raw - self.centre) / self.spread
@@ -193,14 +186,6 @@ def search(
 ) -> PiecewiseSearch:
     """Regions that the data demand.
 
-    Args:
-        chain: The cell's.
-        plan: Parameters without regions.
-        pulls: Data.
-        blocks: Their residuals, offsets up to date.
-        fit: To them.
-        progress: Told about regions.
-
     Returns:
         The regions kept; none where data not used do not bear one out.
     """
@@ -244,14 +229,7 @@ def shaped_like(
 
 
 def elements(result: PiecewiseSearch | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
-    """What a plan can use of the regions kept: those over an angle; a compliance that changes with load stays its mean.
-
-    Args:
-        result: By :func:`search`.
-        chain: The cell's.
-        plan: Parameters.
-        fit: With the regions.
-    """
+    """What a plan can use of the regions kept: those over an angle; a compliance that changes with load is its mean."""
     regions = () if result is None else result.regions
     return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
 

@@ -54,8 +54,7 @@ WORK: Final = {CHECKING: 0.07, COMPLIANCES: 0.15, REGIONS: 0.2, HELD_OUT: 0.16}
 def identify(inputs: Inputs) -> Identification:
     """Find compliances from pulls.
 
-    Args:
-        inputs: Geometry, compliances, masses, play, and the tracker where displacements are in its axes; ``pulls``.
+    ``inputs``: Geometry, compliances, masses, play, and the tracker where displacements are in its axes; ``pulls``.
 
     Returns:
         The identification; its headline is the share of held-out deflection that is not explained.
@@ -123,13 +122,6 @@ def settle(
     chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls], blocks: Sequence[PullResiduals], progress: Progress
 ) -> tuple[Fit, list[PullResiduals]]:
     """Fit, with what is not linear in the compliances brought up to date until it rests within 1 um.
-
-    Args:
-        chain: The cell's.
-        plan: Parameters.
-        pulls: Data.
-        blocks: Their residuals.
-        progress: Told about rounds.
 
     Returns:
         The fit, and the blocks with their offsets at its values.

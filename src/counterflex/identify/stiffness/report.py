@@ -74,14 +74,7 @@ def sizes(held_out: HeldOut, measured: Sequence[Float]) -> Float:
 
 
 def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held_out: HeldOut) -> tuple[Figure, ...]:
-    """What else is worth a number.
-
-    Args:
-        chain: With the identified compliances.
-        pulls: Data.
-        fit: To them.
-        held_out: Errors of held-out rows.
-    """
+    """What else is worth a number."""
     gaps = []
     for p in pulls:
         every = max(1, len(p) // _ROWS)

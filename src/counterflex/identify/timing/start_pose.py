@@ -20,9 +20,6 @@ def over_part(cell: CellModel) -> Float:
 
     Of the turns about the tool the one with the largest distance from singularities within the joint limits.
 
-    Args:
-        cell: The cell.
-
     Returns:
         (6,) rad.
 

@@ -32,10 +32,7 @@ _FEWEST = {"poses": 4, "fiducials": 4}
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
     """Poses (``measure = "poses"``) or places of fiducials (``measure = "fiducials"``).
 
-    Args:
-        cell: The cell.
-        count: How many.
-        settings: ``measure``, ``seed``.
+    ``settings``: ``measure``, ``seed``.
 
     Raises:
         InputError: Too few, or another ``measure``.

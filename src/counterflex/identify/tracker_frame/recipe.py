@@ -54,9 +54,8 @@ _FITTED: Final = 3.0 / 8.0
 def identify(inputs: Inputs) -> Identification:
     """Find T_base_tracker from fiducials, poses or both, and T_tcp_target from poses.
 
-    Args:
-        inputs: The cell, whose robot predicts the poses, sag under own weight included; ``fiducials`` and
-            ``tracker_poses``.
+    ``inputs``: The cell, whose robot predicts the poses, sag under own weight included; ``fiducials`` and
+    ``tracker_poses``.
 
     Raises:
         InputError: Too few or collinear fiducials, a mirrored frame, units mixed up, poses that do not turn.

@@ -45,11 +45,7 @@ _UNIT: float = 1e-3
 
 
 def ads_table(cell: Cell) -> AdsTable:
-    """The table ``[ads]`` of a cell.
-
-    Raises:
-        FileFormatError: It has none.
-    """
+    """The table ``[ads]`` of a cell. Raises FileFormatError: it has none."""
     table = cell.tables.ads
     if table is None:
         raise FileFormatError(
@@ -98,11 +94,7 @@ def connected(table: AdsTable, *, symbols: bool = True) -> Iterator[AdsLink]:
 
 
 def list_symbols(cell: str | Path, containing: str = "") -> list[DeviceSymbol]:
-    """What the TwinCAT of a cell has, by name; only names that contain a text, whatever its case.
-
-    Raises:
-        CounterflexError: The cell file or the connection cannot be used.
-    """
+    """What the TwinCAT of a cell has, by name; only names that contain a text, whatever its case."""
     with connected(ads_table(read_cell(cell)), symbols=False) as link:
         symbols = link.device_symbols()
     return sorted((one for one in symbols if containing.lower() in one.name.lower()), key=lambda one: one.name)
@@ -114,9 +106,6 @@ def read(cell: str | Path) -> dict[str, Any]:
     Returns:
         Values in the units of the table, the time that it took, and, where the cell has an instrumented holder, the
         force at the tool.
-
-    Raises:
-        CounterflexError: The cell file or the connection cannot be used.
     """
     whole = read_cell(cell)
     table = ads_table(whole)
@@ -146,8 +135,6 @@ def write(cell: str | Path, name: str, value: float) -> dict[str, Any]:
     """Write a parameter and read it back.
 
     Args:
-        cell: Cell file.
-        name: Of the parameter, in the table.
         value: In the unit of the table.
 
     Raises:
@@ -194,8 +181,6 @@ def strains_of(table: AdsTable, poisson_ratio: float, values: Mapping[str, float
     """(n,) strains of the terminals, NaN where one shows no number; signals of bridges are turned into strain.
 
     Args:
-        table: Of the cell.
-        poisson_ratio: Of the holder.
         values: SI, ``strain1`` ... as :class:`.AdsLink` reads them.
     """
     strain: Float = np.array([values[f"{STRAIN}{k}"] for k in range(1, len(table.strain) + 1)])
@@ -211,8 +196,6 @@ def tracker_pose(values: Mapping[str, float], sequence: int, time_ns: int) -> Tr
 
     Args:
         values: SI, ``tracker_distance`` ... as :class:`.AdsLink` reads them.
-        sequence: Of the datagram.
-        time_ns: Of the reading.
     """
     distance, azimuth, zenith = (values[f"tracker_{name}"] for name in ("distance", "azimuth", "zenith"))
     status = 0 if values.get("tracker_beam_ok", 1.0) > 0.5 else BEAM_BROKEN
@@ -259,11 +242,7 @@ def forward(
         cell: Cell file with a table ``[ads.tracker]``.
         peer: Where datagrams go.
         readings: Or None.
-        strain: The strain terminals, as strain datagrams.
         watch: Told what has been done, at every hundredth reading.
-
-    Returns:
-        Summary.
 
     Raises:
         CounterflexError: The cell file or the connection cannot be used, or the TwinCAT is silent for 10 s.

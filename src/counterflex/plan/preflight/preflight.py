@@ -26,7 +26,6 @@ from counterflex.plan.preflight.external_moves import external_row, standing_alo
 from counterflex.plan.preflight.hazards import complete
 from counterflex.plan.preflight.held_speed import HeldSpeed, held_speed
 from counterflex.plan.preflight.machined_stock import MachinedStock
-from counterflex.plan.preflight.posture_row import posture_row
 from counterflex.plan.preflight.process.cut_rows import (
     NEEDS_CUT,
     OF_LOAD,
@@ -46,9 +45,39 @@ from counterflex.plan.preflight.size import size_rows
 from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
 from counterflex.plan.preflight.speed_row import speed_row
 from counterflex.plan.preflight.swung_arcs import Swung, axes_row, linear_rows, swung, taken
+from counterflex.programs.robot_text.stated import Stated
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution
 from counterflex.robot.kinematics.inverse_seeds import extension
 from counterflex.robot.model.controller_axes import room
+
+CHECK: Final = "posture of the program"
+_WORDS: Final = "S of PTP targets, robconf under ConfJ or ConfL, CONFIG, or shoulder, elbow and wrist"
+
+
+def posture_row(stated: dict[int, Stated] | None, branch: str, path: ToolPath) -> Row:
+    """Row of the posture.
+
+    Args:
+        stated: By motion, of a program in a language of robots; None of other languages.
+        branch: Posture that is checked, such as ``front up noflip``.
+        path: The program.
+    """
+    if stated is None:
+        return Row(CHECK, "ok", what=f"the program states none; checked in {branch}")
+    if not stated:
+        what = f"no target states a posture ({_WORDS}): it is that in which the robot comes; checked in {branch}"
+        return Row(CHECK, NOT_LOOKED_AT, what=what)
+    others = {index: words for index, (posture, words) in stated.items() if not posture.agrees(branch)}
+    if not others:
+        return Row(CHECK, "ok", float(0), float(0), what=f"{branch}, as {len(stated)} targets say")
+    first = min(others)
+    rows = np.flatnonzero(path.motion == first)
+    return Row(
+        CHECK, "fail", float(len(others)), float(0), "", int(rows[-1]) if rows.size else None,
+        f"targets with another posture than {branch}, in which reach, axes and bodies are checked: {others[first]}",
+        advice="Set shoulder, elbow and wrist of [posture] to those of the program, or post the program for these",
+    )  # fmt: skip
+
 
 JOINTS, CUTTING, COLLISION = "joint angles", "cut", "collisions"
 REVERSALS: Final = "reversals in the cut"

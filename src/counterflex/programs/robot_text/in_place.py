@@ -3,21 +3,85 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 import numpy as np
 
-from counterflex.core.arrays import Bool, Float
+from counterflex import __version__
+from counterflex.core.arrays import Bool, Float, as_positive
+from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, UM
-from counterflex.geometry import rotation
-from counterflex.programs.compensated import CompensatedPath
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor, motion_rows, written_error
+from counterflex.geometry import pose, rotation
+from counterflex.path.sampling import point_spacing
+from counterflex.path.toolpath import FEED
+from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.limits import Limits
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows, feed_factor, motion_rows, written_error
 from counterflex.programs.program import Motion
-from counterflex.programs.robot_text.chosen_points import fine_rows
 from counterflex.programs.robot_text.circle_fit import FittedCircle, fitted_circle
-from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.program import NamedPoint, RobotProgram
+from counterflex.programs.robot_writer.points import FineRows
+from counterflex.programs.robot_writer.spaced_points import refined, spaced
+
+_LEVER_M: Final = 0.3
+"""A turn by 1 rad moves as much as this: the reach of a tool and its holder."""
+
+
+def fine_rows(
+    rows: MotionRows, compensated: CompensatedPath, tolerance_m: float, cycle_s: float
+) -> tuple[MotionRows, Float]:
+    """The rows of a path with the points to write among them, and further rows where points need places between.
+
+    Ends of motions and changes of speed stay. Between them a straight line leads from point to point within the
+    tolerance at the same place of the way, and points are at least feed times cycle apart (Berger2013 eq. 5); where the
+    two contradict, the distance wins.
+
+    Args:
+        rows: The compensated path by motion.
+        compensated: The same rows.
+        tolerance_m: Largest distance of a commanded row from the written path, m.
+        cycle_s: Time the controller needs per point, s.
+
+    Returns:
+        The rows, ``vertex`` where a point is written, and (n,) rotation vectors of the correction in part axes, rad.
+    """
+    path, n = compensated.path, len(compensated.path)
+    stays = np.zeros(n, dtype=np.bool_)
+    have = rows.last >= 0
+    stays[rows.last[have]] = stays[np.maximum(rows.first[have] - 1, 0)] = True
+    stays[:1] = True
+    stays[:-1] |= rows.share[1:] != rows.share[:-1]
+    travel = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rows.command, axis=0), axis=1))])[:n]
+    spacing = np.where(path.kind == FEED, point_spacing(1.0, cycle_s) * path.feed_m_s, 0.0)
+    pieces = refined(travel, spacing, np.flatnonzero(rows.vertex | stays))
+    fine = FineRows(pieces)
+    ends = np.cumsum(pieces) - 1
+    along, command = fine.between(rows.along), np.ascontiguousarray(fine.between(rows.command))
+    rotvec = np.ascontiguousarray(fine.between(compensated.rotvec_part_command))
+    chosen = spaced(
+        along, command, rotvec, fine.between(travel), spacing[fine.row], fine.at_rows(stays), tolerance_m,
+        tolerance_m / _LEVER_M,
+    )  # fmt: skip
+    vertex = np.zeros(len(along), dtype=np.bool_)
+    vertex[chosen] = True
+    return (
+        replace(
+            rows,
+            first=np.where(rows.first > 0, ends[np.maximum(rows.first - 1, 0)] + 1, 0),
+            last=np.where(have, ends[rows.last], -1),
+            nominal=fine.between(rows.nominal),
+            command=command,
+            shift=fine.between(rows.shift),
+            way=fine.between(rows.way),
+            vertex=vertex,
+            share=rows.share[fine.row],
+            along=along,
+        ),
+        rotvec,
+    )
+
 
 SAME_TURN: Final = 1e-9
 
@@ -27,6 +91,7 @@ class Counts:
     """What became of the program.
 
     Attributes:
+        moved_motions: Motions with at least one corrected row.
         split_motions: Motions that were written as several.
         vertices_added: Points written in addition to those of the source.
         arcs_kept: Corrected circles still written as one.
@@ -38,6 +103,7 @@ class Counts:
         routines_copied: Routines written once more, because another call of them needs other targets.
     """
 
+    moved_motions: int = 0
     split_motions: int = 0
     vertices_added: int = 0
     arcs_kept: int = 0
@@ -49,22 +115,12 @@ class Counts:
     routines_copied: int = 0
 
 
-@dataclass(frozen=True)
-class InPlaceText:
+@dataclass(kw_only=True)
+class InPlaceText(Counts):
     """Written files and what became of the program.
 
     Attributes:
         files: Text by name.
-        moved_motions: Motions with at least one corrected row.
-        split_motions: As those that follow see :class:`Counts`.
-        vertices_added: See there.
-        arcs_kept: See there.
-        arcs_as_lines: See there.
-        speeds_changed: See there.
-        speeds_added: See there.
-        targets_declared: See there.
-        targets_written_out: See there.
-        routines_copied: See there.
         tolerance_m: Allowed distance of the written path from the commanded rows, at the same place of the way.
         resolution_m: Last decimal written.
         largest_written_error_m: Largest distance of the written path from the commanded rows of feed motions.
@@ -73,16 +129,6 @@ class InPlaceText:
     """
 
     files: dict[str, str]
-    moved_motions: int
-    split_motions: int
-    vertices_added: int
-    arcs_kept: int
-    arcs_as_lines: int
-    speeds_changed: int
-    speeds_added: int
-    targets_declared: int
-    targets_written_out: int
-    routines_copied: int
     tolerance_m: float
     resolution_m: float
     largest_written_error_m: float
@@ -90,38 +136,42 @@ class InPlaceText:
     warnings: tuple[str, ...] = field(default=())
 
 
-class InPlace(ABC):
+P = TypeVar("P", bound=RobotProgram)
+N = TypeVar("N", bound=NamedPoint)
+CONVERT: Final = "counterflex convert writes the program out, one {} for each motion: compensate that one"
+
+
+class InPlace(ABC, Generic[P]):
     """Walks through the motions of a program and tells a language what to write.
 
-    Where one straight line is not enough, points are added before the target, at least feed times ``cycle_s`` apart. A
-    corrected circle stays a circle where the commanded points lie on one within the tolerance, else it becomes straight
-    moves. Rapids are corrected at their ends only. Where the speed changes, the instruction gets its own.
+    Every byte that is no number of a corrected target or of a changed speed stays; nothing at all changes when no row
+    is corrected. Where one straight line is not enough, points are added before the target, at least feed times
+    ``cycle_s`` apart. A corrected circle stays a circle where the commanded points lie on one within the tolerance,
+    else it becomes straight moves. Rapids are corrected at their ends only. Where the speed changes, the instruction
+    gets its own.
 
     Args:
         program: As read.
         compensated: Commanded rows for the path sampled from ``program``.
         tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion.
         cycle_s: Time the controller needs per point, s.
-        decimal_m: Last decimal of a position, m.
 
     Attributes:
+        changed: Any row is corrected.
         counts: What became of the program.
         p_here: (3,) m, position that was written last.
     """
 
-    def __init__(
-        self,
-        program: RobotProgram,
-        compensated: CompensatedPath,
-        *,
-        tolerance_m: float,
-        cycle_s: float,
-        decimal_m: float,
-    ) -> None:
+    limits: ClassVar[Limits]
+    cycle_s: ClassVar[float]
+    """Time a controller of this language usually needs per point, s."""
+
+    def __init__(self, program: P, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
         turned = compensated.rotvec_part_command
         rows = motion_rows(program, compensated, tolerance_m, (np.zeros_like(turned), turned))
         self.changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
-        self.source_program, self.tolerance_m, self.decimal_m = program, tolerance_m, decimal_m
+        self.program, self.tolerance_m = program, tolerance_m
+        self.decimal_m = 10.0**-self.limits.position_decimals * MM
         self.rows, self.rotvec = fine_rows(rows, compensated, tolerance_m, cycle_s)
         n = len(self.rows.way)
         self.written: Float = np.full((n, 3), np.nan)
@@ -129,11 +179,55 @@ class InPlace(ABC):
         self.counts, self.arc_error_m = Counts(), 0.0
         self.p_here: Float = np.zeros(3)
 
+    @classmethod
+    def write(
+        cls,
+        program: P,
+        compensated: CompensatedPath,
+        *,
+        tolerance_m: float = 5e-6,
+        cycle_s: float | None = None,
+        cell: str = "",
+        job: str = "",
+    ) -> InPlaceText:
+        """Write a program back with its targets replaced by the commanded ones.
+
+        Args:
+            program: As read.
+            compensated: Commanded rows for the path sampled from ``program``.
+            tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
+                before rounding; > 0, m.
+            cycle_s: Time the controller needs per point, s, > 0; None takes the usual one of the language.
+            cell: Name of the cell, for the comment at the head.
+            job: Hash of the plan, for the same.
+
+        Returns:
+            Files and counts; files that do not change are byte for byte as read.
+
+        Raises:
+            InputError: Path and program do not belong together, or an option is out of range.
+            ProgramError: An instruction is corrected that cannot say it, or that runs more than once where each run
+                needs a target of its own.
+        """
+        as_positive("tolerance_m", tolerance_m)
+        writer = cls(
+            program, compensated, tolerance_m, as_positive("cycle_s", cls.cycle_s if cycle_s is None else cycle_s)
+        )
+        if not writer.changed:
+            return writer.result(writer.files([]))
+        writer.run()
+        return writer.result(writer.files(writer.messages(cell, mark(job) if job else "")))
+
     # ---- language --------------------------------------------------------------------------------------------
 
     @abstractmethod
+    def files(self, messages: list[str]) -> dict[str, str]:
+        """Text of each file with its edits, and comments at the head; no messages where nothing changes."""
+
     def rounded(self, p: Float) -> Float:
         """(3,) m, a position as it is written."""
+        out: Float = np.round(p / MM, self.limits.position_decimals) * MM
+        return out
 
     @abstractmethod
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
@@ -176,7 +270,7 @@ class InPlace(ABC):
 
     def run(self) -> None:
         """Write every motion."""
-        program = self.source_program
+        program = self.program
         if len(self.written):
             self.written[0] = self.rows.nominal[0]
         for index, motion in enumerate(program.motions):
@@ -193,7 +287,7 @@ class InPlace(ABC):
                 self.checked[last] |= motion.kind != "arc"
 
     def _straight(self, index: int) -> None:
-        motion, rows = self.source_program.motions[index], self.rows
+        motion, rows = self.program.motions[index], self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
         before = first - 1
         if motion.kind == "feed" and rows.moved[index] and last > first:
@@ -221,7 +315,7 @@ class InPlace(ABC):
 
     def _end(self, index: int, before: int, fit: FittedCircle | None = None) -> None:
         """A motion's own target."""
-        motion, last = self.source_program.motions[index], int(self.rows.last[index])
+        motion, last = self.program.motions[index], int(self.rows.last[index])
         p = np.asarray(motion.p_end) if last < 0 else self.rows.command[last]
         p = p if fit is None else fit.end()
         turned = last >= 0 and bool(np.any(np.abs(self.rotvec[last]) > SAME_TURN))
@@ -240,7 +334,7 @@ class InPlace(ABC):
         self.counts.vertices_added += 1
 
     def _arc(self, index: int) -> None:
-        motion, rows = self.source_program.motions[index], self.rows
+        motion, rows = self.program.motions[index], self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
         if not rows.moved[index] and float(np.linalg.norm(self.p_here - motion.p_start)) <= 0.5 * self.decimal_m:
             self._end(index, first - 1)
@@ -265,7 +359,7 @@ class InPlace(ABC):
 
     def orientation(self, index: int, row: int) -> Float:
         """(3, 3) commanded orientation of the cell's TCP frame at a row of a motion."""
-        rows, Rs = self.rows, self.source_program.Rs_part_tcp
+        rows, Rs = self.rows, self.program.Rs_part_tcp
         if Rs is None:
             raise ValueError("a program without orientations")
         first, last = int(rows.first[index]), int(rows.last[index])
@@ -284,7 +378,7 @@ class InPlace(ABC):
         The loaded tool covers the nominal piece while the controller runs along the commanded one, so the programmed
         speed is multiplied by commanded over nominal length, and by the share that the plan leaves of it.
         """
-        motion: Motion = self.source_program.motions[index]
+        motion: Motion = self.program.motions[index]
         rows = self.rows
         if motion.feed_m_s <= 0.0 or row < 0 or not rows.moved[index]:
             return None
@@ -295,10 +389,10 @@ class InPlace(ABC):
             return None
         return motion.feed_m_s * factor
 
-    def result(self, files: dict[str, str], extra: Sequence[str] = ()) -> InPlaceText:
+    def result(self, files: dict[str, str]) -> InPlaceText:
         """Figures of what was written."""
         error = max(written_error(self.rows, self.written, self.checked), self.arc_error_m)
-        warnings = list(extra)
+        warnings = []
         if error > self.tolerance_m + self.decimal_m:
             warnings.append(
                 f"the written path is up to {error / UM:.1f} um from the planned one (tolerance "
@@ -306,9 +400,8 @@ class InPlace(ABC):
                 "controller cycle. A lower feed or the real controller.cycle_ms helps"
             )
         return InPlaceText(
+            **vars(replace(self.counts, moved_motions=int(self.rows.moved.sum()))),
             files=files,
-            moved_motions=int(self.rows.moved.sum()),
-            **vars(self.counts),
             tolerance_m=self.tolerance_m,
             resolution_m=self.decimal_m,
             largest_written_error_m=error,
@@ -316,12 +409,95 @@ class InPlace(ABC):
             warnings=tuple(warnings),
         )
 
-    def messages(self, version: str, cell: str, job: str) -> list[str]:
+    def messages(self, cell: str, job: str) -> list[str]:
         """Comments that say what made the program, in which cell, for which job."""
-        out = [f"made by counterflex {version} from {plain(self.source_program.name)}"]
+        out = [f"made by counterflex {__version__} from {plain(self.program.name)}"]
         out += [f"compensated targets, path tolerance {self.tolerance_m / MM:.4f} mm"]
         out += [f"cell {plain(cell)}"] if cell else []
         return [*out, *([job] if job else [])]
+
+
+class PointsInPlace(InPlace[P], Generic[P, N]):
+    """Of languages whose instructions name a point that stands elsewhere: once changed there, or an entry of its own.
+
+    Attributes:
+        statement: What the language calls an instruction.
+        points: The point that each motion leads to.
+    """
+
+    statement: ClassVar[str] = "instruction"
+
+    def __init__(self, program: P, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
+        super().__init__(program, compensated, tolerance_m, cycle_s)
+        self.points: list[N] = self.points_of(program)
+        self._again = Counter((point.file, point.start) for point in self.points if point.moves)
+
+    @abstractmethod
+    def points_of(self, program: P) -> list[N]:
+        """Return the point that each motion leads to."""
+
+    @abstractmethod
+    def literal(self, point: N, T_frame_tool: Float, *, turned: bool) -> Float | None:
+        """Change the entry that a point names; returns its place as it is written, (3,) m; None where it names none."""
+
+    @abstractmethod
+    def write_out(self, point: N, T_frame_tool: Float) -> None:
+        """Give a point that is computed an entry of its own."""
+
+    @abstractmethod
+    def shown(self, point: N) -> str:
+        """Text of the instruction of a point, for errors."""
+
+    def place(self, point: N) -> str:
+        """Return where an instruction stands, for errors."""
+        return f"{point.file}:{point.line}"
+
+    def refusal(self, point: N, what: str, hint: str = "", **data: bool) -> ProgramError:
+        """Return the error of a point that is not written back."""
+        return ProgramError(what, where=self.place(point), value=" ".join(self.shown(point).split())[:60],
+                            hint=hint or CONVERT.format(self.statement), **data)  # fmt: skip
+
+    def refuse_repeated(self, point: N) -> None:
+        """Refuse to change an instruction that runs more than once: each run has a correction of its own."""
+        if self._again[point.file, point.start] > 1:
+            article = "an" if self.statement[0] in "aeiou" else "a"
+            what = f"{article} {self.statement} that runs more than once is corrected, and is not written back"
+            raise self.refusal(point, what, each_pass=True)
+
+    def like(self, index: int) -> N:
+        """The point that an added one is like: that of the motion, of a wait the one before."""
+        return next(self.points[i] for i in range(index, -1, -1) if self.points[i].T_frame_tool is not None)
+
+    def moved(self, old: Float, p: Float, R_part_tcp: Float | None) -> bool:
+        """Return whether a new place, (3,) m, differs from an old one by what is written, or the orientation is new."""
+        return R_part_tcp is not None or float(np.abs(p - old).max()) > 0.5 * self.decimal_m
+
+    def end_at(self, point: N, p: Float, R_part_tcp: Float | None) -> Float:
+        """Give a point another place; returns it as it is written, (3,) m."""
+        old = point.T_part_tool
+        R = old[:3, :3] if R_part_tcp is None else R_part_tcp @ point.R_tcp_tool
+        T = pose.inverse(point.T_part_frame) @ pose.make(R, p)
+        written = self.literal(point, T, turned=R_part_tcp is not None)
+        if written is not None:
+            return written
+        if not point.relative and not self.moved(old[:3, 3], p, R_part_tcp):
+            unchanged: Float = old[:3, 3]
+            return unchanged
+        self.refuse_repeated(point)
+        self.write_out(point, T)
+        self.counts.targets_written_out += 1
+        return self.rounded(p)
+
+
+def near_angles(angles: Any, old: Float, decimals: int | None = None) -> Float:
+    """(3,) three Euler angles of the same orientation in deg, in +-180, near others; rounded before, if at all."""
+    first, second, third = angles
+    ways = [np.array([first, second, third]), np.array([first + 180.0, 180.0 - second, third + 180.0])]
+    ways = [way - 360.0 * np.round((way - old) / 360.0) for way in ways]
+    best = min(ways, key=lambda way: float(np.abs(way - old).max()))
+    best = best if decimals is None else np.round(best, decimals)
+    out: Float = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
+    return out
 
 
 def plain(text: str) -> str:

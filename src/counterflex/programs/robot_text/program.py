@@ -4,10 +4,80 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.core.units import DEG, MM
+from counterflex.geometry import pose, rotation
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.stated import Stated, StatedTurns
+
+Span = tuple[int, int]
+"""Index of the first character, and the one behind the last."""
+_UPRIGHT_DEG: Final = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedPoint:
+    """A point that an instruction names, as it stands in the text.
+
+    Attributes:
+        line: 1-based line of the instruction.
+        start: Index of its word.
+        head: Index at which its line begins, a number included.
+        file: Name of the file that it stands in.
+        R_tcp_tool: (3, 3) orientation of its tool frame in the cell's TCP frame.
+        T_part_frame: (4, 4) m, frame that its numbers are in, in the part frame.
+        T_frame_tool: (4, 4) m, itself in that frame; None of a place by axes, and of a wait.
+        named: Where the instruction names it.
+    """
+
+    line: int
+    start: int
+    head: int
+    file: str = ""
+    R_tcp_tool: Float
+    T_part_frame: Float = field(default_factory=lambda: np.eye(4))
+    T_frame_tool: Float | None = None
+    named: Span = (0, 0)
+
+    @property
+    def T_part_tool(self) -> Float:
+        """(4, 4) m, itself in the part frame."""
+        out: Float = self.T_part_frame @ (np.eye(4) if self.T_frame_tool is None else self.T_frame_tool)
+        return out
+
+    @property
+    def moves(self) -> bool:
+        """Each run of its instruction has a correction of its own."""
+        return True
+
+    @property
+    def relative(self) -> bool:
+        """It counts from where the robot is: once anything is corrected, it is written as numbers."""
+        return False
+
+    def in_frame(self, p: Float, R_part_tcp: Float) -> Float:
+        """(4, 4) m of its tool frame in its frame, where the cell's TCP is at p, (3,) m, in the part."""
+        out: Float = pose.inverse(self.T_part_frame) @ pose.make(R_part_tcp @ self.R_tcp_tool, p)
+        return out
+
+
+def frame_zyx(p_mm: Sequence[float], x_deg: float, y_deg: float, z_deg: float) -> Float:
+    """(4, 4) m of a place in mm and turns about fixed x, y, z in this order: ``R = Rz Ry Rx``."""
+    turns = np.array([z_deg, y_deg, x_deg]) * DEG
+    return pose.make(rotation.from_zyx(turns), np.asarray(p_mm, dtype=np.float64) * MM)
+
+
+def angles_zyx(R: Float) -> tuple[float, float, float]:
+    """Turns about x, y, z in deg of an orientation (3, 3); the inverse of :func:`frame_zyx`."""
+    z, y, x = (float(angle) for angle in rotation.to_zyx(R) / DEG)
+    if abs(abs(y) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of the other two counts: controllers show z = 0
+        both = x - z if y > 0.0 else x + z
+        x, z = both - 360.0 * round(both / 360.0), 0.0
+    return x, y, z
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,9 +18,61 @@ from counterflex.report.data import Fact
 from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import AFTER, BEFORE, edges_mm, numbers, scale_limit_mm
 from counterflex.report.inspection.path_figures import MeasuredPath, path_map, path_rows, path_series
-from counterflex.report.inspection.section_figure import enlarged, section_figure
 from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture, single_map_figure
 from counterflex.report.page import render
+
+_ENLARGED: Final = (1, 2, 5, 10, 20, 50, 100)
+_ROOM_M: Final = 2.0 * MM
+_MOST_POINTS: Final = 1500
+_COLOURS: Final = {"part": AFTER, "before": BEFORE, "after": AFTER}
+
+
+def enlarged(section: Section) -> int:
+    """How many times larger than the part the deviations of a section are drawn: up to about 2 mm."""
+    every = np.concatenate([np.zeros(1), *(np.abs(one.deviation_m) for one in section.profiles.values())])
+    largest = float(np.percentile(every, 95.0))
+    return max((k for k in _ENLARGED if k * largest <= _ROOM_M), default=1)
+
+
+def section_figure(section: Section) -> dict[str, Any]:
+    """Plotly specification of one section, seen along the programmed motion: left is left of the feed."""
+    factor = enlarged(section)
+    traces: list[dict[str, Any]] = []
+    for name, profile in section.profiles.items():
+        rows = np.arange(len(profile.deviation_m))[:: max(1, len(profile.deviation_m) // _MOST_POINTS)]
+        drawn = factor * profile.deviation_m[rows, None] * profile.normal[rows]
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": name,
+                "x": numbers((profile.across_m[rows] + drawn[:, 0]) / MM, 3),
+                "y": numbers((profile.height_m[rows] + drawn[:, 1]) / MM, 3),
+                "customdata": numbers(profile.deviation_m[rows] / MM, 4),
+                "marker": {"size": 3, "color": _COLOURS.get(name, AFTER)},
+                "hovertemplate": "deviation %{customdata:+.3f} mm<extra></extra>",
+            }
+        )
+    traces.append(
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "name": "nominal",
+            "x": numbers(section.across_m / MM, 3),
+            "y": numbers(section.height_m / MM, 3),
+            "line": {"color": "#1b2530", "width": 1.4},
+            "hoverinfo": "skip",
+        }
+    )
+    layout = {
+        "height": 330,
+        "margin": {"l": 56, "r": 12, "t": 30, "b": 46},
+        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0.0},
+        "xaxis": {"title": {"text": "to the left of the feed, mm"}, "zeroline": False, "autorange": "reversed"},
+        "yaxis": {"title": {"text": "z, mm"}, "zeroline": False, "scaleanchor": "x"},
+    }
+    return {"data": traces, "layout": layout, "narrow": {"height": 280}}
+
 
 TITLES: Final = {"part": "The part", "before": "Before", "after": "After"}
 _MOST_SECTIONS: Final = 6
@@ -28,32 +80,20 @@ _MOST_SECTIONS: Final = 6
 
 @dataclass(frozen=True, eq=False)
 class InspectionData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        created: Date as printed.
-        surface: Floors and walls of the nominal part.
-        deviations: Map of ``part``, or of ``before`` and ``after``.
-        features: Measured on each.
-        sections: Across grooves.
-        facts: By part, how it was scanned and placed.
-        coverage: By part, areas of the whole machined surface and of each feature.
-        notes: What the reader must know.
-        paths: By part, where the path of the tool was measured and not the surface; empty for scans.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
     created: str
-    surface: NominalSurface
-    deviations: Mapping[str, SurfaceDeviation]
-    features: tuple[FeatureRow, ...]
+    surface: NominalSurface  # Floors and walls of the nominal part
+    deviations: Mapping[str, SurfaceDeviation]  # Map of ``part``, or of ``before`` and ``after``
+    features: tuple[FeatureRow, ...]  # Measured on each
     sections: tuple[Section, ...]
-    facts: Mapping[str, Sequence[Fact]]
+    facts: Mapping[str, Sequence[Fact]]  # By part, how it was scanned and placed
+    # By part, areas of the whole machined surface and of each feature
     coverage: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What the reader must know
+    # By part, where the path of the tool was measured and not the surface; empty for scans
     paths: Mapping[str, MeasuredPath] = field(default_factory=dict)
 
 

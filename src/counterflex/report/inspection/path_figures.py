@@ -28,21 +28,14 @@ _MOST: Final = 5000
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPath:
-    """A measured path.
-
-    Attributes:
-        deviation: At its stations.
-        normal_m: By surface (floor, wall_left, wall_right), (k,) m along its normal; nan where the station makes none.
-        figures: Of it.
-        cut_known: Whether it is known where the tool cut.
-        along_known: Whether the deviation along the feed is known.
-    """
+    """A measured path."""
 
     deviation: PathDeviation
+    # By surface (floor, wall_left, wall_right), (k,) m along its normal; nan where the station makes none
     normal_m: Mapping[str, Float]
     figures: PathFigures
-    cut_known: bool
-    along_known: bool
+    cut_known: bool  # Whether it is known where the tool cut
+    along_known: bool  # Whether the deviation along the feed is known
 
 
 def path_map(path: MeasuredPath, limit_mm: float) -> dict[str, Any]:

@@ -20,37 +20,21 @@ _HEIGHT: Final = 460
 
 @dataclass(frozen=True, eq=False)
 class PreflightData:
-    """Everything on the page.
-
-    Attributes:
-        title: Headline.
-        subtitle: One line below it.
-        checks: Rows of the table, see :func:`counterflex.app.preflight.shown`.
-        failed: A hard check failed.
-        time_s: (m,) at the programmed feed.
-        margin_deg: (m, 6) distance of each axis to its nearer limit.
-        least_deg: Least margin.
-        line: (m,) line of the program.
-        points: Row of the path by check, None for checks that have none.
-        cutting: (m,) at feed.
-        bodies: Coarse bodies: name, frame, shape, assumed.
-        curves: Along the path; None where nothing is reached.
-        created: Date as printed, or empty.
-    """
+    """Everything on the page."""
 
     title: str
     subtitle: str
-    checks: Sequence[Mapping[str, Any]]
+    checks: Sequence[Mapping[str, Any]]  # Rows of the table, see :func:`counterflex.app.preflight.shown`
     failed: bool
-    time_s: Float
-    margin_deg: Float
-    least_deg: float
-    line: Int
-    points: Sequence[int | None]
-    cutting: Bool
-    bodies: Sequence[Mapping[str, Any]]
-    curves: PathCurves | None = None
-    created: str = ""
+    time_s: Float  # (m,) at the programmed feed
+    margin_deg: Float  # (m, 6) distance of each axis to its nearer limit
+    least_deg: float  # Least margin
+    line: Int  # (m,) line of the program
+    points: Sequence[int | None]  # Row of the path by check, None for checks that have none
+    cutting: Bool  # (m,) at feed
+    bodies: Sequence[Mapping[str, Any]]  # Coarse bodies: name, frame, shape, assumed
+    curves: PathCurves | None = None  # Along the path; None where nothing is reached
+    created: str = ""  # Date as printed, or empty
 
 
 def preflight_page(data: PreflightData) -> str:

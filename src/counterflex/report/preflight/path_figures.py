@@ -25,36 +25,21 @@ _WAY: Final = "way along the program, m"
 
 @dataclass(frozen=True, eq=False)
 class PathCurves:
-    """Curves along m rows of a path.
+    """Curves along m rows of a path."""
 
-    Attributes:
-        way_m: (m,) way from the beginning.
-        at_feed: (m,) no rapid; rapids are gaps in all pictures.
-        programmed_m_s: (m,) on the segment that ends here.
-        held_m_s: (m,) that the robot holds here.
-        slow: (m,) segments in the cut on which it is slower than programmed.
-        joint_speeds_rad_s: (m, 6) at the programmed feed.
-        joint_accelerations_rad_s2: (m, 6) likewise.
-        speed_limits_rad_s: (6,) or None.
-        acceleration_limits_rad_s2: (6,) or None.
-        point_way_m: (k,) where each block at feed ends.
-        point_length_m: (k,) its length.
-        point_least_m: (k,) shortest one that the controller works off at this feed.
-        reversals: Row and axis 0..5 where an axis turns round in the cut.
-    """
-
-    way_m: Float
-    at_feed: Bool
-    programmed_m_s: Float
-    held_m_s: Float
-    slow: Bool
-    joint_speeds_rad_s: Float
-    joint_accelerations_rad_s2: Float
-    speed_limits_rad_s: Float | None
-    acceleration_limits_rad_s2: Float | None
-    point_way_m: Float
-    point_length_m: Float
-    point_least_m: Float
+    way_m: Float  # (m,) way from the beginning
+    at_feed: Bool  # (m,) no rapid; rapids are gaps in all pictures
+    programmed_m_s: Float  # (m,) on the segment that ends here
+    held_m_s: Float  # (m,) that the robot holds here
+    slow: Bool  # (m,) segments in the cut on which it is slower than programmed
+    joint_speeds_rad_s: Float  # (m, 6) at the programmed feed
+    joint_accelerations_rad_s2: Float  # (m, 6) likewise
+    speed_limits_rad_s: Float | None  # (6,) or None
+    acceleration_limits_rad_s2: Float | None  # (6,) or None
+    point_way_m: Float  # (k,) where each block at feed ends
+    point_length_m: Float  # (k,) its length
+    point_least_m: Float  # (k,) shortest one that the controller works off at this feed
+    # Row and axis 0..5 where an axis turns round in the cut
     reversals: Sequence[tuple[int, int]] = field(default_factory=tuple)
 
 
@@ -90,16 +75,7 @@ def _speed_figure(curves: PathCurves) -> dict[str, Any]:
 def _axes_figure(
     curves: PathCurves, values: Float, limits: Float | None, title: str, unit: str, *, turns: bool = False
 ) -> dict[str, Any]:
-    """A quantity of the six axes, in shares of their limits where those are known, else in its unit.
-
-    Args:
-        curves: Of the path.
-        values: (m, 6), SI.
-        limits: (6,), SI, or None.
-        title: Of the quantity.
-        unit: Where no limit is known.
-        turns: Mark where an axis turns round in the cut.
-    """
+    """A quantity of the six axes, in shares of their limits where those are known, else in its unit."""
     size = np.abs(values) / (DEG if limits is None else limits * PERCENT)
     traces = [
         _line(f"axis {axis + 1}", curves.way_m, size[:, axis], curves.at_feed, colour, 1.4)

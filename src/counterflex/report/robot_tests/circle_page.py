@@ -23,7 +23,6 @@ def circle_page(summary: Mapping[str, Any], turns: Sequence[Turn]) -> str:
     """The page, as HTML text.
 
     Args:
-        summary: See :func:`counterflex.app.robot_tests.iso230.circular`.
         turns: In the order of its rows.
     """
     largest = summary["largest"]

@@ -23,12 +23,7 @@ NAMES: Final = {
 
 
 def positioning_page(summary: Mapping[str, Any], result: Positioning) -> str:
-    """The page, as HTML text.
-
-    Args:
-        summary: See :func:`counterflex.app.robot_tests.positioning.judge_positioning`.
-        result: The figures.
-    """
+    """The page, as HTML text."""
     figures = summary["figures"]
     parts = [f"{letter} {figures[f'{letter}_um']:.1f} um" for letter in NAMES if figures[f"{letter}_um"] is not None]
     verdict = f"{', '.join(parts) or 'No figure of both directions'} over {summary['length_mm']:g} mm."

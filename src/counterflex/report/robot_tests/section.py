@@ -14,19 +14,11 @@ GRID: Final = {"zeroline": True, "zerolinecolor": "#c5cdd5", "showgrid": True, "
 
 @dataclass(frozen=True)
 class Section:
-    """One part of the page.
-
-    Attributes:
-        title: Headline.
-        lead: One paragraph.
-        figure: Name of its picture, or empty.
-        columns: Header of its table.
-        rows: Its rows.
-    """
+    """One part of the page."""
 
     title: str
     lead: str = ""
-    figure: str = ""
+    figure: str = ""  # Name of its picture, or empty
     columns: Sequence[str] = ()
     rows: Sequence[Sequence[str]] = ()
 

@@ -20,7 +20,6 @@ def straight_page(summary: Mapping[str, Any], parts: Sequence[Float]) -> str:
     """The page, as HTML text.
 
     Args:
-        summary: See :func:`counterflex.app.robot_tests.iso230.straight`.
         parts: (n, 3) m, readings of every stretch, in the order of its rows.
     """
     largest = summary["largest"]

@@ -37,25 +37,14 @@ _HISTORY: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ShownRun:
-    """A run on a page.
-
-    Attributes:
-        name: As it is called there.
-        figures: By name; None: not known.
-        curves: Along the path.
-        contained_m: (n, 2) m, correction that the program contains, or None.
-        incidents: Plain values: number, time_s, state, cause.
-        actions: What operators did: time_s, who, from, action, done, refused.
-        facts: What the run was made of.
-        verdict: How it went, in one sentence.
-    """
+    """A run on a page."""
 
     name: str
-    figures: Mapping[str, float | None]
+    figures: Mapping[str, float | None]  # By name; None: not known
     curves: RunCurves
-    contained_m: Float | None
+    contained_m: Float | None  # (n, 2) m, correction that the program contains, or None
     incidents: Sequence[Mapping[str, Any]]
-    actions: Sequence[Mapping[str, Any]]
+    actions: Sequence[Mapping[str, Any]]  # What operators did: time_s, who, from, action, done, refused
     facts: Mapping[str, str]
     verdict: str = ""
 
@@ -78,11 +67,7 @@ class _Page:
 
 
 def history_page(summary: Mapping[str, Any]) -> str:
-    """The page of all runs and of the trends over runs of the same program.
-
-    Args:
-        summary: See :func:`counterflex.app.run_history.history.history`.
-    """
+    """The page of all runs and of the trends over runs of the same program."""
     rows = []
     for row in summary["runs"]:
         reply = row["reply_us"] or {}
@@ -129,7 +114,6 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
     """The page of one run, or of two beside each other.
 
     Args:
-        title: Headline: the program.
         subtitle: One line below it: the cell and the log.
         runs: One or two.
         names: Headings of the figures by name, in order.

@@ -72,8 +72,7 @@ class Solved:
     def strain(self, points: Float) -> Float:
         """Strain at points of the body.
 
-        Args:
-            points: (k, 3) m, inside of the body; on a face between cells their mean.
+        ``points``: (k, 3) m, inside of the body; on a face between cells their mean.
 
         Returns:
             (k, 3, 3, 6) strain tensor for each unit motion.
@@ -136,11 +135,6 @@ def solve(body: Bricks, e_pa: float, poisson_ratio: float) -> Solved:
 
     ``a(u, v) = integral lambda tr eps(u) tr eps(v) + 2 mu eps(u) : eps(v)``, u = 0 at the first plane of z, and
     ``u = t + theta x p`` at the last one.
-
-    Args:
-        body: The body.
-        e_pa: Young's modulus.
-        poisson_ratio: Poisson's ratio.
 
     Raises:
         InputError: A material constant out of range, or a body that falls apart.

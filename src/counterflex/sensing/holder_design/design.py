@@ -118,9 +118,7 @@ def beam_tip(beam: HolderBeam, p_holder_tcp: Float) -> tuple[Float, Float]:
     The first by Euler-Bernoulli, the second by Timoshenko with the shear coefficient ``10 (1 + nu) / (12 + 11 nu)`` of
     a rectangle (Cowper 1966). Two prismatic cheeks between the clamped end and a rigid ring.
 
-    Args:
-        beam: Dimensions.
-        p_holder_tcp: (3,) m tool tip.
+    ``p_holder_tcp``: (3,) m tool tip.
     """
     nu, L = beam.poisson_ratio, beam.length_m
     g = beam.e_pa / (2.0 * (1.0 + nu))

@@ -202,11 +202,8 @@ def _face(pocket: Pocket) -> int:
 def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, float]]) -> Float:
     """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine.
 
-    Args:
-        marks: Places of planes.
-        coarse: Largest distance.
-        fine: Intervals (low, high, largest distance in them); away from one the distance grows by :data:`GROWTH` times
-            the way to it.
+    ``fine``: Intervals (low, high, largest distance in them); away from one the distance grows by :data:`GROWTH` times
+    the way to it.
     """
     places = np.unique(np.round(marks, 12))
     out = [float(places[0])]

@@ -26,7 +26,6 @@ class Chosen:
     Attributes:
         drawing: With its pockets.
         plain: The holder without them, same grid.
-        cut: With them.
         trials: How often the finite elements were asked.
     """
 

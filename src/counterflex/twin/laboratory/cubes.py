@@ -37,11 +37,9 @@ OFFSET_M: Final = (0.10, 0.05, 0.15)
 def measure(order: Order) -> Measured:
     """Motions of pairs of cubes under loads at the tool tip.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n`` ... ``fz_n`` and, where a bar turns the tool, ``mx_nm`` ...
-            ``mz_nm``, each (n,), base axes. Settings: ``pairs``: ``["base/axis1", ...]``, bodies before and behind,
-            default every body against the one before; ``history``, ``approach_rad`` as for pulls; ``readings``
-            averaged.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n`` ... ``fz_n`` and, where a bar turns the tool, ``mx_nm`` ...
+    ``mz_nm``, each (n,), base axes. Settings: ``pairs``: ``["base/axis1", ...]``, bodies before and behind, default
+    every body against the one before; ``history``, ``approach_rad`` as for pulls; ``readings`` averaged.
 
     Returns:
         One row per load and pair: ``q``, ``approach``, ``w_tcp_base`` as weighed, ``pair`` (from 1), and of both cubes

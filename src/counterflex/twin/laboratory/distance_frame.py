@@ -66,10 +66,7 @@ def described() -> tuple[dict[str, Any], ...]:
 def read(T_base_cube: Float, noise: np.random.Generator, readings: int) -> tuple[Float, float]:
     """Distances before and under load.
 
-    Args:
-        T_base_cube: (n, 2, 4, 4) the cube without and with load.
-        noise: Of the readings and of putting up.
-        readings: Averaged.
+    ``T_base_cube``: (n, 2, 4, 4) the cube without and with load.
 
     Returns:
         (n, 2, 8) m, and their standard deviation, m.

@@ -18,8 +18,7 @@ ANCHOR_M = (1.2, -0.3, 0.4)
 def measure(order: Order) -> Measured:
     """Distances of the tool tip from the fixed ball.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``anchor_m``, [x, y, z] of the fixed ball in the base.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``anchor_m``, [x, y, z] of the fixed ball in the base.
 
     Returns:
         ``q``, ``distance``.

@@ -17,9 +17,8 @@ ROUND_S = 1800.0
 def measure(order: Order) -> Measured:
     """Fiducials, in one round or several.
 
-    Args:
-        order: Request: ``x_m``, ``y_m``, ``z_m`` in the base. Settings: ``rounds`` (1), and how the tracker moves from
-            one round to the next: ``drift_um`` and ``drift_urad``, [x, y, z] in its axes (none).
+    ``order``: Request: ``x_m``, ``y_m``, ``z_m`` in the base. Settings: ``rounds`` (1), and how the tracker moves from
+    one round to the next: ``drift_um`` and ``drift_urad``, [x, y, z] in its axes (none).
 
     Returns:
         ``p_base_fiducial``, ``p_tracker_fiducial``, ``time_s``; the group is the fiducial.

@@ -25,10 +25,6 @@ class SideCut:
 
     Attributes:
         diameter_m: Of the cutter.
-        flutes: Its teeth.
-        helix_rad: Its helix.
-        speed_rad_s: Spindle speed.
-        feed_m_s: Feed.
         width_m: Radial depth of cut.
         depth_m: Axial depth of cut.
         kc_pa: Specific cutting force at 1 mm.

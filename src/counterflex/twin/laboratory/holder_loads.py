@@ -18,9 +18,8 @@ START_C, WARM_C, WARM_S = 21.0, 1.5, 900.0
 def measure(order: Order) -> Measured:
     """Press to each load and back to none, and read bridges and dynamometer after each.
 
-    Args:
-        order: Request: ``fx_n`` ... ``fz_n`` force on the tool and ``px_m`` ... ``pz_m`` where, in holder axes.
-            Settings: ``gauges``: five numbers for each bridge, x, y, z m, angle rad, notch factor.
+    ``order``: Request: ``fx_n`` ... ``fz_n`` force on the tool and ``px_m`` ... ``pz_m`` where, in holder axes.
+    Settings: ``gauges``: five numbers for each bridge, x, y, z m, angle rad, notch factor.
 
     Returns:
         Channels ``strain``, ``f_tcp_holder``, ``p_holder_load``, ``temperature_c``, ``time_s``: two rows for each

@@ -51,7 +51,6 @@ class InstrumentClocks:
 
     Attributes:
         feedback: Position that the controller shows (its own clock).
-        tracker: Laser tracker.
         tracker_clock: Against the controller's.
         correction: Sensor interface: from the correction given to the reference of the drives.
         link_dead_time_s: Of the encoders on the links (the controller's clock).

@@ -65,8 +65,7 @@ class Laboratory:
 def laboratory(seed: int) -> Laboratory:
     """The equipment of a seed: tracker and target off from where they are thought by 20 mm and 2 deg, 2 mm and 1 deg.
 
-    Args:
-        seed: 0, 1, 2, ...
+    ``seed``: 0, 1, 2, ...
     """
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{seed}:setup").getrandbits(64)))
 

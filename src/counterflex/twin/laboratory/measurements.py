@@ -30,8 +30,7 @@ MODULES: Final[dict[str, str]] = {
 def measurement(kind: str) -> Measurement:
     """The measurement that gives datasets of a kind.
 
-    Args:
-        kind: For example ``tracker_poses``, as in :class:`counterflex.identify.recipe.Proposal`.
+    ``kind``: For example ``tracker_poses``, as in :class:`counterflex.identify.recipe.Proposal`.
 
     Raises:
         InputError: The simulated laboratory has no equipment for it.

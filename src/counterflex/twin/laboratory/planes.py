@@ -22,9 +22,8 @@ def measure(order: Order) -> Measured:
     The robot stands near each place of the request and is lowered until the tip is on the plane: the smallest change of
     the joint angles that brings it there, in static equilibrium.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad`` near the planes, ``plane`` 1, 2, ... of each row. Settings:
-            ``planes``, rows [x, y, z, nx, ny, nz] of a point (m) and the normal of each plane in the base.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad`` near the planes, ``plane`` 1, 2, ... of each row. Settings:
+    ``planes``, rows [x, y, z, nx, ny, nz] of a point (m) and the normal of each plane in the base.
 
     Returns:
         ``q``, ``plane``; the settings tell ``probe_sigma_m``.

@@ -35,13 +35,12 @@ _MOVE_S, _REST_S = 0.6, 0.6  # as slow as it takes for the arm not to ring: ring
 def measure(order: Order) -> Measured:
     """Displacement of the tracker target under loads at the tool tip.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``fy_n``, ``fz_n`` (base axes), each (n,). Settings:
-            ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still) or
-            ``relaxed`` (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad`` (6,):
-            where each pose is approached from, angles there minus those of the pose; ``axes``: ``tracker`` (default) or
-            ``base``; ``instrument``: ``tracker`` (default), or ``frame``: the distance sensors of
-            :mod:`counterflex.twin.laboratory.distance_frame` instead, whose raw readings are given.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``fy_n``, ``fz_n`` (base axes), each (n,). Settings:
+    ``history``: ``approached again`` (default), ``held`` (the load comes on while the axes hold still) or ``relaxed``
+    (static equilibrium without friction; play only); ``readings`` averaged; ``approach_rad`` (6,): where each pose is
+    approached from, angles there minus those of the pose; ``axes``: ``tracker`` (default) or ``base``; ``instrument``:
+    ``tracker`` (default), or ``frame``: the distance sensors of :mod:`counterflex.twin.laboratory.distance_frame`
+    instead, whose raw readings are given.
 
     Returns:
         ``q``, ``approach`` (n, 6) rad, ``f_tcp_base`` (n, 3) N as weighed, ``d_tracker_target`` (n, 6) or

@@ -32,9 +32,8 @@ _THROUGH: Final = ("program", "correction")
 def measure(order: Order) -> Measured:
     """Run a commanded motion and record it.
 
-    Args:
-        order: Request: ``time_s`` (even steps), ``x_m y_m z_m`` commanded tip in the base, ``q1_rad`` ... ``q6_rad``
-            what the controller makes of it; each (n,). Settings: ``through``: ``program`` (default) or ``correction``.
+    ``order``: Request: ``time_s`` (even steps), ``x_m y_m z_m`` commanded tip in the base, ``q1_rad`` ... ``q6_rad``
+    what the controller makes of it; each (n,). Settings: ``through``: ``program`` (default) or ``correction``.
 
     Returns:
         ``time_s``, ``p_base_tcp`` (what the controller shows), ``q_motor``, ``time_tracker_s``, ``p_tracker_target``,

@@ -37,9 +37,8 @@ _SEEN = ("tracker", "link")
 def measure(order: Order) -> Measured:
     """Run reversal motions.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad`` poses, ``axis`` 1..6, ``amplitude_rad``, ``speed_rad_s``, each (n,).
-            Settings: ``seen_by``: ``tracker`` (default) or ``link`` (encoders behind the gears).
+    ``order``: Request: ``q1_rad`` ... ``q6_rad`` poses, ``axis`` 1..6, ``amplitude_rad``, ``speed_rad_s``, each (n,).
+    Settings: ``seen_by``: ``tracker`` (default) or ``link`` (encoders behind the gears).
 
     Returns:
         ``time_s``, ``q_motor``, ``tau_motor`` and ``p_tracker_target`` or ``q_link``; a group for each motion.

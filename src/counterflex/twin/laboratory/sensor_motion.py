@@ -20,8 +20,7 @@ RECORD_S, SAMPLE_S, RAMP_S = 6.0, 0.004, 1.0
 def measure(order: Order) -> Measured:
     """Swing axes 2 to 6 about each requested posture, at rates of their own, and record.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``, one row for each swing. Settings: As for ``sensor_poses``.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``, one row for each swing. Settings: As for ``sensor_poses``.
 
     Returns:
         Channels ``q``, ``w_sensor``, ``temperature_c``, ``time_s``, rising over all swings.

@@ -41,8 +41,7 @@ def air_c(time_s: Float | float, phase: float) -> Float:
 def measure(order: Order) -> Measured:
     """Drive to each orientation, wait, and average the sensor.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``sensor_segment``, ``hose_share`` (1; 0 is none).
 
     Returns:
         Channels ``q``, ``w_sensor``, ``temperature_c``, ``time_s``.

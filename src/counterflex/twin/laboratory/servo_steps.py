@@ -26,8 +26,7 @@ FORCE_SHARE: Final = 0.002
 def measure(order: Order) -> Measured:
     """Cut loads off.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n fy_n fz_n`` on the tool in base axes, each (n,).
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``, ``fx_n fy_n fz_n`` on the tool in base axes, each (n,).
 
     Returns:
         ``time_s``, ``q_command``, ``q_motor``, ``tau_motor``, ``f_tcp_base``, ``p_tracker_target``; a group for each

@@ -90,11 +90,6 @@ def straight_cuts(request: Mapping[str, Float]) -> StraightCuts:
 def slot_path(cuts: StraightCuts, tool: int, rapid_m_s: float = 0.25) -> tuple[ToolPath, Int]:
     """Join the test cuts by rapids above the work.
 
-    Args:
-        cuts: The motions.
-        tool: Number of the tool.
-        rapid_m_s: Speed of rapids.
-
     Returns:
         The path, and (rows,) the test cut that each row runs, -1 between cuts.
     """

@@ -45,11 +45,10 @@ _CALM_S = 0.3  # after a stretch of the simulation begins: its start is no motio
 def measure(order: Order) -> Measured:
     """Mill the test cuts and record force, pose and what the program says, at a steady rate.
 
-    Args:
-        order: Request: Columns of :data:`counterflex.twin.laboratory.slot_path.COLUMNS`, one straight feed motion a
-            row, SI. Settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and
-            part frame of the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot,
-            ``rate_hz`` of the record, ``measure_depth`` to gauge the finished slots.
+    ``order``: Request: Columns of :data:`counterflex.twin.laboratory.slot_path.COLUMNS`, one straight feed motion a
+    row, SI. Settings: What the machine is told, plain values as the recipe proposes them: geometry, tool and part frame
+    of the controller, ``cutter_...``, ``blank_...``; ``datum_points_m`` touched by the robot, ``rate_hz`` of the
+    record, ``measure_depth`` to gauge the finished slots.
 
     Returns:
         Channels ``time_s``, ``f_tcp_base``, ``q``, ``feed_direction``, ``feed_rate``, ``spindle_speed``, ``depth``,

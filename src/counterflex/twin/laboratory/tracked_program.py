@@ -58,15 +58,7 @@ def track(
 ) -> TrackedProgram:
     """Run a program several times without a blank and log it.
 
-    Args:
-        path: Of the program, part frame.
-        truth: The cell as it is.
-        laboratory: The tracker and its noise.
-        controller: What the robot has been told.
-        cutter: In the spindle; it cuts nothing.
-        datum_points_part: See :func:`counterflex.twin.plant.simulate.simulate`.
-        cycles: How often the program runs, without a pause.
-        progress: Progress callback, fraction 0 to 1.
+    ``cycles``: How often the program runs, without a pause. ``progress``: Progress callback, fraction 0 to 1.
 
     Raises:
         InputError: The program is empty, or runs less than once.

@@ -17,8 +17,7 @@ NESTS_M = np.array([[0.0, 0.0, 0.0], [120.0, 0.0, -40.0], [-60.0, 100.0, -80.0],
 def measure(order: Order) -> Measured:
     """Points of one reflector or several.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``reflectors`` 1 to 4 (1).
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``. Settings: ``reflectors`` 1 to 4 (1).
 
     Returns:
         ``q``, ``p_tracker_target``, ``target`` (number of the reflector); the group is the pose.

@@ -22,10 +22,7 @@ REST_S = 0.2
 def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
     """Drive to joint angles one after the other and rest.
 
-    Args:
-        truth: The cell.
-        q: (n, 6) rad, commanded.
-        progress: Told about poses.
+    ``q``: (n, 6) rad, commanded.
 
     Returns:
         (n, 4, 4) T_base_tcp as they truly are, and (n, 6) rad as the controller shows them.
@@ -46,8 +43,7 @@ def reached(truth: Truth, q: Float, progress: Progress) -> tuple[Float, Float]:
 def measure(order: Order) -> Measured:
     """Poses of the tracker's six-axis target.
 
-    Args:
-        order: Request: ``q1_rad`` ... ``q6_rad``.
+    ``order``: Request: ``q1_rad`` ... ``q6_rad``.
 
     Returns:
         ``q``, ``p_tracker_target``, ``R_tracker_target`` (rotation vectors).

@@ -43,9 +43,7 @@ class Controller:
             part frame in the flange then, and ``T_base_part`` says nothing. None: the robot holds the tool.
         blending_m: Distance of approximate positioning; 0 is exact stop at every corner.
         acceleration_m_s2: Limit along and across the path.
-        rapid_m_s: Speed of rapid moves.
         following_gain_per_s: Kv of a drive without speed feed-forward, or None for full feed-forward.
-        cycle_s: Interpolation cycle.
         smoothing_s: Length of the moving mean over the axis references, 0 for none.
     """
 
@@ -138,11 +136,7 @@ class Controller:
 def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, **settings: object) -> Controller:
     """A controller that has been told a cell's nominal geometry.
 
-    Args:
-        robot: With closed-form geometry.
-        end_effector: Its undeformed chain gives the tool.
-        T_base_part: (4, 4) part frame.
-        settings: Further fields of :class:`Controller`.
+    ``T_base_part``: (4, 4) part frame.
 
     Raises:
         ModelError: The robot has no closed-form geometry.
@@ -231,9 +225,7 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
 def interpolate(path: ToolPath, controller: Controller) -> Reference:
     """Run a tool path on the controller.
 
-    Args:
-        path: In the part frame; at least two points.
-        controller: What it has been told.
+    ``path``: In the part frame; at least two points.
 
     Returns:
         References at the interpolation cycle; speeds are central differences.

@@ -68,9 +68,7 @@ def apply_drives(
 def following_gains(drives: tuple[Drive, ...], everywhere_per_s: float | None = None) -> Float:
     """Kv of each axis that trails its reference (6,) 1/s; infinite where speed feed-forward is full.
 
-    Args:
-        drives: Six.
-        everywhere_per_s: For axes whose drive says nothing; None is full feed-forward.
+    ``everywhere_per_s``: For axes whose drive says nothing; None is full feed-forward.
     """
     rest = math.inf if everywhere_per_s is None else everywhere_per_s
     return np.array([rest if d.following_gain_per_s is None else d.following_gain_per_s for d in drives])
@@ -79,10 +77,7 @@ def following_gains(drives: tuple[Drive, ...], everywhere_per_s: float | None = 
 class FollowingLag:
     """What the drives make of the angles they are told, cycle by cycle: :func:`first_order_lag` per axis.
 
-    Args:
-        gains_per_s: (n,) Kv; infinite follows at once.
-        cycle_s: Time between samples.
-        start: (n,) rad, where they stand.
+    ``gains_per_s``: (n,) Kv; infinite follows at once. ``start``: (n,) rad, where they stand.
     """
 
     def __init__(self, gains_per_s: Float, cycle_s: float, start: Float) -> None:

@@ -80,10 +80,8 @@ class ForceSensor:
 def sensor_place(truth: Truth, segment: str | None = None) -> tuple[str, str, str]:
     """Bodies that carry the sensor, hang behind it, and hold the hose pack.
 
-    Args:
-        truth: The cell.
-        segment: Name of the carrier; None takes that of the truth, the body named ``sensor``, else the first behind the
-            last axis.
+    ``segment``: Name of the carrier; None takes that of the truth, the body named ``sensor``, else the first behind the
+    last axis.
 
     Raises:
         InputError: No such body, nothing behind it, or not the one of the truth.
@@ -115,11 +113,7 @@ def force_sensor(
 
     Not from where a cell file has it: once that was identified, it holds the turn already.
 
-    Args:
-        truth: The cell it sits in.
-        seed: Of the laboratory.
-        segment: Body that carries it, see :func:`sensor_place`.
-        hose_share: Size of the hose pack; 0 leaves it out.
+    ``hose_share``: Size of the hose pack; 0 leaves it out.
     """
     segment, carried, arm = sensor_place(truth, segment)
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-force-sensor-1:{seed}").getrandbits(64)))

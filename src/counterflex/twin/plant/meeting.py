@@ -11,10 +11,8 @@ from counterflex.twin.plant.process import Process
 def tip_in_part(plant: Plant, process: Process, T_base_tcp: Float | None) -> Float:
     """(3,) m, tip of the tool in the part frame.
 
-    Args:
-        plant: The robot; its hand holds the tool, or the part.
-        process: Knows where a part that stands lies.
-        T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part; else None.
+    ``plant``: The robot; its hand holds the tool, or the part. ``T_base_tcp``: (4, 4) tool frame of a spindle that
+    stands, where the robot holds the part; else None.
     """
     if T_base_tcp is None:
         T = process.T_base_part

@@ -104,9 +104,7 @@ def _elastic(body: Body) -> list[str]:
 def model_xml(truth: Truth, step_s: float) -> str:
     """MJCF text of the truth.
 
-    Args:
-        truth: The cell.
-        step_s: Integration step, s.
+    ``step_s``: Integration step, s.
 
     Returns:
         MJCF: ``implicitfast`` integration, no contacts, no automatic reset, site ``tcp`` at the tool tip.

@@ -22,11 +22,7 @@ RIPPLE_A: Final = 0.05
 
 
 class MotorCurrents:
-    """What the controller of one robot shows.
-
-    Args:
-        seed: Of the robot's constants and the ripple.
-    """
+    """What the controller of one robot shows."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-currents-1:{seed}").getrandbits(64)))

@@ -310,9 +310,6 @@ class Plant:
     def body_pose(self, name: str) -> Float:
         """``T_base_body`` (4, 4) now, of the frame behind a body's drive and elastic element.
 
-        Args:
-            name: Of a body of the truth.
-
         Raises:
             InputError: There is no such body.
         """
@@ -333,9 +330,6 @@ class Plant:
         ``w = w_process + sum m g - d(momentum)/dt``, taken about the origin of the body's frame in its axes: what a
         force sensor whose tool side is this body shows, weight and inertia included. Inertia is that of the last step
         (none right after :meth:`reset`).
-
-        Args:
-            name: Of a body of the truth.
 
         Returns:
             (6,) N, N m.

@@ -17,9 +17,7 @@ _FADE_RAD: Final = math.radians(10.0)
 class PostureSprings:
     """Stiffness of every elastic coordinate over the motor angles.
 
-    Args:
-        truth: With ``regions``; without, nothing changes.
-        coordinates: Of the truth.
+    ``truth``: With ``regions``; without, nothing changes.
 
     Attributes:
         free: (k,) coordinates with a spring of the engine's own, all but the torsion of driven bodies.

@@ -161,8 +161,7 @@ class Process:
     def wrench(self, p_base_tcp: Float) -> Float:
         """Mean cutting wrench now; call once per step.
 
-        Args:
-            p_base_tcp: (3,) m, tool tip in base coordinates.
+        ``p_base_tcp``: (3,) m, tool tip in base coordinates.
 
         Returns:
             (6,) N, N m on the tool about the tip in base axes; overwritten by the next call. ``p_part``,
@@ -197,8 +196,7 @@ class Process:
     def advance(self, p_part: Float) -> None:
         """Add a point of the tool's track, a few ms after the last; removes what lies ``lag`` behind.
 
-        Args:
-            p_part: (3,) m, tool tip in the part frame.
+        ``p_part``: (3,) m, tool tip in the part frame.
         """
         self._follow(p_part, 0.0)
 

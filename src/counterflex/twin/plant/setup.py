@@ -20,10 +20,8 @@ from counterflex.twin.plant.plant import Plant
 def touched_part_frame(plant: Plant, controller: Controller, datum_points_part: Float) -> tuple[Float, Float]:
     """Touch datum points in static equilibrium, no load but the robot's own weight.
 
-    Args:
-        plant: The real robot.
-        controller: What it believes, with the part frame it will run the program in.
-        datum_points_part: (k, 3) m, k >= 3, not on one line, in the part frame.
+    ``controller``: What it believes, with the part frame it will run the program in. ``datum_points_part``: (k, 3) m, k
+    >= 3, not on one line, in the part frame.
 
     Returns:
         ``T_base_part`` (4, 4) true pose of the part, and what the rigid fit leaves at the points (k, 3) m in base axes.

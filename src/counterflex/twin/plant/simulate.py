@@ -65,9 +65,6 @@ def simulate(
         step_s: Integration step, s; divides the controller's cycle.
         progress: Progress callback, fraction 0 to 1; may raise ``Interrupted``.
 
-    Returns:
-        The record, with the as-machined stock.
-
     Raises:
         InputError: The path feeds with several tools and one is given, or the step does not divide the cycle.
         ReachError: The robot cannot reach the path.

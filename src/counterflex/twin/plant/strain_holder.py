@@ -1,6 +1,6 @@
 """The instrumented spindle holder of the simulated laboratory, with the faults that real ones have.
 
-The structure is a frame of beams (:mod:`.strain_frame`); gauges sit a little off, their factors scatter, bolted joints
+The structure is a frame of beams; gauges sit a little off, their factors scatter, bolted joints
 and glue give hysteresis (slip elements on each bridge's strain), temperature leaves a rest, amplifiers add noise and a
 slow wander.
 """
@@ -14,9 +14,192 @@ from dataclasses import dataclass
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float
+from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.geometry.rotation import skew
-from counterflex.twin.plant.strain_frame import HolderShape, StrainFrame, strain_frame
+
+# A spindle holder as a space frame of Timoshenko beam elements: strain at any point of its cheeks under load.
+# Other equations than a calibration's linear map or a drawing's prismatic cheeks: an elastic base plate and spindle
+# ring, cheeks that taper and differ in thickness, shear deformation, notches that weaken the sections they cut.
+
+_KAPPA = 5.0 / 6.0
+
+
+@dataclass(frozen=True)
+class HolderShape:
+    """The holder as it was made; frame: z along the cheeks to the spindle, x through both, y across.
+
+    Attributes:
+        length_m: Of the cheeks.
+        distance_m: Between their middles.
+        thickness_m: Of each cheek, at -x and +x.
+        width_m: At the clamped end and at the ring.
+        notch_z_m: Stations of notches, in both cheeks.
+        notch_share: Width that a notch leaves.
+        notch_m: Length of a notch along z.
+        base_m: Height of the base plate's section (its depth along z).
+        ring_m: Height of the ring's section.
+    """
+
+    length_m: float = 0.18
+    distance_m: float = 0.16
+    thickness_m: tuple[float, float] = (0.0153, 0.0148)
+    width_m: tuple[float, float] = (0.124, 0.112)
+    notch_z_m: tuple[float, ...] = (0.045, 0.09, 0.135)
+    notch_share: float = 0.9
+    notch_m: float = 0.006
+    base_m: float = 0.06
+    ring_m: float = 0.05
+    e_pa: float = 206e9
+    poisson_ratio: float = 0.29
+
+
+def _rectangle(t: float, b: float) -> tuple[float, float, float, float]:
+    """Area, second moments about the axes along t and along b ... and torsion constant of a section t x b.
+
+    Returns:
+        area, moment for bending across b (``t b^3 / 12``), moment for bending across t (``b t^3 / 12``), torsion.
+    """
+    short, long = min(t, b), max(t, b)
+    torsion = long * short**3 * (1.0 / 3.0 - 0.21 * short / long * (1.0 - (short / long) ** 4 / 12.0))
+    return t * b, t * b**3 / 12.0, b * t**3 / 12.0, torsion
+
+
+def _element(length: float, section: tuple[float, float, float, float], e: float, nu: float) -> Float:
+    """(12, 12) stiffness of a beam along its local z; section as :func:`_rectangle` with t along x and b along y."""
+    area, ix, iy, torsion = section
+    g = e / (2.0 * (1.0 + nu))
+    k = np.zeros((12, 12))
+    for i, stiffness in ((2, e * area / length), (5, g * torsion / length)):
+        k[i, i] = k[i + 6, i + 6] = stiffness
+        k[i, i + 6] = k[i + 6, i] = -stiffness
+    for u, r, inertia, sign in ((0, 4, iy, 1.0), (1, 3, ix, -1.0)):
+        phi = 12.0 * e * inertia / (_KAPPA * g * area * length**2)
+        c = e * inertia / (length**3 * (1.0 + phi))
+        places = [u, r, u + 6, r + 6]
+        k[np.ix_(places, places)] += c * np.array(
+            [
+                [12.0, sign * 6.0 * length, -12.0, sign * 6.0 * length],
+                [sign * 6.0 * length, (4.0 + phi) * length**2, -sign * 6.0 * length, (2.0 - phi) * length**2],
+                [-12.0, -sign * 6.0 * length, 12.0, -sign * 6.0 * length],
+                [sign * 6.0 * length, (2.0 - phi) * length**2, -sign * 6.0 * length, (4.0 + phi) * length**2],
+            ]
+        )
+    return k
+
+
+@dataclass(frozen=True, eq=False)
+class StrainFrame:
+    """The frame, solved for unit loads.
+
+    Attributes:
+        stations_m: (n + 1,) z of the nodes of a cheek.
+        sections: (2, n) sections of the elements, as tuples.
+        end_forces: (2, n, 6, 6) force and moment on the upper end of each cheek element, holder axes, per unit load
+            (last axis) about the holder's origin.
+        compliance: (6, 6) m/N ... of the ring's middle about the holder's origin.
+    """
+
+    shape: HolderShape
+    stations_m: Float
+    sections: tuple[tuple[tuple[float, float, float, float], ...], ...]
+    end_forces: Float
+    compliance: Float
+
+    def strain(self, p_holder_gauge: Float, angle_rad: float) -> Float:
+        """Strain per unit load along a direction in the surface.
+
+        Args:
+            p_holder_gauge: (3,) m, taken to the nearest surface of the nearer cheek.
+            angle_rad: To z, towards y on faces across x, towards x on edges across y.
+
+        Returns:
+            (6,) 1/N, 1/(N m).
+
+        Raises:
+            InputError: The point is not between the ends of the cheeks.
+        """
+        s = self.shape
+        x, y, z = (float(v) for v in p_holder_gauge)
+        if not 0.0 <= z <= s.length_m:
+            raise InputError("a gauge is not on the cheeks", value=z, limit=f"0..{s.length_m} m")
+        side = 1 if x > 0.0 else 0
+        e = min(int(np.searchsorted(self.stations_m, z, side="right")) - 1, len(self.stations_m) - 2)
+        section = self.sections[side][e]
+        area, ix, iy, torsion = section
+        t = float(np.sqrt(12.0 * iy / area))
+        b = area / t
+        x -= (side - 0.5) * s.distance_m
+        lever = self.stations_m[e + 1] - z
+        f = self.end_forces[side, e]
+        mx, my = f[3] - lever * f[1], f[4] + lever * f[0]
+        g = s.e_pa / (2.0 * (1.0 + s.poisson_ratio))
+        on_face = abs(abs(x) - 0.5 * t) / t < abs(abs(y) - 0.5 * b) / b
+        x, y = (np.sign(x) * 0.5 * t, y) if on_face else (x, np.sign(y) * 0.5 * b)
+        eps = (f[2] / area + mx * y / ix - my * x / iy) / s.e_pa
+        twist = f[5] * min(t, b) / torsion
+        if on_face:
+            gamma = (1.5 * f[1] / area * (1.0 - (2.0 * y / b) ** 2) + twist * np.sign(x)) / g
+        else:
+            gamma = (1.5 * f[0] / area * (1.0 - (2.0 * x / t) ** 2) - 0.75 * twist * np.sign(y)) / g
+        c, d = np.cos(angle_rad), np.sin(angle_rad)
+        out: Float = eps * (c * c - s.poisson_ratio * d * d) + gamma * c * d
+        return out
+
+
+def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
+    """Assemble and solve the frame.
+
+    Returns:
+        The frame with its answers to unit loads on the ring.
+    """
+    s = shape
+    cuts = [c for z in s.notch_z_m for c in (z - 0.5 * s.notch_m, z + 0.5 * s.notch_m)]
+    z = np.unique(np.round(np.concatenate([np.linspace(0.0, s.length_m, elements + 1), cuts]), 9))
+    n = len(z) - 1
+    count = 2 * (n + 1) + 2  # cheeks, middle of the base plate, middle of the ring
+    base, ring = count - 2, count - 1
+    K = np.zeros((6 * count, 6 * count))
+    sections: list[list[tuple[float, float, float, float]]] = [[], []]
+    stiffness: list[list[Float]] = [[], []]
+
+    def add(a: int, b: int, k: Float) -> None:
+        places = np.r_[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]
+        K[np.ix_(places, places)] += k
+
+    for side in range(2):
+        for e in range(n):
+            middle = 0.5 * (z[e] + z[e + 1])
+            width = s.width_m[0] + (s.width_m[1] - s.width_m[0]) * middle / s.length_m
+            if any(abs(middle - c) < 0.5 * s.notch_m for c in s.notch_z_m):
+                width *= s.notch_share
+            section = _rectangle(s.thickness_m[side], width)
+            k = _element(float(z[e + 1] - z[e]), section, s.e_pa, s.poisson_ratio)
+            sections[side].append(section)
+            stiffness[side].append(k)
+            add(side * (n + 1) + e, side * (n + 1) + e + 1, k)
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # local z along the holder's x
+    T = np.kron(np.eye(4), turn)
+    for middle, height, at in ((base, s.base_m, 0), (ring, s.ring_m, n)):
+        for side in range(2):
+            k = _element(0.5 * s.distance_m, _rectangle(height, s.width_m[0]), s.e_pa, s.poisson_ratio)
+            cheek = side * (n + 1) + at
+            ends = (cheek, middle) if side == 0 else (middle, cheek)
+            add(*ends, T @ k @ T.T)
+    load = np.zeros((6 * count, 6))
+    at_ring = np.eye(6)
+    at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))
+    load[6 * ring : 6 * ring + 6] = at_ring
+    free = np.r_[0 : 6 * base, 6 * ring : 6 * ring + 6]  # the middle of the base plate is bolted to the flange
+    x = np.zeros((6 * count, 6))
+    x[free] = np.linalg.solve(K[np.ix_(free, free)], load[free])
+    cheek_ends: Float = np.empty((2, n, 6, 6))
+    for side in range(2):
+        for e in range(n):
+            a = 6 * (side * (n + 1) + e)
+            cheek_ends[side, e] = (stiffness[side][e] @ x[a : a + 12])[6:]
+    return StrainFrame(s, z, tuple(tuple(row) for row in sections), cheek_ends, x[6 * ring : 6 * ring + 6])
+
 
 SAMPLE_S = 1e-3
 """Sampling of the bridge amplifiers."""
@@ -40,7 +223,6 @@ class InstrumentedHolder:
     """A holder as it truly is.
 
     Attributes:
-        frame: Its structure.
         sensitivity: (n, 6) 1/N, 1/(N m): what the bridges truly show per load about the holder's origin.
         zero: (n,) strain shown with no load.
         per_kelvin: (n,) 1/K.
@@ -102,10 +284,8 @@ def instrumented_holder(
 ) -> InstrumentedHolder:
     """The holder of a laboratory.
 
-    Args:
-        gauges: Per bridge where it is meant to sit: x, y, z m, angle rad, notch factor.
-        seed: Of the laboratory.
-        shape: Structure; None is the reference holder.
+    ``gauges``: Per bridge where it is meant to sit: x, y, z m, angle rad, notch factor. ``shape``: Structure; None is
+    the reference holder.
     """
     frame = strain_frame(shape if shape is not None else HolderShape())
     places = as_float("gauges", gauges, (None, 5))

@@ -34,13 +34,7 @@ THERMOMETER_K: Final = 0.05
 class StrainStream:
     """The amplifiers' side.
 
-    Args:
-        holder: As it truly is.
-        segment: Body whose frame is the holder's.
-        plant: In which it is; the next body hangs on it.
-        rng: Of the noise.
-        step_s: Between samples.
-        warm_k: See :data:`WARM_K`.
+    ``plant``: In which it is; the next body hangs on it. ``warm_k``: See :data:`WARM_K`.
 
     Raises:
         InputError: There is no such body, or nothing behind it.
@@ -82,9 +76,7 @@ class StrainStream:
     def sample(self, load: Float, time_s: float) -> tuple[Float, float]:
         """Strain that the amplifiers show and temperature that the thermometer shows.
 
-        Args:
-            load: (6,) N, N m, mean of :meth:`load` since the last sample.
-            time_s: Since the begin.
+        ``load``: (6,) N, N m, mean of :meth:`load` since the last sample.
 
         Returns:
             (n,) dimensionless, deg C.

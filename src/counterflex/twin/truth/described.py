@@ -23,13 +23,8 @@ def described(truth: Truth, robot: Robot, end_effector: EndEffector) -> tuple[Ro
     An elastic element that turns about a bearing away from the drive's frame becomes a segment of its own,
     ``Rz(theta) Tr(e) E Tr(-e)``.
 
-    Args:
-        truth: Made from ``robot`` and ``end_effector``, perhaps perturbed.
-        robot: Its nominal description; limits, closed-form geometry and counterbalance are kept.
-        end_effector: Its nominal description.
-
-    Returns:
-        The true robot and end effector.
+    ``truth``: Made from ``robot`` and ``end_effector``, perhaps perturbed. ``robot``: Its nominal description; limits,
+    closed-form geometry and counterbalance are kept.
 
     Raises:
         InputError: The truth has other bodies.

@@ -19,10 +19,8 @@ class Difference:
     Attributes:
         group: ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting``, ``stock`` or
             ``other kinds``.
-        name: What.
         known: Value in the nominal truth, in ``unit``.
         true: Value in the truth.
-        unit: Shop unit.
     """
 
     group: str
@@ -34,10 +32,6 @@ class Difference:
 
 def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
     """How a truth differs from the nominal one, for reports.
-
-    Args:
-        known: Nominal truth.
-        true: Of the same cell.
 
     Returns:
         Rows in shop units; positions as the distance between known and true.

@@ -52,11 +52,6 @@ def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTr
 
     Half of those that are there are linear-edge laws (Altintas, Manufacturing Automation: ``F' = K h + K_e``), the
     others power laws with exponents of their own in each direction and an edge force of another direction.
-
-    Args:
-        cutting: Of the family without other kinds.
-        seed: Of the truth.
-        family: Unchanged where it has no other kinds.
     """
     if not family.other or not happens(seed, "other.force", SHARE_OF_KINDS):
         return cutting
@@ -81,13 +76,7 @@ def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTr
 
 
 def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
-    """A truth with the kinds that its seed has; the same where the family has none.
-
-    Args:
-        truth: The cell as it is without them.
-        seed: Of the truth.
-        family: Says whether there are other kinds.
-    """
+    """A truth with the kinds that its seed has; the same where the family has none."""
     if not family.other:
         return truth
 

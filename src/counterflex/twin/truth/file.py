@@ -115,10 +115,6 @@ def _family_of(table: Table, seed: int | None) -> str:
 def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     """The inverse of :func:`to_dict`, strict about missing, unknown and impossible values.
 
-    Args:
-        data: As read from a file.
-        where: Name of the file, for messages.
-
     Raises:
         FileFormatError: The data is not a truth of version 1, or a value is impossible.
     """

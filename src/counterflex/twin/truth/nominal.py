@@ -50,12 +50,7 @@ def nominal_truth(
 ) -> Truth:
     """Turn a cell's description into a truth with exactly its geometry, compliances and masses.
 
-    Args:
-        robot: Robot of the cell.
-        end_effector: What hangs on its flange.
-        cutting: Force constants of the truth.
-        name: For reports.
-        friction: Factor on all dry friction and play; 0 leaves both out.
+    ``friction``: Factor on all dry friction and play; 0 leaves both out.
 
     Returns:
         The truth: every compliance entry above zero is an elastic coordinate, damped with beta = 1 ms.

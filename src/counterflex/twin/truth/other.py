@@ -118,7 +118,7 @@ class BristleFriction:
 class Coupling:
     """A spring between two elastic coordinates, or one's change with the posture.
 
-    The law: :mod:`counterflex.twin.plant.coupled_springs`. Links and bearings have full stiffness matrices (Klimchik,
+    The law: :mod:`counterflex.twin.plant.other_forces`. Links and bearings have full stiffness matrices (Klimchik,
     Pashkevich and Chablat 2013, CAD-based approach for identification of elasto-static parameters of robotic
     manipulators). The torsions of gears have play and take no part.
 

@@ -35,10 +35,7 @@ def perturbed(truth: Truth, seed: int, family: Family = MILD) -> Truth:
     ploughing force of 2 N/mm, 5 um runout, geometry off by 0.15 mm per link and axis, joint offsets by 0.05 mrad,
     bearing positions by 10 mm, damping by 15 %, the height of the blank by 0.05 mm.
 
-    Args:
-        truth: Nominal truth.
-        seed: 0, 1, 2, ...
-        family: How far it is off.
+    ``seed``: 0, 1, 2, ...
 
     Returns:
         The same truth for the same seed and family on every machine.

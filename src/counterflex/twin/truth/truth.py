@@ -26,7 +26,6 @@ class Body:
     """One rigid body with its drive and its elastic element in front of it.
 
     Attributes:
-        name: For messages.
         T_prev_seg: (4, 4) fixed pose in the previous body's frame (base for the first).
         joint: Driven axis 0..5 that turns this frame about its z, or None.
         sign: +1 or -1; ``theta = sign q + offset_rad``.
@@ -34,7 +33,6 @@ class Body:
         compliance: (6,) ``tx ty tz rx ry rz`` m/N and rad/(N m) in this frame; 0 is rigid.
         damping_s: beta; every elastic coordinate has damping = beta times its stiffness.
         p_seg_bearing: (3,) m, point in this frame that the elastic rotations turn about.
-        mass_kg: Mass.
         p_seg_com: (3,) m, centre of gravity in this frame.
         inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` about the centre of gravity in axes of this frame.
     """
@@ -87,9 +85,6 @@ class Drive:
     Attributes:
         rotor_inertia_kg_m2: Motor inertia reflected to the axis.
         servo_inertia_kg_m2: Inertia the speed loop was tuned with.
-        speed_bandwidth_per_s: w_v.
-        position_gain_per_s: Kv.
-        integral_time_s: Ti.
         dead_band_rad: Half width of the play in series with the torsion spring.
         motor_friction_nm: Dry friction on the motor side.
         motor_slip_rad: Displacement at which it yields.
@@ -191,12 +186,10 @@ class Truth:
     """The whole simulated cell.
 
     Attributes:
-        name: For reports.
         seed: Seed that drew it, None for a nominal truth.
         family: Family that it was drawn from, empty for a nominal truth.
         bodies: From the base outward, robot and end effector in one chain.
         T_last_tcp: (4, 4) tool tip in the last body's frame.
-        drives: Six.
         cutting: Force constants and runout.
         counterbalance: Or None.
         stock_top_offset_m: How much higher than stated the blank is.

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import MOST_RECORDS
+from counterflex.cli.arguments import MOST_RECORDS, option
 from counterflex.cli.commands.operate.run_history import INCOMPLETE, Folder, Number
 from counterflex.cli.output import keep_inputs, progress_bar, say_written
 from counterflex.core.errors import InputError
@@ -19,37 +19,25 @@ VIEWERS = ("foxglove", "rerun")
 
 def export(
     folder: Folder,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", help="File to write.", metavar="FILE", callback=arguments.output_file),
-    ] = None,
+    csv: Annotated[Path | None, option("--csv", "File to write.", arguments.output_file, "FILE")] = None,
     incident: Annotated[
         int | None,
-        typer.Option(
-            "--incident",
-            help="Only the cycles around this hold or fault, as `log show` counts.",
-            min=1,
-            max=MOST_RECORDS,
+        option(
+            "--incident", "Only the cycles around this hold or fault, as `log show` counts.", min=1, max=MOST_RECORDS
         ),
     ] = None,
-    before: Annotated[int, typer.Option("--before", help="Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
-    after: Annotated[int, typer.Option("--after", help="Cycles after its first one.", min=0, max=MOST_RECORDS)] = 250,
+    before: Annotated[int, option("--before", "Cycles before the incident.", min=0, max=MOST_RECORDS)] = 250,
+    after: Annotated[int, option("--after", "Cycles after its first one.", min=0, max=MOST_RECORDS)] = 250,
     viewer: Annotated[
         str | None,
-        typer.Option(
-            "--to",
-            help="foxglove (.mcap) or rerun (.rrd; needs the extra `rerun`).",
-            callback=arguments.one_of(VIEWERS, "viewer"),
+        option(
+            "--to", "foxglove (.mcap) or rerun (.rrd; needs the extra `rerun`).", arguments.one_of(VIEWERS, "viewer")
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="File to write for the viewer.", metavar="FILE", callback=arguments.output_file),
-    ] = None,
+    out: Annotated[Path | None, option("--out", "File to write for the viewer.", arguments.output_file, "FILE")] = None,
     number: Number = None,
     range_um: Annotated[
-        float,
-        typer.Option("--range-um", help="Deviation at which the colours of the cut end.", min=1.0, max=10000.0),
+        float, option("--range-um", "Deviation at which the colours of the cut end.", min=1.0, max=10000.0)
     ] = 200.0,
 ) -> None:
     """Write records as CSV (--csv), in SI units and part axes, bit for bit; or a run for another viewer (--to, --out).

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 
 PORT = 4840
 
@@ -19,28 +20,14 @@ def register(app: typer.Typer) -> None:
 
 
 def opcua(
-    log: Annotated[
-        Path,
-        typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR", callback=arguments.output_folder),
-    ],
-    host: Annotated[
-        str, typer.Option("--host", help="Address to listen on; others need users and encryption.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
-    users: Annotated[
-        Path | None,
-        typer.Option("--users", help="File of users (panel-user).", metavar="FILE", callback=arguments.file),
-    ] = None,
+    log: Annotated[Path, argument("Folder that `run` is given with --out.", arguments.output_folder, "DIR")],
+    host: Annotated[str, option("--host", "Address to listen on; others need users and encryption.")] = "127.0.0.1",
+    port: Annotated[int, option("--port", "TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
+    users: Annotated[Path | None, option("--users", "File of users (panel-user).", arguments.file, "FILE")] = None,
     certificate: Annotated[
-        Path | None,
-        typer.Option(
-            "--certificate", help="Certificate of the server (.pem, .der).", metavar="FILE", callback=arguments.file
-        ),
+        Path | None, option("--certificate", "Certificate of the server (.pem, .der).", arguments.file, "FILE")
     ] = None,
-    key: Annotated[
-        Path | None,
-        typer.Option("--key", help="Private key of the certificate.", metavar="FILE", callback=arguments.file),
-    ] = None,
+    key: Annotated[Path | None, option("--key", "Private key of the certificate.", arguments.file, "FILE")] = None,
 ) -> None:
     """Serve state, figures and alarms of a run over OPC UA, named after OPC 40010-1 as far as it fits.
 

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli.arguments import argument
 from counterflex.cli.commands.operate.requests import send_request
 from counterflex.cli.commands.question import AsJson
 
 _operator = typer.Typer(no_args_is_help=True, help="Operate a current run: status, stop, reset, arm.")
-Log = Annotated[Path, typer.Argument(help="Folder that `run` was given with --out.", metavar="DIR")]
+Log = Annotated[Path, argument("Folder that `run` was given with --out.", metavar="DIR")]
 
 
 def register(app: typer.Typer) -> None:

@@ -9,9 +9,10 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 
 PORT = 8642
-Role = Annotated[str, typer.Option("--role", help="viewer watches; operator stops, acknowledges, arms.")]
+Role = Annotated[str, option("--role", "viewer watches; operator stops, acknowledges, arms.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -21,26 +22,18 @@ def register(app: typer.Typer) -> None:
 
 
 def panel(
-    log: Annotated[
-        Path,
-        typer.Argument(help="Folder that `run` is given with --out.", metavar="DIR", callback=arguments.output_folder),
-    ],
-    host: Annotated[str, typer.Option("--host", help="Address to listen on; others need users and TLS.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
-    users: Annotated[
-        Path | None,
-        typer.Option("--users", help="File of users (panel-user).", metavar="FILE", callback=arguments.file),
-    ] = None,
+    log: Annotated[Path, argument("Folder that `run` is given with --out.", arguments.output_folder, "DIR")],
+    host: Annotated[str, option("--host", "Address to listen on; others need users and TLS.")] = "127.0.0.1",
+    port: Annotated[int, option("--port", "TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
+    users: Annotated[Path | None, option("--users", "File of users (panel-user).", arguments.file, "FILE")] = None,
     certificate: Annotated[
-        Path | None,
-        typer.Option("--certificate", help="TLS certificate (.pem).", metavar="FILE", callback=arguments.file),
+        Path | None, option("--certificate", "TLS certificate (.pem).", arguments.file, "FILE")
     ] = None,
     key: Annotated[
-        Path | None,
-        typer.Option("--key", help="Private key of the certificate (.pem).", metavar="FILE", callback=arguments.file),
+        Path | None, option("--key", "Private key of the certificate (.pem).", arguments.file, "FILE")
     ] = None,
     range_um: Annotated[
-        float, typer.Option("--range-um", help="Deviation at which the colours end, um.", min=1.0, max=10000.0)
+        float, option("--range-um", "Deviation at which the colours end, um.", min=1.0, max=10000.0)
     ] = 200.0,
 ) -> None:
     """Show a run in the browser: state, limits, deviation, force, link, the part as it is cut; stop, acknowledge, arm.
@@ -69,18 +62,13 @@ def panel(
 
 
 def panel_user(
-    users: Annotated[
-        Path,
-        typer.Argument(
-            help="File of users (.toml); made when missing.", metavar="FILE", callback=arguments.output_file
-        ),
-    ],
-    name: Annotated[str | None, typer.Argument(help="Name to log in with.", metavar="NAME")] = None,
+    users: Annotated[Path, argument("File of users (.toml); made when missing.", arguments.output_file, "FILE")],
+    name: Annotated[str | None, argument("Name to log in with.", metavar="NAME")] = None,
     role: Role = "viewer",
     remove: Annotated[
-        str | None, typer.Option("--remove", help="Remove this user instead; open sessions end.", metavar="NAME")
+        str | None, option("--remove", "Remove this user instead; open sessions end.", metavar="NAME")
     ] = None,
-    listed: Annotated[bool, typer.Option("--list", help="List the users instead.")] = False,
+    listed: Annotated[bool, option("--list", "List the users instead.")] = False,
 ) -> None:
     """Add a user of the panel, or give him another role and password. The password is asked for, or read from stdin.
 

@@ -13,9 +13,6 @@ _ACTIONS: Final = ("status", "stop", "reset", "arm")
 def quick(words: Sequence[str]) -> int | None:
     """Do a request of the operator at once, past the command parser, which takes longer to load than a stop may take.
 
-    Args:
-        words: Of the command line.
-
     Returns:
         Exit status; None where this is no plain request, so that the parser has to look at it.
     """
@@ -31,9 +28,7 @@ def send_request(log: Path, action: str, *, as_json: bool) -> int:
     """Ask something of a run and print the answer.
 
     Args:
-        log: Folder of the run.
         action: ``status``, ``stop``, ``reset`` or ``arm``.
-        as_json: Print JSON.
 
     Returns:
         Exit status: 1 where it was refused.

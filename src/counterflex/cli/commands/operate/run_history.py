@@ -8,20 +8,17 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import MOST_RECORDS
+from counterflex.cli.arguments import MOST_RECORDS, argument, option
 from counterflex.cli.output import keep_folders, print_json, print_table, progress_bar, say_written
 
 INCOMPLETE: Final = 5
 """Exit status: what there is was read, but cycles are missing or a log cannot be read."""
-Folder = Annotated[Path, typer.Argument(help="Folder of the run log.", metavar="DIR", callback=arguments.folder)]
-Out = Annotated[
-    Path, typer.Option("--out", help="Folder of the page.", metavar="DIR", callback=arguments.output_folder)
-]
+Folder = Annotated[Path, argument("Folder of the run log.", arguments.folder, "DIR")]
+Out = Annotated[Path, option("--out", "Folder of the page.", arguments.output_folder, "DIR")]
 Number = Annotated[
-    int | None,
-    typer.Option("--run", help="Number of the run, as `log show` says it; the last.", min=0, max=MOST_RECORDS),
+    int | None, option("--run", "Number of the run, as `log show` says it; the last.", min=0, max=MOST_RECORDS)
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+AsJson = Annotated[bool, option("--json", "Print JSON.")]
 _COLUMNS: Final = {
     "begun": "begun (UTC)",
     "program": "program",
@@ -48,14 +45,8 @@ def register(log: typer.Typer) -> None:
 
 
 def history(
-    folder: Annotated[
-        Path,
-        typer.Argument(help="Searched with all folders below it.", metavar="DIR", callback=arguments.folder),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", help="Folder of the page.", metavar="DIR", callback=arguments.output_folder),
-    ] = None,
+    folder: Annotated[Path, argument("Searched with all folders below it.", arguments.folder, "DIR")],
+    out: Annotated[Path | None, option("--out", "Folder of the page.", arguments.output_folder, "DIR")] = None,
     as_json: AsJson = False,
 ) -> None:
     """List all runs below a folder with their figures, and the trends over runs of the same program.
@@ -113,14 +104,11 @@ def _show(summary: dict[str, Any]) -> None:
 
 def compare(
     first: Folder,
-    second: Annotated[
-        Path, typer.Argument(help="Folder of the other run's log.", metavar="DIR", callback=arguments.folder)
-    ],
+    second: Annotated[Path, argument("Folder of the other run's log.", arguments.folder, "DIR")],
     out: Out,
     number: Number = None,
     second_number: Annotated[
-        int | None,
-        typer.Option("--second-run", help="Number of the other run; the last.", min=0, max=MOST_RECORDS),
+        int | None, option("--second-run", "Number of the other run; the last.", min=0, max=MOST_RECORDS)
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
@@ -24,22 +25,15 @@ def entry(
     cell: CellFile,
     out: Out,
     radius_mm: Annotated[
-        float | None,
-        typer.Option("--radius-mm", help="Radius of the arcs; the cutter's otherwise.", min=0.1, max=500.0),
+        float | None, option("--radius-mm", "Radius of the arcs; the cutter's otherwise.", min=0.1, max=500.0)
     ] = None,
-    angle_deg: Annotated[
-        float, typer.Option("--angle-deg", help="Angle that the arcs turn.", min=5.0, max=180.0)
-    ] = 90.0,
-    ramp_deg: Annotated[
-        float, typer.Option("--ramp-deg", help="Slope of a ramp into a slot.", min=0.2, max=45.0)
-    ] = 10.0,
-    edges: Annotated[
-        bool, typer.Option("--edges", help="Slots that begin over an edge of the blank get a ramp, too.")
-    ] = False,
+    angle_deg: Annotated[float, option("--angle-deg", "Angle that the arcs turn.", min=5.0, max=180.0)] = 90.0,
+    ramp_deg: Annotated[float, option("--ramp-deg", "Slope of a ramp into a slot.", min=0.2, max=45.0)] = 10.0,
+    edges: Annotated[bool, option("--edges", "Slots that begin over an edge of the blank get a ramp, too.")] = False,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Rewrite plunges and retracts at the beginning and end of cuts as arcs beside a wall and ramps into a slot.
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any, cast
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
@@ -24,9 +25,9 @@ def placement(
     out: Out,
     region: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--region",
-            help="Where the part may stand, mm in the robot base: x and y of the middle of the program, z of the part "
+            "Where the part may stand, mm in the robot base: x and y of the middle of the program, z of the part "
             "frame (without it: in front of the robot, from its foot to half its reach). E1=A,B: values that an "
             "external axis may have, mm or deg; may be given again for each.",
             metavar="X0,X1,Y0,Y1,Z0,Z1|NAME=A,B",
@@ -34,40 +35,40 @@ def placement(
     ] = None,
     turned: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--turned",
-            help="Rotations of the part about z that are allowed, deg from the present one. [default: -180,180]",
-            metavar="A,B",
-            callback=arguments.numbers_of(2),
+            "Rotations of the part about z that are allowed, deg from the present one. [default: -180,180]",
+            arguments.numbers_of(2),
+            "A,B",
         ),
     ] = None,
     candidates: Annotated[
-        int, typer.Option("--candidates", help="Poses of the part that are judged.", min=64, max=100_000)
+        int, option("--candidates", "Poses of the part that are judged.", min=64, max=100_000)
     ] = 1024,
     mounting: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--mounting",
-            help="Angles at which the spindle can be mounted, besides the present one: an angle of a body of the end "
+            "Angles at which the spindle can be mounted, besides the present one: an angle of a body of the end "
             "effector, or of tcp. Every angle costs a search.",
-            metavar="BODY.KEY=A,B",
-            callback=arguments.angles_of_body,
+            arguments.angles_of_body,
+            "BODY.KEY=A,B",
         ),
     ] = None,
     per_operation: Annotated[
         bool,
-        typer.Option(
+        option(
             "--per-operation",
-            help="Choose a place of the external axes for each operation: they move between two, the tool clear of the "
+            "Choose a place of the external axes for each operation: they move between two, the tool clear of the "
             "blank.",
         ),
     ] = False,
     surface: Annotated[
         str,
-        typer.Option(
+        option(
             "--surface",
-            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            callback=arguments.one_of(("both", "wall", "floor"), "surface"),
+            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            arguments.one_of(("both", "wall", "floor"), "surface"),
         ),
     ] = "both",
     dialect: Dialect = BY_ENDING,
@@ -136,18 +137,7 @@ def placement(
 
 def _show(summary: dict[str, Any]) -> None:
     axes = summary["external_axes"]
-    columns = [
-        "place",
-        "x mm",
-        "y mm",
-        "z mm",
-        "a deg",
-        *axes,
-        "branch",
-        "rotation deg",
-        EXPECTED_UM,
-        MODEL_UM,
-    ]
+    columns = ["place", "x mm", "y mm", "z mm", "a deg", *axes, "branch", "rotation deg", EXPECTED_UM, MODEL_UM]
     columns += ["with lost motion um", "damping in cut", "reversals", "limit margin deg", "wrist deg", "clearance mm"]
     note = (
         f"Deflection at rest, not compensated: 99.7 % of the cut stay below it. {EXPECTED_NOTE} With lost motion: "

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final, cast
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
@@ -27,20 +28,20 @@ def posture(
     out: Out,
     surface: Annotated[
         str,
-        typer.Option(
+        option(
             "--surface",
-            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            callback=arguments.one_of(_SURFACES, "surface"),
+            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            arguments.one_of(_SURFACES, "surface"),
         ),
     ] = "both",
     rotations: Annotated[
-        int, typer.Option("--rotations", help="Rotations about the tool axis that are tried.", min=4, max=720)
+        int, option("--rotations", "Rotations about the tool axis that are tried.", min=4, max=720)
     ] = 72,
     turning: Annotated[
         float,
-        typer.Option(
+        option(
             "--turning",
-            help="Let the tool turn about its axis along the path, at this rate at most; 0: it is held still.",
+            "Let the tool turn about its axis along the path, at this rate at most; 0: it is held still.",
             metavar="DEG_PER_S",
             min=0.0,
             max=360.0,
@@ -49,7 +50,7 @@ def posture(
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Choose arm configuration and rotation about the tool axis: smallest deflection normal to the machined surface.
 
@@ -88,16 +89,7 @@ def posture(
 
 def _show(summary: dict[str, Any]) -> None:
     rows = [[name, *_row(summary[name])] for name in ("present", "chosen")]
-    columns = [
-        "posture",
-        EXPECTED_UM,
-        "branch",
-        "rotation deg",
-        "turned deg",
-        MODEL_UM,
-        "largest um",
-        "in line",
-    ]
+    columns = ["posture", EXPECTED_UM, "branch", "rotation deg", "turned deg", MODEL_UM, "largest um", "in line"]
     columns += ["reversals", "unloadings", "limit margin deg", "wrist deg"]
     note = (
         f"Deflection without compensation: 99.7 % of the cut stay below it, normal to "

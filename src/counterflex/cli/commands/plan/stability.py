@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
 from counterflex.programs.language import BY_ENDING
@@ -19,52 +20,51 @@ def register(app: typer.Typer) -> None:
 
 
 def stability(
-    program: Annotated[Path, typer.Argument(help="G-code file.", metavar="PROGRAM", callback=arguments.file)],
+    program: Annotated[Path, argument("G-code file.", arguments.file, "PROGRAM")],
     cell: CellFile,
     out: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--out",
-            help="Folder for report.html (lobes, margin along the path), stability.csv, lobes.csv and summary.json; "
+            "Folder for report.html (lobes, margin along the path), stability.csv, lobes.csv and summary.json; "
             "made when missing.",
-            metavar="DIR",
-            callback=arguments.output_folder,
+            arguments.output_folder,
+            "DIR",
         ),
     ] = None,
     response: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--response",
-            help="Measured frequency response of the tool tip (.csv): direction (x, y, z of the TCP frame), "
+            "Measured frequency response of the tool tip (.csv): direction (x, y, z of the TCP frame), "
             "frequency_hz, real_um_per_n, imaginary_um_per_n.",
-            metavar="CSV",
-            callback=arguments.file,
+            arguments.file,
+            "CSV",
         ),
     ] = None,
     modal: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--modal",
-            help="Modal parameters of spindle and tool (.csv): direction, frequency_hz, damping_ratio, "
-            "stiffness_n_per_um.",
-            metavar="CSV",
-            callback=arguments.file,
+            "Modal parameters of spindle and tool (.csv): direction, frequency_hz, damping_ratio, stiffness_n_per_um.",
+            arguments.file,
+            "CSV",
         ),
     ] = None,
     damping: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--damping",
-            help="Damping ratio of the robot's modes, 0.001 to 0.7. Default: that of the tap test in the cell file, "
+            "Damping ratio of the robot's modes, 0.001 to 0.7. Default: that of the tap test in the cell file, "
             "otherwise 0.1 is assumed, which stands for 0.02 to 0.3.",
-            metavar="RATIO",
-            callback=arguments.between(0.001, 0.7),
+            arguments.between(0.001, 0.7),
+            "RATIO",
         ),
     ] = None,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Compute the margin of a program against chatter along its path, and name the worst line.
 

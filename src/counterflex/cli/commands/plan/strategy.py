@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
 from counterflex.cli.output import line_of, print_json, print_table, progress_bar
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
@@ -15,10 +16,8 @@ from counterflex.core.units import DEG, MM, PERCENT, RPM
 from counterflex.programs.language import BY_ENDING
 
 
-def _range(option: str, what: str) -> Any:
-    return typer.Option(
-        option, help=f"{what}: a value, or LOW:HIGH.", metavar="RANGE", callback=arguments.positive_range
-    )
+def _range(name: str, what: str) -> Any:
+    return option(name, f"{what}: a value, or LOW:HIGH.", arguments.positive_range, "RANGE")
 
 
 _NOTE: Final = (
@@ -38,53 +37,41 @@ FIRST_MODES = 6
 
 def strategy(
     cell: CellFile,
-    program: Annotated[
-        Path | None,
-        typer.Argument(help="G-code file that finishes a wall.", metavar="PROGRAM", callback=arguments.file),
-    ] = None,
-    tool: Annotated[int | None, typer.Option("--tool", help="Number of the tool.", min=0, max=99999)] = None,
+    program: Annotated[Path | None, argument("G-code file that finishes a wall.", arguments.file, "PROGRAM")] = None,
+    tool: Annotated[int | None, option("--tool", "Number of the tool.", min=0, max=99999)] = None,
     ae: Annotated[str | None, _range("--ae-mm", "Radial width of cut: the allowance that roughing leaves")] = None,
     ap: Annotated[str | None, _range("--ap-mm", "Axial depth")] = None,
     fz: Annotated[str | None, _range("--fz-mm", "Feed per tooth")] = None,
     rpm: Annotated[str | None, _range("--rpm", "Spindle speed")] = None,
     at: Annotated[
-        str | None,
-        typer.Option(
-            "--at-mm", help="Point of the wall, part frame.", metavar="X,Y,Z", callback=arguments.numbers_of(3)
-        ),
+        str | None, option("--at-mm", "Point of the wall, part frame.", arguments.numbers_of(3), "X,Y,Z")
     ] = None,
     normal: Annotated[
         float | None,
-        typer.Option("--normal-deg", help="Direction out of the wall, from the part's x towards its y.", metavar="DEG"),
+        option("--normal-deg", "Direction out of the wall, from the part's x towards its y.", metavar="DEG"),
     ] = None,
     height_mm: Annotated[
-        float | None,
-        typer.Option("--height-mm", help="Height of the wall, cut in levels.", min=0.01, max=1000.0, metavar="MM"),
+        float | None, option("--height-mm", "Height of the wall, cut in levels.", metavar="MM", min=0.01, max=1000.0)
     ] = None,
     material: Annotated[
         str | None,
-        typer.Option(
-            "--material",
-            help="Row of the material tables instead of the cell's.",
-            metavar="NAME",
-            callback=arguments.material,
-        ),
+        option("--material", "Row of the material tables instead of the cell's.", arguments.material, "NAME"),
     ] = None,
     kr_over_kc: Annotated[
-        float | None, typer.Option("--kr-over-kc", help="Ratio assumed where that row has no radial constant.")
+        float | None, option("--kr-over-kc", "Ratio assumed where that row has no radial constant.")
     ] = None,
     ka_over_kc: Annotated[
-        float | None, typer.Option("--ka-over-kc", help="Ratio assumed where that row has no axial constant.")
+        float | None, option("--ka-over-kc", "Ratio assumed where that row has no axial constant.")
     ] = None,
     time_percent: Annotated[
-        float, typer.Option("--time-percent", help="Longest time, of the program's own.", min=1.0, max=10000.0)
+        float, option("--time-percent", "Longest time, of the program's own.", min=1.0, max=10000.0)
     ] = 100.0,
-    rows: Annotated[int, typer.Option("--rows", help="Length of the table.", min=1, max=100)] = 8,
+    rows: Annotated[int, option("--rows", "Length of the table.", min=1, max=100)] = 8,
     assume_class: AssumeClass = False,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the table.")] = False,
+    as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Rank the ways to finish a wall: up- or down-milling, widths, depths, feeds per tooth, spindle speeds.
 
@@ -157,12 +144,7 @@ def _show(answer: dict[str, Any]) -> None:
         ]
         for name, row in listed
     ]
-    print_table(
-        f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}",
-        columns,
-        table,
-        note=_NOTE,
-    )
+    print_table(f"{answer['program'] or 'wall'} on {answer['cell']}, {answer['material']}", columns, table, note=_NOTE)
     zero = answer["zero"]
     force, error = (
         "nowhere" if zero[key] is None else f"at a_e = {zero[key]:g} mm"

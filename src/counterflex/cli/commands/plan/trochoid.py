@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
 from counterflex.core.units import DEG, MM
@@ -27,33 +28,28 @@ def trochoid(
     out: Out,
     tool: Annotated[
         int | None,
-        typer.Option(
-            "--tool", help="Number of a smaller tool; the slot stays as wide as the program's.", min=0, max=99999
-        ),
+        option("--tool", "Number of a smaller tool; the slot stays as wide as the program's.", min=0, max=99999),
     ] = None,
     width_mm: Annotated[
-        float | None,
-        typer.Option("--width-mm", help="Width of the slot: keeps the program's tool.", min=0.01, max=1000.0),
+        float | None, option("--width-mm", "Width of the slot: keeps the program's tool.", min=0.01, max=1000.0)
     ] = None,
     engagement_deg: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--engagement-deg",
-            help="Largest angle of engagement; that without mean force normal to the loop otherwise.",
+            "Largest angle of engagement; that without mean force normal to the loop otherwise.",
             min=1.0,
             max=119.0,
         ),
     ] = None,
     fz_mm: Annotated[
-        float | None, typer.Option("--fz-mm", help="Feed per tooth; the program's otherwise.", min=1e-4, max=10.0)
+        float | None, option("--fz-mm", "Feed per tooth; the program's otherwise.", min=1e-4, max=10.0)
     ] = None,
-    milling: Annotated[
-        str, typer.Option("--milling", help="up or down.", callback=arguments.one_of(_SIDES, "side"))
-    ] = "up",
+    milling: Annotated[str, option("--milling", "up or down.", arguments.one_of(_SIDES, "side"))] = "up",
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Rewrite the straight slots of a program as loops of a smaller tool whose engagement stays below an angle.
 

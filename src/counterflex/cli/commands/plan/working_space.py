@@ -7,6 +7,7 @@ from typing import Annotated, cast
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
@@ -24,21 +25,21 @@ def working_space(
     out: Out,
     region: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--region",
-            help="What is mapped, mm in the robot base: x and y of the middle of the program, z of the part frame. "
+            "What is mapped, mm in the robot base: x and y of the middle of the program, z of the part frame. "
             "Without it: in front of the robot, from its foot to half its reach.",
-            metavar="X0,X1,Y0,Y1,Z0,Z1",
-            callback=arguments.numbers_of(6),
+            arguments.numbers_of(6),
+            "X0,X1,Y0,Y1,Z0,Z1",
         ),
     ] = None,
-    points: Annotated[int, typer.Option("--points", help="Places along each axis of a map.", min=2, max=200)] = 21,
+    points: Annotated[int, option("--points", "Places along each axis of a map.", min=2, max=200)] = 21,
     surface: Annotated[
         str,
-        typer.Option(
+        option(
             "--surface",
-            help="Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            callback=arguments.one_of(("both", "wall", "floor"), "surface"),
+            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+            arguments.one_of(("both", "wall", "floor"), "surface"),
         ),
     ] = "both",
     dialect: Dialect = BY_ENDING,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.program import CellFile, Program
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
@@ -31,15 +31,9 @@ def egm(
     program: Program,
     cell: CellFile,
     peer: Annotated[
-        str,
-        typer.Option(
-            "--egm",
-            help="Where messages go: address and port of the run.",
-            metavar="HOST:PORT",
-            callback=arguments.host_port,
-        ),
+        str, option("--egm", "Where messages go: address and port of the run.", arguments.host_port, "HOST:PORT")
     ] = "127.0.0.1:6510",
-    seconds: Annotated[float | None, typer.Option("--seconds", help="At most so long.", min=0.01)] = None,
+    seconds: Annotated[float | None, option("--seconds", "At most so long.", min=0.01)] = None,
     scenario: Layers = None,
     fault: Fault = None,
     record: RecordFile = None,

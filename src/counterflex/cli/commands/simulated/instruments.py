@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import address
+from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import Fault, Seconds
@@ -18,12 +18,7 @@ from counterflex.core.errors import InputError
 
 LoadFile = Annotated[
     Path | None,
-    typer.Option(
-        "--file",
-        help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
-        metavar="CSV",
-        callback=arguments.file,
-    ),
+    option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
 ]
 
 
@@ -84,10 +79,10 @@ def netft(
 
 
 def wrench(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
+    to: Annotated[str, argument("Where datagrams go.", arguments.host_port, "HOST:PORT")],
     file: LoadFile = None,
     source_id: Annotated[
-        int, typer.Option("--source", help="Source id of the datagrams.", min=0, max=2**31 - 1, metavar="ID")
+        int, option("--source", "Source id of the datagrams.", metavar="ID", min=0, max=2**31 - 1)
     ] = 0,
     seconds: Seconds = None,
     scenario: Layers = None,
@@ -124,22 +119,14 @@ def wrench(
 
 
 def tracker(
-    to: Annotated[str, typer.Argument(help="Where datagrams go.", metavar="HOST:PORT", callback=arguments.host_port)],
+    to: Annotated[str, argument("Where datagrams go.", arguments.host_port, "HOST:PORT")],
     log: Annotated[
-        Path | None,
-        typer.Option(
-            "--log", help="Replay a tracker log instead, with its own clock.", metavar="CSV", callback=arguments.file
-        ),
+        Path | None, option("--log", "Replay a tracker log instead, with its own clock.", arguments.file, "CSV")
     ] = None,
     run_log: Annotated[
-        Path | None,
-        typer.Option(
-            "--run-log", help="Replay what a run has logged, with --cell.", metavar="DIR", callback=arguments.folder
-        ),
+        Path | None, option("--run-log", "Replay what a run has logged, with --cell.", arguments.folder, "DIR")
     ] = None,
-    cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file of that run.", metavar="CELL", callback=arguments.file)
-    ] = None,
+    cell: Annotated[Path | None, option("--cell", "Cell file of that run.", arguments.file, "CELL")] = None,
     seconds: Seconds = None,
     scenario: Layers = None,
     fault: Fault = None,
@@ -205,9 +192,9 @@ def _show_skipped(count: int) -> None:
 
 def ads(
     cell: CellFile,
-    host: Annotated[str, typer.Option("--host", help="Address to bind; by default this computer only.")] = "127.0.0.1",
+    host: Annotated[str, option("--host", "Address to bind; by default this computer only.")] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", help="TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
+        int, option("--port", "TCP port; Beckhoff's own library knows no other.", min=0, max=65535)
     ] = 48898,
     seconds: Seconds = None,
     scenario: Layers = None,

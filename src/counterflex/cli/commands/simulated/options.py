@@ -8,23 +8,21 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 
 Fault = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
         "--fault",
-        help="One fault, repeatable: lost=0.05, late=0.1,late_ms=6, silent@2+0.5 (from 2 s for 0.5 s), garbage#100+3 "
+        "One fault, repeatable: lost=0.05, late=0.1,late_ms=6, silent@2+0.5 (from 2 s for 0.5 s), garbage#100+3 "
         "(datagrams 100 to 102), dying@3.",
-        metavar="FAULT",
-        callback=arguments.faults,
+        arguments.faults,
+        "FAULT",
     ),
 ]
-Seconds = Annotated[float | None, typer.Option("--seconds", help="How long; else until Ctrl-C.", min=0.001)]
+Seconds = Annotated[float | None, option("--seconds", "How long; else until Ctrl-C.", min=0.001)]
 RecordFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--record", help="Write what was applied in every cycle.", metavar="CSV", callback=arguments.output_file
-    ),
+    Path | None, option("--record", "Write what was applied in every cycle.", arguments.output_file, "CSV")
 ]
 
 
@@ -51,9 +49,6 @@ ABANDONED = ("no more answers from the sensor program", "RSITimeout", "ERR_UDPUC
 
 def require_not_abandoned(ended: str) -> None:
     """End with status 3 where the partner has vanished before the program had ended; a Stop from it is an answer.
-
-    Args:
-        ended: Why the simulated controller ended.
 
     Raises:
         typer.Exit: It was left alone.

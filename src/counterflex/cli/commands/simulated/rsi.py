@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.simulated.options import (
     Fault,
@@ -28,27 +29,14 @@ def register(twin: typer.Typer) -> None:
 
 
 def rsi(
-    rsi: Annotated[
-        Path,
-        typer.Argument(
-            help="ETHERNET configuration file of the RSI context (.xml).", metavar="RSI", callback=arguments.file
-        ),
-    ],
+    rsi: Annotated[Path, argument("ETHERNET configuration file of the RSI context (.xml).", arguments.file, "RSI")],
     program: Annotated[
-        Path | None,
-        typer.Option(
-            "--program", help="G-code that the robot runs, with --cell.", metavar="PROGRAM", callback=arguments.file
-        ),
+        Path | None, option("--program", "G-code that the robot runs, with --cell.", arguments.file, "PROGRAM")
     ] = None,
     cell: Annotated[
-        Path | None,
-        typer.Option(
-            "--cell", help="Cell file: robot, tool and part as the controller has them.", callback=arguments.file
-        ),
+        Path | None, option("--cell", "Cell file: robot, tool and part as the controller has them.", arguments.file)
     ] = None,
-    seconds: Annotated[
-        float | None, typer.Option("--seconds", help="How long; 10 s without a program.", min=0.01)
-    ] = None,
+    seconds: Annotated[float | None, option("--seconds", "How long; 10 s without a program.", min=0.01)] = None,
     scenario: Layers = None,
     fault: Fault = None,
     record: RecordFile = None,

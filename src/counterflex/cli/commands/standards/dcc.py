@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
 from counterflex.core.errors import CounterflexError, InputError
@@ -92,9 +93,7 @@ def _days(_: arguments.Param, value: Any) -> Any:
     return value
 
 
-CertificateFile = Annotated[
-    Path, typer.Argument(help="Certificate (.xml), DCC 3.x.", metavar="CERTIFICATE", callback=arguments.file)
-]
+CertificateFile = Annotated[Path, argument("Certificate (.xml), DCC 3.x.", arguments.file, "CERTIFICATE")]
 
 
 def show(certificate: CertificateFile, as_json: AsJson = False) -> None:
@@ -145,29 +144,20 @@ def apply(
     certificate: CertificateFile,
     keys: Annotated[
         list[str],
-        typer.Option(
+        option(
             "--set",
-            help="Key to fill, and number, id or kind of its quantity where several fit; may be given several times.",
-            metavar="KEY[=QUANTITY]",
-            callback=_keys,
+            "Key to fill, and number, id or kind of its quantity where several fit; may be given several times.",
+            _keys,
+            "KEY[=QUANTITY]",
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="File to write.", metavar="FILE", callback=arguments.output_file)],
-    cell: Annotated[
-        Path | None, typer.Option("--cell", help="Cell file (.toml).", metavar="CELL", callback=arguments.file)
-    ] = None,
+    out: Annotated[Path, option("--out", "File to write.", arguments.output_file, "FILE")],
+    cell: Annotated[Path | None, option("--cell", "Cell file (.toml).", arguments.file, "CELL")] = None,
     dataset: Annotated[
-        Path | None,
-        typer.Option("--dataset", help="Manifest of a dataset instead.", metavar="MANIFEST", callback=arguments.file),
+        Path | None, option("--dataset", "Manifest of a dataset instead.", arguments.file, "MANIFEST")
     ] = None,
     channel: Annotated[
-        str,
-        typer.Option(
-            "--channel",
-            help="For sensor.frame.matrix: what the sensor sends, in D-SI.",
-            metavar="UNIT",
-            callback=_channel,
-        ),
+        str, option("--channel", "For sensor.frame.matrix: what the sensor sends, in D-SI.", _channel, "UNIT")
     ] = r"\one",
     as_json: AsJson = False,
 ) -> None:
@@ -200,34 +190,19 @@ def apply(
 
 
 def write(
-    result: Annotated[
-        Path,
-        typer.Argument(help="result.json of an identification.", metavar="RESULT", callback=arguments.file),
-    ],
-    laboratory: Annotated[str, typer.Option("--laboratory", help="Who measured and identified.", metavar="NAME")],
-    person: Annotated[str, typer.Option("--person", help="Who answers for it.", metavar="NAME")],
-    city: Annotated[str, typer.Option("--city", help="Of the laboratory.", metavar="NAME")],
-    country: Annotated[
-        str, typer.Option("--country", help="Of the laboratory, two letters.", metavar="CODE", callback=_country)
-    ],
-    serial: Annotated[str, typer.Option("--serial", help="Serial number of the robot.", metavar="TEXT")],
-    out: Annotated[
-        Path, typer.Option("--out", help="Document to write (.xml).", metavar="FILE", callback=arguments.output_file)
-    ],
+    result: Annotated[Path, argument("result.json of an identification.", arguments.file, "RESULT")],
+    laboratory: Annotated[str, option("--laboratory", "Who measured and identified.", metavar="NAME")],
+    person: Annotated[str, option("--person", "Who answers for it.", metavar="NAME")],
+    city: Annotated[str, option("--city", "Of the laboratory.", metavar="NAME")],
+    country: Annotated[str, option("--country", "Of the laboratory, two letters.", _country, "CODE")],
+    serial: Annotated[str, option("--serial", "Serial number of the robot.", metavar="TEXT")],
+    out: Annotated[Path, option("--out", "Document to write (.xml).", arguments.output_file, "FILE")],
     measured: Annotated[
-        str | None,
-        typer.Option(
-            "--measured", help="First and last day; by default that of identify.", metavar="DAY[,DAY]", callback=_days
-        ),
+        str | None, option("--measured", "First and last day; by default that of identify.", _days, "DAY[,DAY]")
     ] = None,
     schema: Annotated[
         Path | None,
-        typer.Option(
-            "--schema",
-            help="dcc.xsd of PTB, D-SI beside it: check the document (extra dcc).",
-            metavar="XSD",
-            callback=arguments.file,
-        ),
+        option("--schema", "dcc.xsd of PTB, D-SI beside it: check the document (extra dcc).", arguments.file, "XSD"),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

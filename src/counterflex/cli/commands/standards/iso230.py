@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
@@ -16,12 +17,7 @@ _iso230 = typer.Typer(no_args_is_help=True, help="Circular tests, straightness a
 
 CommandedPath = Annotated[
     Path | None,
-    typer.Option(
-        "--path",
-        help="What was commanded: table (.csv: x_mm,y_mm,z_mm) or program.",
-        metavar="CSV|PROGRAM",
-        callback=arguments.file,
-    ),
+    option("--path", "What was commanded: table (.csv: x_mm,y_mm,z_mm) or program.", arguments.file, "CSV|PROGRAM"),
 ]
 
 
@@ -43,11 +39,11 @@ def circularity(
     path: CommandedPath = None,
     radius_mm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--radius-mm",
-            help="Nominal radius where --path is not given; without both there is no F and no D.",
-            metavar="MM",
-            callback=arguments.between(0.1, 1e5),
+            "Nominal radius where --path is not given; without both there is no F and no D.",
+            arguments.between(0.1, 1e5),
+            "MM",
         ),
     ] = None,
     frame: FrameOf = "as-measured",
@@ -68,14 +64,7 @@ def circularity(
 
     with progress_bar("ISO 230-4") as progress:
         summary = job.circular(
-            files,
-            out,
-            path=path,
-            radius_mm=radius_mm,
-            frame=frame,
-            form=form,
-            average_ms=average_ms,
-            progress=progress,
+            files, out, path=path, radius_mm=radius_mm, frame=frame, form=form, average_ms=average_ms, progress=progress
         )
     if as_json:
         print_json(summary)
@@ -143,10 +132,10 @@ def straightness(
 def positioning(
     file: Annotated[
         Path,
-        typer.Argument(
-            help="Table: target_mm, one of position_mm, deviation_um, deviation_mm, and direction where known.",
-            metavar="CSV",
-            callback=arguments.file,
+        argument(
+            "Table: target_mm, one of position_mm, deviation_um, deviation_mm, and direction where known.",
+            arguments.file,
+            "CSV",
         ),
     ],
     out: Out = None,

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
+from counterflex.cli.arguments import option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
@@ -23,37 +24,30 @@ def iso9283(
     files: Files,
     poses: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--poses",
-            help="Commanded poses: table (.csv: x_mm,y_mm,z_mm[,a_deg,b_deg,c_deg]) or a program that dwells at them.",
-            metavar="CSV|PROGRAM",
-            callback=arguments.file,
+            "Commanded poses: table (.csv: x_mm,y_mm,z_mm[,a_deg,b_deg,c_deg]) or a program that dwells at them.",
+            arguments.file,
+            "CSV|PROGRAM",
         ),
     ] = None,
     path: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--path",
-            help="Commanded path: table (.csv, likewise, and speed_mm_s) or a program; judges a path test.",
-            metavar="CSV|PROGRAM",
-            callback=arguments.file,
+            "Commanded path: table (.csv, likewise, and speed_mm_s) or a program; judges a path test.",
+            arguments.file,
+            "CSV|PROGRAM",
         ),
     ] = None,
     frame: FrameOf = "as-measured",
     form: Format = "counterflex",
     average_ms: Average = 0.0,
     band_mm: Annotated[
-        float,
-        typer.Option(
-            "--band-mm",
-            help="Limit band of the stabilisation time, mm.",
-            metavar="MM",
-            callback=arguments.between(1e-3, 100.0),
-        ),
+        float, option("--band-mm", "Limit band of the stabilisation time, mm.", arguments.between(1e-3, 100.0), "MM")
     ] = 0.1,
     multi_directional: Annotated[
-        bool,
-        typer.Option("--multi-directional", help="Every FILE holds the cycles from another direction: vAP."),
+        bool, option("--multi-directional", "Every FILE holds the cycles from another direction: vAP.")
     ] = False,
     out: Out = None,
     as_json: AsJson = False,

@@ -6,9 +6,8 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from counterflex.cli import arguments
+from counterflex.cli.arguments import argument, option
 from counterflex.core.errors import InputError
 
 FORMATS = ("counterflex", "spatial-analyzer", "point-table", "dtrack")
@@ -43,46 +42,40 @@ def _finite(text: str) -> bool:
 
 Files = Annotated[
     list[Path],
-    typer.Argument(
-        help="Tracker logs, exports (--format) or datasets (.toml of kind pose_test or path_test).",
-        metavar="FILE...",
-        callback=arguments.file,
+    argument(
+        "Tracker logs, exports (--format) or datasets (.toml of kind pose_test or path_test).",
+        arguments.file,
+        "FILE...",
     ),
 ]
 FrameOf = Annotated[
     str,
-    typer.Option(
+    option(
         "--frame",
-        help="Where the tracker stands in the frame of the commands: as-measured, a cell file with [tracker], "
+        "Where the tracker stands in the frame of the commands: as-measured, a cell file with [tracker], "
         "X,Y,Z,A,B,C (mm, deg), or fit: found from the readings (accuracies then leave out what a frame absorbs).",
-        metavar="FRAME",
-        callback=frame_of,
+        frame_of,
+        "FRAME",
     ),
 ]
 Format = Annotated[
-    str,
-    typer.Option(
-        "--format",
-        help=f"Of the files: {', '.join(FORMATS)}.",
-        metavar="NAME",
-        callback=arguments.one_of(FORMATS, "format"),
-    ),
+    str, option("--format", f"Of the files: {', '.join(FORMATS)}.", arguments.one_of(FORMATS, "format"), "NAME")
 ]
 Average = Annotated[
     float,
-    typer.Option(
+    option(
         "--average-ms",
-        help="Filter: moving mean over the readings of a log, ms; 0: none.",
-        metavar="MS",
-        callback=arguments.between(0.0, 10_000.0),
+        "Filter: moving mean over the readings of a log, ms; 0: none.",
+        arguments.between(0.0, 10_000.0),
+        "MS",
     ),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--out",
-        help="Folder for report.html, tables (CSV, Parquet) and summary.json; made when missing.",
-        metavar="DIR",
-        callback=arguments.output_folder,
+        "Folder for report.html, tables (CSV, Parquet) and summary.json; made when missing.",
+        arguments.output_folder,
+        "DIR",
     ),
 ]

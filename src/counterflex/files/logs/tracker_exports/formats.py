@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,142 @@ from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.file_kind import of_bytes
-from counterflex.core.units import NS
-from counterflex.files.logs.tracker_exports.dtrack import DTrackLines
+from counterflex.core.units import MM, NS
+from counterflex.files.dataset.units import UNITS, factor
 from counterflex.files.logs.tracker_exports.point_table import PointTableLines
-from counterflex.files.logs.tracker_exports.spatial_analyzer import SpatialAnalyzerLines
+from counterflex.files.logs.tracker_exports.stamps import number, stamp_ns
 from counterflex.files.logs.tracker_log import TrackerLines
+from counterflex.geometry import pose
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose
+
+# ASCII points of SpatialAnalyzer: ``[collection,] [group,] [target,] x, y, z [, date time]``, commas or spaces.
+# Comment lines begin with ``//``; ``// AXES = CARTESIAN: X,  Y,  Z (mm)`` names coordinates and unit and is required: a
+# unit is never guessed. Time stamps are whole seconds, as the program writes them; several points then share one.
+#
+# Source: user's manual of SpatialAnalyzer (New River Kinematics), "Exporting ASCII Formatted Points": names,
+# separators,
+# time stamps, comments of version, frame and axes; the axes line as version 2024.2 writes it in a published recording.
+
+_AXES: Final = re.compile(r"//\s*AXES\s*=\s*(?P<kind>\w+)\s*:(?P<names>[^(]*)(?:\((?P<unit>[^)]*)\))?.*", re.IGNORECASE)
+_NUMBER: Final = r"([-+]?[0-9.]+(?:[eE][-+]?\d+)?)"
+_GAP: Final = r"(?:\s*,\s*|\s+)"
+_POINT: Final = re.compile(
+    rf"(?:.*{_GAP})?{_NUMBER}{_GAP}{_NUMBER}{_GAP}{_NUMBER}(?:{_GAP}(\d+/\d+/\d+ \d+:\d+:\d+(?:\.\d+)?))?\s*,?\s*"
+)
+
+
+class SpatialAnalyzerLines:
+    """Reads the export line by line."""
+
+    def __init__(self, where: str) -> None:
+        self._where, self._row, self._unit = where, 0, 0.0
+
+    @property
+    def ready(self) -> bool:
+        """Whether what stands before the measurements has come."""
+        return self._unit > 0.0
+
+    def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
+        """The point of a line; None for a comment or an empty line. Without time stamps the time is 0.
+
+        Raises:
+            FileFormatError: No axes line yet, other coordinates than Cartesian ones, not three numbers.
+        """
+        self._row += 1
+        where = f"{self._where}:{self._row}"
+        text = line.lstrip("\ufeff").strip()
+        if not text:
+            return None
+        if text.startswith("//"):
+            axes = _AXES.fullmatch(text)
+            if axes is not None:
+                self._unit = self._axes(axes, where)
+            return None
+        if self._unit == 0.0:
+            raise FileFormatError(
+                "nothing says which unit the coordinates have",
+                where=where,
+                limit="a line // AXES = CARTESIAN: X, Y, Z (mm) before the points",
+                hint="Export with axis comments, or write this line yourself",
+            )
+        match = _POINT.fullmatch(text)
+        if match is None:
+            raise FileFormatError(
+                "not a point of SpatialAnalyzer", where=where, value=text[:60], limit="names, x, y, z[, date time]"
+            )
+        p = np.array([number(match[k], where) for k in (1, 2, 3)]) * self._unit
+        time_ns = stamp_ns(match[4], where) if match[4] else 0
+        return TrackerPose(sequence & 0xFFFFFFFF, time_ns, NO_ORIENTATION, 0, pose.make(p=p), 0.0)
+
+    @staticmethod
+    def _axes(axes: re.Match[str], where: str) -> float:
+        if axes["kind"].upper() != "CARTESIAN":
+            raise FileFormatError(
+                "coordinates other than Cartesian ones", where=where, value=axes["kind"], limit="CARTESIAN"
+            )
+        if not axes["unit"]:
+            raise FileFormatError("the axes have no unit", where=where, limit=", ".join(UNITS["m"]))
+        unit = axes["unit"].strip().lower()
+        return factor({"inches": "inch", "in": "inch", "meters": "m", "millimeters": "mm"}.get(unit, unit), "m", where)
+
+
+# Recorded text output of ART DTrack2, an optical tracker of 6-D targets: lines ``fr``, ``ts``, ``6d``, ``3d``.
+# ``6d N [id qu][x y z eta theta phi][b0 .. b8]``: position in mm, rotation matrix by columns; qu = -1: not visible.
+# ``3d N [id qu][x y z]``: single markers. ``ts``: seconds since midnight UTC. Of each line the first
+# target counts.
+#
+# Source: DTrack2 user manual, "Output of measurement data via Ethernet" (B.2).
+
+_BLOCK: Final = re.compile(r"\[([^\[\]]*)\]")
+_TURNED: Final = 1e-3
+
+
+class DTrackLines:
+    """Reads the output line by line."""
+
+    def __init__(self, where: str) -> None:
+        self._where, self._row = where, 0
+        self._time_ns: int | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether what stands before the measurements has come."""
+        return self._time_ns is not None
+
+    def measured(self, line: str, sequence: int = 0) -> TrackerPose | None:
+        """The pose of a line ``6d`` or ``3d``; None for the others.
+
+        Raises:
+            FileFormatError: A pose before a time stamp, blocks that are missing, a matrix that is no rotation.
+        """
+        self._row += 1
+        where = f"{self._where}:{self._row}"
+        word, _, rest = line.lstrip("\ufeff").strip().partition(" ")
+        if word == "ts":
+            self._time_ns = round(number(rest, where) / NS)
+        if word not in ("6d", "3d"):
+            return None
+        blocks = [block.split() for block in _BLOCK.findall(rest)]
+        if not blocks:
+            return None
+        if self._time_ns is None:
+            raise FileFormatError("a pose before the first time stamp", where=where, hint="Switch the output of ts on")
+        sizes = [2, 6, 9] if word == "6d" else [2, 3]
+        if [len(block) for block in blocks[: len(sizes)]] != sizes:
+            raise FileFormatError("blocks of a target", where=where, value=rest[:60], limit=f"{sizes} numbers")
+        values = [np.array([number(text, where) for text in block]) for block in blocks[: len(sizes)]]
+        seen = values[0][1] >= 0.0
+        R = np.eye(3)
+        if word == "6d" and seen:
+            R = values[2].reshape(3, 3).T
+            if float(np.abs(R @ R.T - np.eye(3)).max()) > _TURNED or float(np.linalg.det(R)) < 0.0:
+                raise FileFormatError("the matrix of a target is no rotation", where=where, value=rest[:60])
+            u, _, vt = np.linalg.svd(R)
+            R = u @ vt
+        status = (0 if word == "6d" else NO_ORIENTATION) | (0 if seen else BEAM_BROKEN)
+        frame_id = int(values[0][0])
+        T = pose.make(R, values[1][:3] * MM)
+        return TrackerPose(sequence & 0xFFFFFFFF, self._time_ns, status, frame_id, T, 0.0)
 
 
 class ExportLines(Protocol):
@@ -62,29 +193,17 @@ FORMATS: Final[dict[str, tuple[Callable[[str], ExportLines], str]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What a tracker measured, bad readings left out.
+    """What a tracker measured, bad readings left out."""
 
-    Attributes:
-        Ts_tracker_target: (n, 4, 4) m; the rotation is the identity where there is no orientation.
-        time_s: (n,) s since the first reading, increasing; None where the stamps are too coarse or missing.
-        oriented: Whether orientations were measured.
-        left_out: Readings with a broken beam or marked inaccurate.
-        sigma_m: Standard deviation of a position as stated, 0 where it is not.
-    """
-
-    Ts_tracker_target: Float
-    time_s: Float | None
+    Ts_tracker_target: Float  # (n, 4, 4) m; the rotation is the identity where there is no orientation
+    time_s: Float | None  # (n,) s since the first reading, increasing; None where the stamps are too coarse or missing
     oriented: bool
-    left_out: int
-    sigma_m: float
+    left_out: int  # Readings with a broken beam or marked inaccurate
+    sigma_m: float  # Standard deviation of a position as stated, 0 where it is not
 
 
 def lines_of(name: str, where: str) -> ExportLines:
-    """A reader of lines.
-
-    Raises:
-        FileFormatError: There is no such format.
-    """
+    """A reader of lines. Raises FileFormatError: there is no such format."""
     if name not in FORMATS:
         raise FileFormatError("unknown format of a tracker's export", value=name, limit=", ".join(FORMATS))
     return FORMATS[name][0](where)

@@ -47,11 +47,7 @@ _UNIT: Final = 1e-4
 
 
 class PointTableLines:
-    """Reads the table line by line.
-
-    Args:
-        where: For messages.
-    """
+    """Reads the table line by line."""
 
     def __init__(self, where: str) -> None:
         self._where, self._row = where, 0

@@ -45,11 +45,7 @@ def _day(text: str, where: str) -> int:
 
 
 def number(text: str, where: str, decimal: str = ".") -> float:
-    """A finite number with a decimal point, or with a decimal comma where ``decimal`` says so.
-
-    Raises:
-        FileFormatError: It is none.
-    """
+    """A finite number with a decimal point, or with a decimal comma where ``decimal`` says so."""
     try:
         value = float(text.strip().replace(decimal, ".") if decimal not in text or "." not in text else text)
     except ValueError:

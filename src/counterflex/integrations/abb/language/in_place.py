@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+from typing import ClassVar
 
 import numpy as np
 
-from counterflex import __version__
-from counterflex.core.arrays import Float, as_positive
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import MM, MM_PER_S
@@ -16,10 +16,11 @@ from counterflex.integrations.abb.language import LIMITS
 from counterflex.integrations.abb.language.copies import Copies
 from counterflex.integrations.abb.language.program import RapidMotion, RapidProgram, RapidTarget
 from counterflex.integrations.abb.language.table import FORMS
-from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.limits import Limits
 from counterflex.programs.robot_text.circle_fit import FittedCircle
-from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
+from counterflex.programs.robot_text.in_place import InPlace
 from counterflex.programs.robot_text.spans import Spans
 
 _DECIMAL_MM = 10.0**-LIMITS.position_decimals
@@ -27,74 +28,35 @@ _DECIMAL_Q = 10.0**-LIMITS.angle_decimals
 _ADDED_ZONE = "z0"
 
 
-def write_rapid_in_place(
-    program: RapidProgram,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    cycle_s: float = 0.024,
-    cell: str = "",
-    job: str = "",
-) -> InPlaceText:
-    r"""Write a module back with its targets replaced by the commanded ones.
+class RapidInPlace(InPlace[RapidProgram]):
+    r"""Edits of the text of a module, for each execution of a routine by itself.
 
-    Every byte that is no number of a corrected target or of a changed speed stays. A robtarget by name is changed where
-    it is declared; where the program uses the name elsewhere too it is written out in the instruction. Numbers of Offs
-    are changed themselves; a RelTool is written out. A changed speed is the option ``\V`` of the instruction. Added
-    points have configuration and external axes of the target that they lead to. A routine that is called several times
-    is written once for each call that needs other targets. Nothing at all changes when no row is corrected.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
-            before rounding; > 0, m.
-        cycle_s: Time the controller needs per point, s, > 0.
-        cell: Name of the cell, for the comment at the head.
-        job: Hash of the plan, for the same.
-
-    Returns:
-        File and counts.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
+    A robtarget by name is changed where it is declared; where the program uses the name elsewhere too it is written out
+    in the instruction. Numbers of Offs are changed themselves; a RelTool is written out. A changed speed is the option
+    ``\V`` of the instruction. Added points have configuration and external axes of the target that they lead to. A
+    routine that is called several times is written once for each call that needs other targets.
     """
-    as_positive("tolerance_m", tolerance_m)
-    as_positive("cycle_s", cycle_s)
-    writer = _InPlace(program, compensated, tolerance_m=tolerance_m, cycle_s=cycle_s, decimal_m=_DECIMAL_MM * MM)
-    if not writer.changed:
-        return writer.result(writer.files(Spans()))
-    writer.run()
-    return writer.result(writer.whole(writer.messages(__version__, cell, mark(job) if job else "")))
 
+    limits: ClassVar[Limits] = LIMITS
+    cycle_s: ClassVar[float] = 0.024
 
-class _InPlace(InPlace):
-    """Edits of the text of a module, for each execution of a routine by itself."""
-
-    def __init__(self, program: RapidProgram, compensated: CompensatedPath, **options: float) -> None:
-        super().__init__(program, compensated, **options)
-        self.program = program
+    def __init__(self, program: RapidProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
+        super().__init__(program, compensated, tolerance_m, cycle_s)
         self.edits = [Spans() for _ in program.calls]
         self.declared = Spans()
         self._passes = [Spans() for _ in program.moves]
         self._split: set[int] = set()
 
-    def whole(self, messages: list[str]) -> dict[str, str]:
+    def files(self, messages: list[str]) -> dict[str, str]:
         """The files with all edits, and comments at the head of the first one."""
-        program, copies = self.program, Copies(self.program)
-        text = program.text
-        end = next((match.start() for match in re.finditer(r"\r\n|\n|\r|$", text[program.declarations :])), 0)
-        self.declared.insert(
-            program.declarations + end, "".join(f"{program.newline}  ! {message}" for message in messages)
-        )
-        self._merge_passes()
-        self.declared += copies.merged(self.edits)
-        self.counts.routines_copied = copies.made
-        return self.files(self.declared)
-
-    def files(self, edits: Spans) -> dict[str, str]:
-        """Text of each file by its name."""
-        program = self.program
+        program, edits = self.program, self.declared
+        if messages:
+            text, copies = program.text, Copies(program)
+            end = next((match.start() for match in re.finditer(r"\r\n|\n|\r|$", text[program.declarations :])), 0)
+            edits.insert(program.declarations + end, "".join(f"{program.newline}  ! {line}" for line in messages))
+            self._merge_passes()
+            edits += copies.merged(self.edits)
+            self.counts.routines_copied = copies.made
         if len(program.files) < 2:
             return {program.name: edits.applied(program.text)}
         return {name: edits.within(start, end).applied(program.text, start, end) for name, start, end in program.files}
@@ -122,11 +84,6 @@ class _InPlace(InPlace):
                 )
 
     # ---- language --------------------------------------------------------------------------------------------
-
-    def rounded(self, p: Float) -> Float:
-        """(3,) m, four decimals of a millimetre."""
-        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
-        return out
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
         """``MoveL`` on a line of its own before the instruction."""
@@ -288,3 +245,6 @@ class _InPlace(InPlace):
             spans.replace(*edit)
         text = spans.applied(self.program.text, *target.literal)
         return re.sub(r"\s*(?:![^\r\n]*)?[\r\n]+\s*", "", text)
+
+
+write_rapid_in_place = RapidInPlace.write

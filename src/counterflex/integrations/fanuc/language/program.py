@@ -7,21 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-import numpy as np
-
 from counterflex.core.arrays import Float
-from counterflex.core.units import DEG, MM
-from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.core.units import MM
+from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, angles_zyx, frame_zyx
 from counterflex.programs.robot_text.stated import Stated, StatedPosture, StatedTurns, turn_ranges
 
 LETTERS: Final = "XYZWPR"
 _CONFIG: Final = re.compile(r"\s*([NF])\s*([UD])\s*([TB])\b", re.IGNORECASE)
 _CONFIG_TURNS: Final = re.compile(r"[NF]\s*[UD]\s*[TB]\s*,\s*(-?\d)\s*,\s*(-?\d)\s*,\s*(-?\d)", re.IGNORECASE)
 _DISTANCE: Final = re.compile(r"C[DR]\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)", re.IGNORECASE)
-_UPRIGHT_DEG: Final = 1e-6
-Span = tuple[int, int]
-"""Index of the first character, and the one behind the last."""
 
 
 def frame_of(values: Mapping[str, float]) -> Float:
@@ -30,17 +24,11 @@ def frame_of(values: Mapping[str, float]) -> Float:
     ``R = Rz(R) Ry(P) Rx(W)``, the angles of KUKA's A B C in the other order. Source: FANUC Robot series, Operator's
     manual (R-30iB), "Position data": W, P, R are the rotations about the X, Y and Z axis of the user frame.
     """
-    angles = np.array([values["R"], values["P"], values["W"]]) * DEG
-    return pose.make(rotation.from_zyx(angles), np.array([values[c] for c in "XYZ"]) * MM)
+    return frame_zyx([values[c] for c in "XYZ"], values["W"], values["P"], values["R"])
 
 
-def wpr_of(R_user_tool: Float) -> tuple[float, float, float]:
-    """W, P, R in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
-    r, p, w = (float(angle) for angle in rotation.to_zyx(R_user_tool) / DEG)
-    if abs(abs(p) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of W and R counts: controllers show R = 0
-        both = w - r if p > 0.0 else w + r
-        w, r = both - 360.0 * round(both / 360.0), 0.0
-    return w, p, r
+wpr_of = angles_zyx
+"""W, P, R in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,26 +64,18 @@ class FanucPosition:
     config: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class FanucMotion:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FanucMotion(NamedPoint):
     """What stands behind a motion of :attr:`FanucProgram.motions` in the text.
 
     Attributes:
-        line: 1-based line of the instruction.
         word: ``J L C A``, or ``WAIT`` of a dwell.
-        start: Index of its word.
-        head: Index at which the line begins, its number included.
         end: Index of its semicolon.
-        R_tcp_tool: (3, 3) orientation of the active UTOOL in the cell's TCP frame.
-        file: Name of the listing that it stands in.
-        T_part_user: (4, 4) m, active user frame in the part frame.
         frames: Numbers of the active user frame and tool frame.
-        T_user_tool: (4, 4) m, its end in the user frame.
         computed: Why its end is no literal of /POS: ``Offset``; empty where it is.
         config: CONFIG of its end.
         options: Where the options that displace its end stand in the instruction.
         position: Its end; None of a dwell, and of a computed one.
-        named: Where ``P[n]`` of the end stands in the instruction.
         auxiliary: Point on a circle.
         auxiliary_named: Where that stands.
         speed: Where its speed stands, the unit included.
@@ -106,21 +86,13 @@ class FanucMotion:
         exact: It is FINE.
     """
 
-    line: int
     word: str
-    start: int
-    head: int
     end: int
-    R_tcp_tool: Float
-    file: str = ""
-    T_part_user: Float = field(default_factory=lambda: np.eye(4))
     frames: tuple[int, int] = (-1, -1)
-    T_user_tool: Float | None = None
     computed: str = ""
     config: str = ""
     options: tuple[Span, ...] = ()
     position: FanucPosition | None = None
-    named: Span = (0, 0)
     auxiliary: FanucPosition | None = None
     auxiliary_named: Span = (0, 0)
     speed: Span = (0, 0)

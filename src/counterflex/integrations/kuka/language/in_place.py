@@ -2,104 +2,64 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
-from counterflex import __version__
-from counterflex.core.arrays import Float, as_positive
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.next_command import next_command
-from counterflex.core.units import MM
 from counterflex.integrations.kuka.language import LIMITS
 from counterflex.integrations.kuka.language.edits import Edits, Values, spelled, target_edits, target_text
 from counterflex.integrations.kuka.language.program import LETTERS, KrlMotion, KrlProgram, Target
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.literals import code_of
 from counterflex.integrations.kuka.language.written_values import WrittenValues
-from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, MotionRows
+from counterflex.programs.limits import Limits
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.robot_text.circle_fit import FittedCircle
-from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
-
-_DECIMAL_M = 10.0**-LIMITS.position_decimals * MM
+from counterflex.programs.robot_text.in_place import InPlace
 
 
-def write_krl_in_place(
-    program: KrlProgram,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    cycle_s: float = 0.012,
-    cell: str = "",
-    job: str = "",
-) -> InPlaceText:
-    """Write a program back with its targets replaced by the commanded ones.
+class KrlInPlace(InPlace[KrlProgram]):
+    """Edits of ``.src`` and ``.dat``.
 
-    Every byte that is no coordinate of a corrected target stays. Where one straight line is not enough, points are
-    added before the target, with the approximation of the motion (``C_DIS`` where it has none), at least feed times
-    ``cycle_s`` apart; where the speed changes, ``$VEL.CP`` is set before the motion. A corrected circle stays a circle
-    where the commanded points lie on one within the tolerance, else it becomes straight moves. A target by name is
-    changed in the ``.dat`` file; where the program uses the name elsewhere too it is written out in the motion. Rapids
-    (PTP) are corrected at their ends only. Nothing at all changes when no row is corrected.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
-            before rounding; > 0, m.
-        cycle_s: Time the controller needs per point, s, > 0.
-        cell: Name of the cell, for the header comment.
-        job: Hash of the plan, for the header comment.
-
-    Returns:
-        Files and counts.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: A corrected motion cannot be divided: TRIGGER statements hold it together. A subprogram with
-            corrected motions is called several times.
+    Points are added with the approximation of the motion (``C_DIS`` where it has none); where the speed changes,
+    ``$VEL.CP`` is set before the motion. A target by name is changed in the ``.dat`` file; where the program uses the
+    name elsewhere too it is written out in the motion.
     """
-    as_positive("tolerance_m", tolerance_m)
-    as_positive("cycle_s", cycle_s)
-    writer = _InPlace(program, compensated, tolerance_m=tolerance_m, cycle_s=cycle_s, decimal_m=_DECIMAL_M)
-    if writer.changed:
-        _refuse_repeated(program, writer.rows)
-        writer.run()
-        writer.restore_speed()
-        writer.head(writer.messages(__version__, cell, mark(job) if job else ""))
-    return writer.result(writer.files())
 
+    limits: ClassVar[Limits] = LIMITS
+    cycle_s: ClassVar[float] = 0.012
 
-class _InPlace(InPlace):
-    """Edits of ``.src`` and ``.dat``."""
-
-    def __init__(self, program: KrlProgram, compensated: CompensatedPath, **options: float) -> None:
-        super().__init__(program, compensated, **options)
-        self.program, self.at = program, WrittenValues(program)
+    def __init__(self, program: KrlProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
+        super().__init__(program, compensated, tolerance_m, cycle_s)
+        self.at = WrittenValues(program)
         self._edits: dict[str, Edits] = {name: Edits(file.lines) for name, file in program.files.items()}
         self._active: float | None = None  # $VEL.CP that was written last, where it is another than programmed
         self._fit: FittedCircle | None = None
         self._now_straight = -1
 
-    def files(self) -> dict[str, str]:
-        """The files of the job."""
-        files = self.program.files
-        return {name: files[name].newline.join(edits.lines()) for name, edits in self._edits.items()}
+    def run(self) -> None:
+        """Write every motion, and the programmed speed behind the last one."""
+        self._refuse_repeated()
+        super().run()
+        self._restore_speed()
 
-    def head(self, messages: list[str]) -> None:
-        """Comments behind DEF of the main program."""
-        at = next(i for i, line in enumerate(self.program.lines, start=1) if form.ROUTINE.fullmatch(code_of(line)))
-        self._edits[self.program.name].insert(at + 1, [f"; {line}" for line in messages])
+    def files(self, messages: list[str]) -> dict[str, str]:
+        """The files of the job, with comments behind DEF of the main program."""
+        files = self.program.files
+        if messages:
+            at = next(i for i, line in enumerate(self.program.lines, start=1) if form.ROUTINE.fullmatch(code_of(line)))
+            self._edits[self.program.name].insert(at + 1, [f"; {line}" for line in messages])
+        return {name: files[name].newline.join(edits.lines()) for name, edits in self._edits.items()}
 
     def _line(self, move: KrlMotion) -> str:
         return self.program.files[move.file].lines[move.line - 1]
 
     # ---- language --------------------------------------------------------------------------------------------
-
-    def rounded(self, p: Float) -> Float:
-        """(3,) m, four decimals of a millimetre."""
-        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
-        return out
 
     def fixed_turn(self, index: int) -> bool:
         """The circle is given by CA."""
@@ -279,7 +239,7 @@ class _InPlace(InPlace):
         else:
             self._change(move, [(move.end, move.end, f" WITH $VEL.CP={number(speed_m_s / move.override, 6)}")])
 
-    def restore_speed(self) -> None:
+    def _restore_speed(self) -> None:
         """The programmed speed behind the last motion: what comes after it inherits it."""
         fed = [
             motion.feed_m_s / move.override
@@ -291,22 +251,25 @@ class _InPlace(InPlace):
             self._insert(move, move.line + 1, [f"$VEL.CP={number(fed[-1], 6)}"])
             self.counts.speeds_added += 1
 
+    def _refuse_repeated(self) -> None:
+        """Refuse a motion that is executed several times, where each time needs a target of its own."""
+        program, moved = self.program, self.rows.moved
+        first: dict[tuple[str, int], int] = {}
+        for index, move in enumerate(program.moves):
+            earlier = first.setdefault((move.file, move.line), index)
+            if earlier == index:
+                continue
+            written = move.target is not None and move.target.computed and program.reads_position
+            if moved[index] or moved[earlier] or written:
+                raise ProgramError(
+                    "this motion is executed several times (a loop, or a subprogram that is called several times), "
+                    "and each time needs a target of its own",
+                    where=f"{move.file}:{move.line}",
+                    value=self._line(move).strip()[:60],
+                    hint="Write it once for each pass, or compensate what this writes: "
+                    + next_command("convert", program.name, to="krl", cell="CELL", out="OUT"),
+                    each_pass=True,
+                )
 
-def _refuse_repeated(program: KrlProgram, rows: MotionRows) -> None:
-    """Refuse a motion that is executed several times, where each time needs a target of its own."""
-    first: dict[tuple[str, int], int] = {}
-    for index, move in enumerate(program.moves):
-        earlier = first.setdefault((move.file, move.line), index)
-        if earlier == index:
-            continue
-        written = move.target is not None and move.target.computed and program.reads_position
-        if rows.moved[index] or rows.moved[earlier] or written:
-            raise ProgramError(
-                "this motion is executed several times (a loop, or a subprogram that is called several times), and "
-                "each time needs a target of its own",
-                where=f"{move.file}:{move.line}",
-                value=program.files[move.file].lines[move.line - 1].strip()[:60],
-                hint="Write it once for each pass, or compensate what this writes: "
-                + next_command("convert", program.name, to="krl", cell="CELL", out="OUT"),
-                each_pass=True,
-            )
+
+write_krl_in_place = KrlInPlace.write

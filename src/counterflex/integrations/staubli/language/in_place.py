@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
-from counterflex import __version__
-from counterflex.core.arrays import Float, as_positive
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
 from counterflex.geometry import pose
@@ -24,71 +22,38 @@ from counterflex.integrations.staubli.language.program import (
     frame_of,
     rotations_of,
 )
-from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
+from counterflex.programs.limits import Limits
 from counterflex.programs.robot_text.circle_fit import FittedCircle
-from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
+from counterflex.programs.robot_text.in_place import CONVERT, PointsInPlace, near_angles
 from counterflex.programs.robot_text.spans import Spans
 
 _DECIMAL_MM: Final = 10.0**-LIMITS.position_decimals
 _DECIMAL_DEG: Final = 10.0**-LIMITS.angle_decimals
 POINTS, SPEEDS = "pCounterflex", "mCounterflex"
 """Variables that added points and changed speeds are put in."""
-_CONVERT: Final = "counterflex convert writes the program out, one statement for each motion: compensate that one"
+_CONVERT: Final = CONVERT.format("statement")
 _FATHER: Final = re.compile(r'fatherId="([^"]*)"')
 _ATTRIBUTE: Final = re.compile(r'(\w+)="([^"]*)"')
 _BLENDED: Final = {"blend": "cartesian", "leave": "0.1", "reach": "0.1"}
 """Of added points whose mdesc stops: the robot must not stop at them, mm."""
 
 
-def write_val3_in_place(
-    program: Val3Program,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    cycle_s: float = 0.004,
-    cell: str = "",
-    job: str = "",
-) -> InPlaceText:
-    """Write a program back with its points replaced by the commanded ones.
+class Val3InPlace(PointsInPlace[Val3Program, Val3Motion]):
+    """Edits of program files and data file.
 
-    Every byte that is no number of a corrected point stays. A point that the program names more than once, added points
-    and motions with another speed get elements of variables of their own, ``pCounterflex`` and ``mCounterflex``, at the
-    end of the data file. Nothing at all changes when no row is corrected.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
-            before rounding; > 0, m.
-        cycle_s: Time the controller needs per point, s, > 0.
-        cell: Name of the cell, for the comment at the head.
-        job: Hash of the plan, for the same.
-
-    Returns:
-        Files and counts.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: A statement that runs more than once is corrected.
+    A point that the program names more than once, added points and motions with another speed get elements of variables
+    of their own, ``pCounterflex`` and ``mCounterflex``, at the end of the data file.
     """
-    as_positive("tolerance_m", tolerance_m)
-    as_positive("cycle_s", cycle_s)
-    writer = _InPlace(program, compensated, tolerance_m=tolerance_m, cycle_s=cycle_s, decimal_m=_DECIMAL_MM * MM)
-    if not writer.changed:
-        return writer.result({name: source.text for name, source in program.sources.items()} | writer.data_file())
-    writer.run()
-    return writer.result(writer.files(writer.messages(__version__, cell, mark(job) if job else "")))
 
+    limits: ClassVar[Limits] = LIMITS
+    cycle_s: ClassVar[float] = 0.004
+    statement: ClassVar[str] = "statement"
 
-class _InPlace(InPlace):
-    """Edits of program files and data file."""
-
-    def __init__(self, program: Val3Program, compensated: CompensatedPath, **options: float) -> None:
-        super().__init__(program, compensated, **options)
-        self.program, self.data = program, Spans()
-        self.edits = {name: Spans() for name in program.sources}
-        self._again = Counter((move.file, move.start) for move in program.moves if move.word != "delay")
+    def __init__(self, program: Val3Program, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
+        super().__init__(program, compensated, tolerance_m, cycle_s)
+        self.data, self.edits = Spans(), {name: Spans() for name in program.sources}
         self._points: list[str] = []
         self._speeds: dict[str, int] = {}
         taken = {POINTS, SPEEDS} & program.variables.keys()
@@ -96,23 +61,22 @@ class _InPlace(InPlace):
             raise ProgramError(f"the data file has a variable {min(taken)} already", where=program.data_name,
                                hint="Give the original program and data file")  # fmt: skip
 
+    def points_of(self, program: Val3Program) -> list[Val3Motion]:
+        """The statements."""
+        return list(program.moves)
+
     def files(self, messages: list[str]) -> dict[str, str]:
         """All files with their edits; comments at the head of those that change."""
         program, out = self.program, {}
         for name, source in program.sources.items():
-            if self.edits[name].sorted() or name == program.name:
+            if self.edits[name].sorted() or (messages and name == program.name):
                 self.edits[name].insert(source.code, "".join(f"  // {line}{program.newline}" for line in messages))
             out[name] = self.edits[name].applied(source.text)
         if program.old:
             self._add_old()
         else:
             self._add()
-        return out | self.data_file()
-
-    def data_file(self) -> dict[str, str]:
-        """The data file with its edits."""
-        name = self.program.data_name
-        return {name: self.data.applied(self.program.data)} if name else {}
+        return out | ({program.data_name: self.data.applied(program.data)} if program.data_name else {})
 
     def _add(self) -> None:
         """Variables of added points and speeds at the end of the data file."""
@@ -153,16 +117,11 @@ class _InPlace(InPlace):
 
     # ---- language --------------------------------------------------------------------------------------------
 
-    def rounded(self, p: Float) -> Float:
-        """(3,) m, as points are written."""
-        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
-        return out
-
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
         """``movel`` on a line of its own before the statement."""
-        move, like = self.program.moves[index], self._like(index)
-        self._refuse_repeated(move)
-        point = self._own_point(like, self._in_father(like, p, R_part_tcp))
+        move, like = self.program.moves[index], self.like(index)
+        self.refuse_repeated(move)
+        point = self._own_point(like, like.in_frame(p, R_part_tcp))
         text = self.program.sources[move.file].text
         speed = self.program.sources[like.file].text[slice(*like.speed_named)]
         if speed_m_s is not None or (like.exact and not exact):
@@ -175,55 +134,43 @@ class _InPlace(InPlace):
     def end(self, index: int, p: Float, R_part_tcp: Float | None, speed_m_s: float | None) -> Float:
         """The point of the statement, and its speed."""
         move = self.program.moves[index]
-        if move.word == "delay" or move.T_father_tool is None:  # a place by axes stays
+        if move.word == "delay" or move.T_frame_tool is None:  # a place by axes stays
             return p if move.word == "delay" else np.asarray(self.program.motions[index].p_end)
         if speed_m_s is not None:
-            self._refuse_repeated(move)
+            self.refuse_repeated(move)
             self.counts.speeds_changed += 1
             speed = self._own_speed(move, index, speed_m_s, blended=False)
             self.edits[move.file].replace(*move.speed_named, speed)
-        return self._write(move, p, R_part_tcp)
+        return self.end_at(move, p, R_part_tcp)
 
     def circle(self, index: int, fit: FittedCircle) -> None:
         """Another point on the circle."""
         move = self.program.moves[index]
         if move.auxiliary is None:
-            raise self._refusal(move, "a circle to computed points is corrected")
+            raise self.refusal(move, "a circle to computed points is corrected, and is not written back")
         numbers = self._numbers(move.auxiliary)
-        p = (move.T_part_father @ frame_of(numbers))[:3, 3]
-        T = pose.inverse(move.T_part_father) @ pose.make(np.eye(3), fit.at(p))
+        p = (move.T_part_frame @ frame_of(numbers))[:3, 3]
+        T = pose.inverse(move.T_part_frame) @ pose.make(np.eye(3), fit.at(p))
         self._write_literal(move, move.auxiliary, move.auxiliary_named, T[:3, 3], None)
 
     def straightened(self, index: int) -> None:
         """``movel`` with the end alone."""
         move = self.program.moves[index]
-        self._refuse_repeated(move)
+        self.refuse_repeated(move)
         self.edits[move.file].replace(move.start, move.start + len(move.word), "movel")
         self.edits[move.file].replace(move.auxiliary_named[0], move.named[0], "")
 
     # ---- data ------------------------------------------------------------------------------------------------
 
-    def _refusal(self, move: Val3Motion, what: str, **data: bool) -> ProgramError:
-        line = self.program.sources[move.file].text[move.head :].partition("\n")[0]
-        return ProgramError(f"{what}, and is not written back", where=f"{move.file}:{move.line}",
-                            value=line.strip()[:60], hint=_CONVERT, **data)  # fmt: skip
+    def shown(self, point: Val3Motion) -> str:
+        """The line of a statement."""
+        return self.program.sources[point.file].text[point.head :].partition("\n")[0]
 
-    def _refuse_repeated(self, move: Val3Motion) -> None:
+    def refuse_repeated(self, point: Val3Motion) -> None:
         """Refuse to change a statement that runs more than once, or stands in a library."""
-        if self._again[move.file, move.start] > 1:
-            raise self._refusal(move, "a statement that runs more than once is corrected", each_pass=True)
-        if "/" in move.file:
-            raise self._refusal(move, "a motion of a library is corrected")
-
-    def _like(self, index: int) -> Val3Motion:
-        """The statement that an added one is like: that of the motion, of a wait the one before."""
-        moves = self.program.moves
-        return next(moves[i] for i in range(index, -1, -1) if moves[i].T_father_tool is not None)
-
-    def _in_father(self, move: Val3Motion, p: Float, R_part_tcp: Float) -> Float:
-        """(4, 4) m of the tool in the frame of a statement's end."""
-        out: Float = pose.inverse(move.T_part_father) @ pose.make(R_part_tcp @ move.R_tcp_tool, p)
-        return out
+        super().refuse_repeated(point)
+        if "/" in point.file:
+            raise self.refusal(point, "a motion of a library is corrected, and is not written back")
 
     def _value(self, key: Key) -> Val3Value:
         return self.program.variables[key[0]].values[key[1]]
@@ -232,22 +179,16 @@ class _InPlace(InPlace):
         attributes = self._value(key).attributes
         return {letter: float(attributes.get(letter, "0")) for letter in LETTERS}
 
-    def _write(self, move: Val3Motion, p: Float, R_part_tcp: Float | None) -> Float:
-        """Give a statement another end; returns its place as it is written, (3,) m."""
-        old = move.T_part_father @ (np.eye(4) if move.T_father_tool is None else move.T_father_tool)
-        T = pose.inverse(move.T_part_father) @ pose.make(
-            old[:3, :3] if R_part_tcp is None else R_part_tcp @ move.R_tcp_tool, p
-        )
-        if move.point is not None:
-            turns = None if R_part_tcp is None else rotations_of(T[:3, :3])
-            return self._write_literal(move, move.point, move.named, T[:3, 3], turns)
-        if R_part_tcp is None and float(np.abs(p - old[:3, 3]).max()) <= 0.5 * self.decimal_m:
-            unchanged: Float = old[:3, 3]
-            return unchanged
-        self._refuse_repeated(move)
-        self.edits[move.file].replace(*move.named, self._own_point(move, T))
-        self.counts.targets_written_out += 1
-        return self.rounded(p)
+    def literal(self, point: Val3Motion, T_frame_tool: Float, *, turned: bool) -> Float | None:
+        """Change the point of the data file."""
+        if point.point is None:
+            return None
+        turns = rotations_of(T_frame_tool[:3, :3]) if turned else None
+        return self._write_literal(point, point.point, point.named, T_frame_tool[:3, 3], turns)
+
+    def write_out(self, point: Val3Motion, T_frame_tool: Float) -> None:
+        """An element of its own."""
+        self.edits[point.file].replace(*point.named, self._own_point(point, T_frame_tool))
 
     def _write_literal(
         self, move: Val3Motion, key: Key, named: tuple[int, int], p_father: Float,
@@ -257,10 +198,10 @@ class _InPlace(InPlace):
         value, old = self._value(key), self._numbers(key)
         changes = _changes(old, p_father, turns)
         if not changes:
-            unchanged: Float = (move.T_part_father @ frame_of(old))[:3, 3]
+            unchanged: Float = (move.T_part_frame @ frame_of(old))[:3, 3]
             return unchanged
         if self.program.mentions.get(key, 0) > 1:
-            self._refuse_repeated(move)
+            self.refuse_repeated(move)
             own = {**value.attributes, **changes}
             self.edits[move.file].replace(*named, self._own_element(own))
             self.counts.targets_written_out += 1
@@ -271,7 +212,7 @@ class _InPlace(InPlace):
                 else:
                     self.data.insert(value.end, f' {letter}="{text}"')
             self.counts.targets_declared += 1
-        out: Float = (move.T_part_father @ np.append(self.rounded(p_father), 1.0))[:3]
+        out: Float = (move.T_part_frame @ np.append(self.rounded(p_father), 1.0))[:3]
         return out
 
     def _own_point(self, like: Val3Motion, T_father_tool: Float) -> str:
@@ -304,7 +245,7 @@ def _changes(old: Mapping[str, float], p: Float, turns: tuple[float, float, floa
     values = dict(zip(LETTERS[:3], (p / MM).tolist(), strict=True))
     if turns is not None:
         near = np.array([old[letter] for letter in LETTERS[3:]])
-        values |= dict(zip(LETTERS[3:], _near(turns, near), strict=True))
+        values |= dict(zip(LETTERS[3:], near_angles(turns, near).tolist(), strict=True))
     out = {}
     for letter, value in values.items():
         place = letter in LETTERS[:3]
@@ -338,12 +279,4 @@ def _attributes(attributes: Mapping[str, str]) -> str:
     return " ".join(f'{name}="{value}"' for name, value in attributes.items() if name not in ("key", "index"))
 
 
-def _near(turns: tuple[float, float, float], old: Float) -> list[float]:
-    """rx, ry, rz of the same orientation, deg, in +-180, near others."""
-    rx, ry, rz = turns
-    ways = [np.array([rx, ry, rz]), np.array([rx + 180.0, 180.0 - ry, rz + 180.0])]
-    ways = [way - 360.0 * np.round((way - old) / 360.0) for way in ways]
-    best = min(ways, key=lambda way: float(np.abs(way - old).max()))
-    best = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
-    out: list[float] = best.tolist()
-    return out
+write_val3_in_place = Val3InPlace.write

@@ -12,14 +12,12 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span
 from counterflex.programs.robot_text.stated import Stated, StatedPosture
 
 _NUMBER: Final = re.compile(r"[0-9]+(?:\.[0-9]*)?|\.[0-9]+")
 _WORDS: Final = (("righty", "lefty"), ("epositive", "enegative"), ("wpositive", "wnegative"))
 LETTERS: Final = ("x", "y", "z", "rx", "ry", "rz")
-Span = tuple[int, int]
-"""Index of the first character, and the one behind the last."""
 Key = tuple[str, int]
 """Name of a variable and index of the element: ``p`` and ``p[0]`` are the same."""
 
@@ -75,22 +73,14 @@ class Val3Data:
     size: int = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Val3Motion:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Val3Motion(NamedPoint):
     """What stands behind a motion of :attr:`Val3Program.motions` in the text.
 
     Attributes:
-        line: 1-based line of the statement.
-        word: ``movej movel movec``, or ``delay`` of a dwell.
-        start: Index of the word in the text.
-        head: Index at which its line begins; of a wait that of the ``waitEndMove()`` before it.
-        R_tcp_tool: (3, 3) orientation of the tool in the cell's TCP frame.
-        file: Name of the program file that it stands in.
-        T_part_father: (4, 4) m, frame of its end in the part frame.
-        T_father_tool: (4, 4) m, its end in that frame; None of a place by axes, and of a dwell.
+        word: ``movej movel movec``, or ``delay`` of a dwell, whose head is that of the ``waitEndMove()`` before it.
         attributes: Of its end in the data file: configuration and father.
         point: Its end, where it is a point of the data file as it stands there; else None.
-        named: Where the end stands in the statement.
         auxiliary: Point on a circle, of the same kind as ``point``.
         auxiliary_named: Where that stands.
         tool: As written.
@@ -99,23 +89,20 @@ class Val3Motion:
         exact: It stops at its end.
     """
 
-    line: int
     word: str
-    start: int
-    head: int
-    R_tcp_tool: Float
-    file: str = ""
-    T_part_father: Float = field(default_factory=lambda: np.eye(4))
-    T_father_tool: Float | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
     point: Key | None = None
-    named: Span = (0, 0)
     auxiliary: Key | None = None
     auxiliary_named: Span = (0, 0)
     tool: str = ""
     speed: Mapping[str, str] = field(default_factory=dict)
     speed_named: Span = (0, 0)
     exact: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """It is no wait."""
+        return self.word != "delay"
 
 
 @dataclass(frozen=True, slots=True)

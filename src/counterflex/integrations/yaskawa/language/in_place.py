@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
-from counterflex import __version__
-from counterflex.core.arrays import Float, as_positive
-from counterflex.core.errors import ProgramError
+from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.geometry import pose
 from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.program import (
     PULSE,
@@ -25,9 +21,10 @@ from counterflex.integrations.yaskawa.language.program import (
     angles_of,
 )
 from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
-from counterflex.programs.compensated import CompensatedPath, mark
+from counterflex.programs.compensated import CompensatedPath
+from counterflex.programs.limits import Limits
 from counterflex.programs.robot_text.circle_fit import FittedCircle
-from counterflex.programs.robot_text.in_place import InPlace, InPlaceText
+from counterflex.programs.robot_text.in_place import PointsInPlace, near_angles
 from counterflex.programs.robot_text.spans import Spans
 
 _DECIMALS: Final = np.array([10.0**-LIMITS.position_decimals] * 3 + [10.0**-LIMITS.angle_decimals] * 3)
@@ -35,49 +32,6 @@ _ADDED: Final = re.compile(r"(?:ACC|DEC|PL=[1-8]|CR)\S*", re.IGNORECASE)
 _OF_ARCS: Final = re.compile(r"\s+(?:FPT|COORD=\S+)(?=\s|$)", re.IGNORECASE)
 _FRAME: Final = re.compile(r"\s+(?:BF|RF|TF|UF#\(\d+\))(?=\s|$)", re.IGNORECASE)
 _LINE_END: Final = re.compile(r"\r\n|\n|\r|\Z")
-_CONVERT: Final = "counterflex convert writes the program out, one instruction for each motion: compensate that one"
-
-
-def write_inform_in_place(
-    program: InformProgram,
-    compensated: CompensatedPath,
-    *,
-    tolerance_m: float = 5e-6,
-    cycle_s: float = 0.004,
-    cell: str = "",
-    job: str = "",
-) -> InPlaceText:
-    """Write a job back with its positions replaced by the commanded ones.
-
-    Every byte that is no number of a corrected position or of a changed speed stays. A position that instructions name
-    more than once gets an entry of its own. Added points are instructions before the one that they lead to, with
-    entries behind the last C; the count in ``///NPOS`` follows. Nothing at all changes when no row is corrected.
-
-    Args:
-        program: As read.
-        compensated: Commanded rows for the path sampled from ``program``.
-        tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
-            before rounding; > 0, m.
-        cycle_s: Time the controller needs per point, s, > 0.
-        cell: Name of the cell, for the comment at the head.
-        job: Hash of the plan, for the same.
-
-    Returns:
-        Files and counts; those of the job that do not change are byte for byte as read.
-
-    Raises:
-        InputError: Path and program do not belong together, or an option is out of range.
-        ProgramError: An instruction that runs more than once, or a target in pulses, is corrected.
-    """
-    as_positive("tolerance_m", tolerance_m)
-    as_positive("cycle_s", cycle_s)
-    writer = _InPlace(
-        program, compensated, tolerance_m=tolerance_m, cycle_s=cycle_s, decimal_m=float(_DECIMALS[0]) * MM
-    )
-    if not writer.changed:
-        return writer.result({name: one.text for name, one in program.jobs.items()})
-    writer.run()
-    return writer.result(writer.files(writer.messages(__version__, cell, mark(job) if job else "")))
 
 
 class _Edits:
@@ -125,25 +79,36 @@ class _Edits:
         return self.spans.applied(self.job.text)
 
 
-class _InPlace(InPlace):
-    """Edits of the jobs of a program."""
+class InformInPlace(PointsInPlace[InformProgram, Point]):
+    """Edits of the jobs of a program.
 
-    def __init__(self, program: InformProgram, compensated: CompensatedPath, **options: float) -> None:
-        super().__init__(program, compensated, **options)
-        self.program = program
+    A position that instructions name more than once gets an entry of its own. Added points are instructions before the
+    one that they lead to, with entries behind the last C; the count in ``///NPOS`` follows.
+    """
+
+    limits: ClassVar[Limits] = LIMITS
+    cycle_s: ClassVar[float] = 0.004
+
+    def __init__(
+        self, program: InformProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float
+    ) -> None:
+        super().__init__(program, compensated, tolerance_m, cycle_s)
         self._edits = {name: _Edits(job, program.newline) for name, job in program.jobs.items()}
-        self._again = Counter((move.point.file, move.point.start) for move in program.moves)
         self._straightened: set[int] = set()
         self._starts: dict[int, Float] = {}
 
+    def points_of(self, program: InformProgram) -> list[Point]:
+        """Their ends."""
+        return [move.point for move in program.moves]
+
     def files(self, messages: list[str]) -> dict[str, str]:
         """Texts with all edits."""
-        for index, move in enumerate(self.program.moves):
+        for index, move in enumerate(self.program.moves if messages else ()):
             kept = self.program.motions[index].kind == "arc" and index not in self._straightened
             if kept and move.start is None and not move.piece and self._left_arc(index):
                 self._begin_arc(index, self._starts[index])
         return {
-            name: edits.text(messages) if edits.changed or name == self.program.name else edits.job.text
+            name: edits.text(messages) if edits.changed or (messages and name == self.program.name) else edits.job.text
             for name, edits in self._edits.items()
         }
 
@@ -160,19 +125,14 @@ class _InPlace(InPlace):
 
     # ---- language --------------------------------------------------------------------------------------------
 
-    def rounded(self, p: Float) -> Float:
-        """(3,) m, as positions are written."""
-        out: Float = np.round(p / MM, LIMITS.position_decimals) * MM
-        return out
-
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
         """``MOVL`` on a line of its own before the instruction."""
-        at, like = self.program.moves[index].point, self._like(index)
+        at, like = self.program.moves[index].point, self.like(index)
         if self.program.motions[index].kind == "dwell":
             self._straightened.add(index)
-        self._refuse_repeated(at)
+        self.refuse_repeated(at)
         edits = self._edits[at.file]
-        name = edits.entry(like.header, self._in_frame(like, p, R_part_tcp))
+        name = edits.entry(like.header, like.in_frame(p, R_part_tcp))
         speed = speed_m_s or self._programmed_m_s(index)
         self.counts.speeds_changed += speed_m_s is not None
         carried = [word for word in _ADDED.findall(like.tail) if not exact or word[:2].upper() not in ("PL", "CR")]
@@ -187,33 +147,33 @@ class _InPlace(InPlace):
             return p
         if at.T_frame_tool is None:
             nominal = np.asarray(self.program.motions[index].p_end)
-            if move.word != "MOVJ" and self._moves(nominal, p, R_part_tcp):
-                raise self._refusal(at, "a target in pulses is corrected, and is not written back", _CONVERT)
+            if move.word != "MOVJ" and self.moved(nominal, p, R_part_tcp):
+                raise self.refusal(at, "a target in pulses is corrected, and is not written back")
             return nominal
         if speed_m_s is not None:
             self._set_speed(index, speed_m_s)
-        return self._write(at, p, R_part_tcp)
+        return self.end_at(at, p, R_part_tcp)
 
     def circle(self, index: int, fit: FittedCircle) -> None:
         """Other points on the circle, and at its start where a MOVC stands there."""
         move = self.program.moves[index]
         self._refuse_piece(move)
         if move.start is not None:
-            self._write(move.start, fit.p_start, None)
+            self.end_at(move.start, fit.p_start, None)
         for point in move.through:
-            self._write(point, fit.at(point.T_part_tool[:3, 3]), None)
+            self.end_at(point, fit.at(point.T_part_tool[:3, 3]), None)
 
     def straightened(self, index: int) -> None:
         """``MOVL`` in place of ``MOVC``; the points between go."""
         move = self.program.moves[index]
         self._refuse_piece(move)
-        self._refuse_repeated(move.point)
+        self.refuse_repeated(move.point)
         self._straightened.add(index)
         spans = self._edits[move.point.file].spans
         if move.start is not None:
             spans.replace(move.start.start, move.start.start + 4, "MOVL")
             p = self._corrected_start(index)
-            self._write(move.start, p, None)
+            self.end_at(move.start, p, None)
         spans.replace(move.point.start, move.point.start + 4, "MOVL")
         text = self.program.jobs[move.point.file].text
         for match in _OF_ARCS.finditer(text, move.point.named[1], move.point.end):
@@ -232,10 +192,10 @@ class _InPlace(InPlace):
 
     def _begin_arc(self, index: int, p_start: Float) -> None:
         """A MOVC at the start of an arc whose start was the end of one that is straight now."""
-        before, move = self._like(index - 1), self.program.moves[index]
+        before, move = self.like(index - 1), self.program.moves[index]
         edits = self._edits[before.file]
         R = np.asarray(self.program.Rs_part_tcp)[index - 1]
-        name = edits.entry(before.header, self._in_frame(before, p_start, R))
+        name = edits.entry(before.header, before.in_frame(p_start, R))
         first = move.through[0] if move.through else move.point
         speed = speed_text(self._programmed_m_s(index))
         edits.spans.insert(first.head, f"MOVC {name} V={speed}{self.program.newline}")
@@ -244,7 +204,7 @@ class _InPlace(InPlace):
         """Give all instructions of a motion another speed."""
         move = self.program.moves[index]
         for at in (*move.through, move.point) if index not in self._straightened else (move.point,):
-            self._refuse_repeated(at)
+            self.refuse_repeated(at)
             text = f"V={speed_text(speed_m_s)}"
             spans = self._edits[at.file].spans
             if at.number[1] > at.number[0]:
@@ -257,59 +217,37 @@ class _InPlace(InPlace):
         own = self.program.motions[index].feed_m_s
         return own or next(motion.feed_m_s for motion in self.program.motions if motion.feed_m_s > 0.0)
 
-    def _refusal(self, at: Point, what: str, hint: str, **data: bool) -> ProgramError:
-        text = self.program.jobs[at.file].text
-        return ProgramError(what, where=f"{at.file}:{at.line}:{at.start - at.head + 1}",
-                            value=" ".join(text[at.start : at.end].split())[:60], hint=hint, **data)  # fmt: skip
+    def shown(self, point: Point) -> str:
+        """Text of an instruction."""
+        return self.program.jobs[point.file].text[point.start : point.end]
+
+    def place(self, point: Point) -> str:
+        """With its column."""
+        return f"{super().place(point)}:{point.start - point.head + 1}"
 
     def _refuse_piece(self, move: InformMotion) -> None:
         if move.piece:
-            raise self._refusal(move.point, "an arc is corrected whose points differ in speed or have something "
-                                "between them, and is not written back", _CONVERT)  # fmt: skip
+            raise self.refusal(move.point, "an arc is corrected whose points differ in speed or have something "
+                               "between them, and is not written back")  # fmt: skip
 
-    def _refuse_repeated(self, at: Point) -> None:
-        """Refuse to change an instruction that runs more than once: each run has a correction of its own."""
-        if self._again[at.file, at.start] > 1:
-            raise self._refusal(at, "an instruction that runs more than once is corrected, and is not written back",
-                                _CONVERT, each_pass=True)  # fmt: skip
+    def literal(self, point: Point, T_frame_tool: Float, *, turned: bool) -> Float | None:
+        """Change the entry of //POS."""
+        if point.position is None:
+            return None
+        return self._write_literal(point, point.position, T_frame_tool, turned=turned)
 
-    def _like(self, index: int) -> Point:
-        """The point that an added one is like: that of the motion, of a wait the one before."""
-        points = [self.program.moves[i].point for i in range(index, -1, -1)]
-        return next(point for point in points if point.T_frame_tool is not None)
-
-    @staticmethod
-    def _in_frame(at: Point, p: Float, R_part_tcp: Float) -> Float:
-        """(4, 4) m of the tool frame in the frame of a point."""
-        out: Float = pose.inverse(at.T_part_frame) @ pose.make(R_part_tcp @ at.R_tcp_tool, p)
-        return out
-
-    def _moves(self, old: Float, p: Float, R_part_tcp: Float | None) -> bool:
-        return R_part_tcp is not None or float(np.abs(p - old).max()) > 0.5 * self.decimal_m
-
-    def _write(self, at: Point, p: Float, R_part_tcp: Float | None) -> Float:
-        """Give a point another place; returns it as it is written, (3,) m."""
-        old = at.T_part_tool
-        R = old[:3, :3] if R_part_tcp is None else R_part_tcp @ at.R_tcp_tool
-        T = pose.inverse(at.T_part_frame) @ pose.make(R, p)
-        if at.position is not None:
-            return self._write_literal(at, at.position, T, turned=R_part_tcp is not None)
-        if at.computed != "IMOV" and not self._moves(old[:3, 3], p, R_part_tcp):
-            unchanged: Float = old[:3, 3]
-            return unchanged
-        self._refuse_repeated(at)
-        edits = self._edits[at.file]
-        if at.header.postype in ("", PULSE):
-            raise self._refusal(at, "a target whose frame is not stated is corrected", _CONVERT)
-        edits.spans.replace(*at.named, edits.entry(at.header, T))
-        if at.computed == "IMOV":
+    def write_out(self, point: Point, T_frame_tool: Float) -> None:
+        """An entry of its own; a MOVL in place of an IMOV."""
+        edits = self._edits[point.file]
+        if point.header.postype in ("", PULSE):
+            raise self.refusal(point, "a target whose frame is not stated is corrected")
+        edits.spans.replace(*point.named, edits.entry(point.header, T_frame_tool))
+        if point.relative:
             spans, text = edits.spans, edits.job.text
-            spans.replace(at.start, at.start + 4, "MOVL")
-            frame = _FRAME.search(text, at.named[1], at.end)
+            spans.replace(point.start, point.start + 4, "MOVL")
+            frame = _FRAME.search(text, point.named[1], point.end)
             if frame is not None:
                 spans.replace(*frame.span(), "")
-        self.counts.targets_written_out += 1
-        return self.rounded(p)
 
     def _write_literal(self, at: Point, position: Position, T: Float, *, turned: bool) -> Float:
         """Give a position other numbers; returns its place in the part as it is written, (3,) m."""
@@ -317,12 +255,12 @@ class _InPlace(InPlace):
         new = old.copy()
         new[:3] = T[:3, 3] / MM
         if turned:
-            new[3:] = _near(np.array(angles_of(T[:3, :3])), old[3:])
+            new[3:] = near_angles(angles_of(T[:3, :3]), old[3:], LIMITS.angle_decimals)
         changed = np.abs(new - old) > 0.5 * _DECIMALS
         if not changed.any():
             unchanged: Float = at.T_part_tool[:3, 3]
             return unchanged
-        self._refuse_repeated(at)
+        self.refuse_repeated(at)
         edits = self._edits[at.file]
         if edits.job.mentions.get(position.number, 0) > 1:
             edits.spans.replace(*at.named, edits.entry(position.header, T))
@@ -336,11 +274,4 @@ class _InPlace(InPlace):
         return out
 
 
-def _near(angles: Float, old: Float) -> Float:
-    """(3,) Rx, Ry, Rz of the same orientation, deg, in +-180, near others."""
-    x, y, z = angles
-    ways = [np.array([x, y, z]), np.array([x + 180.0, 180.0 - y, z + 180.0])]
-    ways = [way - 360.0 * np.round((way - old) / 360.0) for way in ways]
-    best = np.round(min(ways, key=lambda way: float(np.abs(way - old).max())), LIMITS.angle_decimals)
-    out: Float = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
-    return out
+write_inform_in_place = InformInPlace.write

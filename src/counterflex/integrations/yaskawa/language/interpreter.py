@@ -291,7 +291,7 @@ class Interpreter(Flow):
         time_s = float(value) * (1.0 if literal else _TIMER_UNIT_S)  # type: ignore[arg-type]
         self.close_arcs(rest=True)
         one = step.statement
-        at = Point(one.line, one.head, one.start, one.end, (0, 0), np.eye(4), None, np.eye(3), file=step.job.name)
+        at = Point(line=one.line, head=one.head, start=one.start, end=one.end, R_tcp_tool=np.eye(3), file=step.job.name)
         self.rest(InformMotion("TIMER", at), time_s)
         return step.at + 1
 

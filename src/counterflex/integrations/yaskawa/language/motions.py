@@ -99,8 +99,8 @@ class Motions(ExecutionByAxes[InformMotion]):
         self._refuse_others(job, statement, form)
         T = self._place(job, statement, form, target)
         if T is None or (target.axes and form.word == "MOVJ"):
-            at = Point(statement.line, statement.head, statement.start, statement.end, (0, 0), np.eye(4), None,
-                       np.eye(3), computed="pulses", file=job.name)  # fmt: skip
+            at = Point(line=statement.line, head=statement.head, start=statement.start, end=statement.end,
+                       R_tcp_tool=np.eye(3), computed="pulses", file=job.name)  # fmt: skip
             self.leave(InformMotion(form.word, at, form.exact), T, where, target.unknown, None, target.axes)
             return
         point = self._point(job, statement, form, target)
@@ -236,10 +236,11 @@ class Motions(ExecutionByAxes[InformMotion]):
             if self.shift is not None and form.word != "IMOV":
                 T_part_frame = pose.make(p=self.shift) @ T_part_frame
         return Point(
-            statement.line, statement.head, base, statement.end, (base + form.named[0], base + form.named[1]),
-            T_part_frame, target.T_frame_tool, self.frames.R_tcp_tool, target.position if not target.computed else None,
-            target.computed, target.header, form.words, (base + form.number[0], base + form.number[1]), form.tail,
-            job.name,
+            line=statement.line, head=statement.head, start=base, end=statement.end, file=job.name,
+            named=(base + form.named[0], base + form.named[1]), T_part_frame=T_part_frame,
+            T_frame_tool=target.T_frame_tool, R_tcp_tool=self.frames.R_tcp_tool,
+            position=target.position if not target.computed else None, computed=target.computed, header=target.header,
+            words=form.words, number=(base + form.number[0], base + form.number[1]), tail=form.tail,
         )  # fmt: skip
 
     def _refuse_others(self, job: Job, statement: Statement, form: Form) -> None:

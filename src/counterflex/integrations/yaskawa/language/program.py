@@ -9,12 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-import numpy as np
-
 from counterflex.core.arrays import Float
-from counterflex.core.units import DEG, MM
-from counterflex.geometry import pose, rotation
-from counterflex.programs.robot_text.program import RobotProgram
+from counterflex.core.units import MM
+from counterflex.programs.robot_text.program import NamedPoint, RobotProgram, Span, angles_zyx, frame_zyx
 from counterflex.programs.robot_text.stated import Stated, StatedPosture
 
 DIALECT: Final = "inform"
@@ -23,9 +20,6 @@ PULSE: Final = "PULSE"
 USER: Final = "USER"
 WORLD: Final = ("BASE", "ROBOT")
 """Types of positions in the frame of the robot: both are one where the robot stands on no base axis."""
-_UPRIGHT_DEG: Final = 1e-6
-Span = tuple[int, int]
-"""Index of the first character, and the one behind the last."""
 
 
 def frame_of(values: Sequence[float]) -> Float:
@@ -34,17 +28,12 @@ def frame_of(values: Sequence[float]) -> Float:
     Sources: DX100 instructions for data transmission, 4.3.1.1 (the frame is turned by Rz, then Ry, then Rx, each about
     its own new axes); Roboception, "Yaskawa pose format".
     """
-    x, y, z = (np.asarray(values[3:AXES], dtype=np.float64) * DEG).tolist()
-    return pose.make(rotation.from_zyx(np.array([z, y, x])), np.asarray(values[:3], dtype=np.float64) * MM)
+    x, y, z = (float(value) for value in values[3:AXES])
+    return frame_zyx(values[:3], x, y, z)
 
 
-def angles_of(R_frame_tool: Float) -> tuple[float, float, float]:
-    """Rx, Ry, Rz in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
-    z, y, x = (float(angle) for angle in rotation.to_zyx(R_frame_tool) / DEG)
-    if abs(abs(y) - 90.0) < _UPRIGHT_DEG:  # only the sum or difference of Rx and Rz counts
-        both = x - z if y > 0.0 else x + z
-        x, z = both - 360.0 * round(both / 360.0), 0.0
-    return x, y, z
+angles_of = angles_zyx
+"""Rx, Ry, Rz in deg of an orientation (3, 3); the inverse of :func:`frame_of`."""
 
 
 def values_of(T_frame_tool: Float) -> list[float]:
@@ -99,49 +88,32 @@ class Position:
     header: Header
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
-    """A position that a motion leads to or through, as it stands in the text.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point(NamedPoint):
+    """A position that a motion leads to or through, as it stands in the text; its frame has the shift that is on.
 
     Attributes:
-        line: 1-based line of the instruction.
-        head: Index at which its line begins.
-        start: Index of its word.
         end: Index behind the instruction.
-        named: Where the position is named.
-        T_part_frame: (4, 4) m, frame that its numbers are in, in the part frame, with the shift that is on.
-        T_frame_tool: (4, 4) m, itself in that frame; None of a place by axes.
-        R_tcp_tool: (3, 3) its tool frame in the cell's TCP frame.
         position: Its entry; None of a computed one.
         computed: Why it is no entry, as a clause; empty where it is.
         header: What an entry like it stands under.
         words: Positions of external axes behind it, as written.
         number: Where the number of ``V=`` stands; empty span without one.
         tail: Options behind the speed, as written.
-        file: Job that it stands in.
     """
 
-    line: int
-    head: int
-    start: int
     end: int
-    named: Span
-    T_part_frame: Float
-    T_frame_tool: Float | None
-    R_tcp_tool: Float
     position: Position | None = None
     computed: str = ""
     header: Header = field(default_factory=Header)
     words: str = ""
     number: Span = (0, 0)
     tail: str = ""
-    file: str = ""
 
     @property
-    def T_part_tool(self) -> Float:
-        """(4, 4) m, itself in the part frame."""
-        out: Float = self.T_part_frame @ (np.eye(4) if self.T_frame_tool is None else self.T_frame_tool)
-        return out
+    def relative(self) -> bool:
+        """It is the end of an IMOV."""
+        return self.computed == "IMOV"
 
 
 @dataclass(frozen=True, slots=True)

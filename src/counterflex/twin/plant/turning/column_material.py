@@ -110,13 +110,7 @@ def outline_of(cutter: Cutter, top_m: float) -> Float:
 def near(p_part: Float, axis_part: Float, stock: HeightMap, radius_m: float, length_m: float, gap_m: float) -> Bool:
     """(n,) tools, given by tip and axis, that come nearer than a gap to the box around the stock.
 
-    Args:
-        p_part: (n, 3) m.
-        axis_part: (n, 3) unit vectors from the tip to the spindle.
-        stock: The blank.
-        radius_m: Of the tool.
-        length_m: Of its flutes.
-        gap_m: The gap.
+    ``p_part``: (n, 3) m. ``axis_part``: (n, 3) unit vectors from the tip to the spindle.
     """
     ny, nx = stock.z.shape
     low = np.array([stock.x0_m, stock.y0_m, stock.bottom_m])

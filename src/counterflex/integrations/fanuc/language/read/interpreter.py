@@ -329,12 +329,12 @@ class Interpreter(Flow):
             statement = step.statement
             self.rest(
                 FanucMotion(
-                    statement.line,
-                    "WAIT",
-                    statement.start,
-                    statement.head,
-                    statement.end,
-                    np.eye(3),
+                    line=statement.line,
+                    word="WAIT",
+                    start=statement.start,
+                    head=statement.head,
+                    end=statement.end,
+                    R_tcp_tool=np.eye(3),
                     file=step.routine.name,
                 ),
                 float(cast("float", time_s)),

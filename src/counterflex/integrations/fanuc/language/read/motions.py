@@ -170,9 +170,10 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         auxiliary = through[0].literal if through else None
         named, first = form.targets[-1].span, form.targets[0].span
         return FanucMotion(
-            statement.line, form.word, base + len(code) - len(code.lstrip()), statement.head, statement.end,
-            self.frames.R_tcp_tool, file=routine.name, T_part_user=self.frames.T_part_user,
-            frames=(self.frames.user_frame, self.frames.user_tool), T_user_tool=target.T_user_tool,
+            line=statement.line, word=form.word, start=base + len(code) - len(code.lstrip()), head=statement.head,
+            end=statement.end, R_tcp_tool=self.frames.R_tcp_tool, file=routine.name,
+            T_part_frame=self.frames.T_part_user, frames=(self.frames.user_frame, self.frames.user_tool),
+            T_frame_tool=target.T_user_tool,
             computed=target.computed or ("axes" if target.T_user_tool is None else ""), config=target.config,
             options=tuple((base + a, base + b) for a, b in form.option_spans),
             position=None if target.computed else target.literal, named=(base + named[0], base + named[1]),

@@ -115,7 +115,8 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         if target.T_father_tool is None:
             tip = None if self.cell is None else self.cell.tip_of_axes
             start = offset + code.index(word)
-            move = Val3Motion(at + 1, word, start, routine.starts[at], R_tcp_tool, file=routine.name)
+            move = Val3Motion(line=at + 1, word=word, start=start, head=routine.starts[at], R_tcp_tool=R_tcp_tool,
+                              file=routine.name)  # fmt: skip
             T = None if tip is None else tip(target.axes, {})
             self.leave(move, T, routine.place(at), axes_deg=target.axes)
             return
@@ -132,10 +133,11 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             if one is not None and one.literal is not None:
                 self.uses[one.literal] += 1
         self.moves.append(Val3Motion(
-            at + 1, word, offset + code.index(word), routine.starts[at], R_tcp_tool, file=routine.name,
-            T_part_father=T_part_father, T_father_tool=target.T_father_tool, attributes=target.attributes or {},
-            point=target.literal, named=points[-1][1], auxiliary=None if auxiliary is None else auxiliary.literal,
-            auxiliary_named=points[0][1], tool=tool[0], speed=attributes, speed_named=speed[1], exact=exact,
+            line=at + 1, word=word, start=offset + code.index(word), head=routine.starts[at], R_tcp_tool=R_tcp_tool,
+            file=routine.name, T_part_frame=T_part_father, T_frame_tool=target.T_father_tool,
+            attributes=target.attributes or {}, point=target.literal, named=points[-1][1],
+            auxiliary=None if auxiliary is None else auxiliary.literal, auxiliary_named=points[0][1], tool=tool[0],
+            speed=attributes, speed_named=speed[1], exact=exact,
         ))  # fmt: skip
 
     def _circle(self, auxiliary: _Target, routine: Routine, at: int) -> None:
@@ -316,7 +318,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
 
     def end_exactly(self) -> None:
         """Mark the last motion as one that ends at rest, where it is no motion by axes."""
-        if not self.away and self.moves and self.moves[-1].T_father_tool is not None:
+        if not self.away and self.moves and self.moves[-1].T_frame_tool is not None:
             self.moves[-1] = replace(self.moves[-1], exact=True)
 
     def wait(self, routine: Routine, at: int, time_s: float) -> None:
@@ -324,7 +326,10 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         if self.settled is None or self.settled[1] < 0:
             return
         head = routine.starts[self.settled[1]] if self.settled[0] == routine.name else routine.starts[at]
-        self.rest(Val3Motion(at + 1, "delay", head, head, np.eye(3), file=routine.name), time_s)
+        self.rest(
+            Val3Motion(line=at + 1, word="delay", start=head, head=head, R_tcp_tool=np.eye(3), file=routine.name),
+            time_s,
+        )
 
 
 def _short(value: float) -> str:

@@ -1,0 +1,1 @@
+"""The laboratory that proves counterflex: fault injection, reproduced papers, hours of the loop."""

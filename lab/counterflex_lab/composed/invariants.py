@@ -1,0 +1,330 @@
+"""Rules that hold in every cycle whatever happens, checked at the controller against what is true.
+
+A rule is broken once per story and named with the cycle in which it was.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM
+from counterflex.protocols.processes.control_array import Kept, Life, Panel
+from counterflex.runtime.primitives.causes import yielding
+from counterflex.runtime.state.states import Cause, State
+from counterflex_lab.composed.kinds import ALWAYS, KINDS
+from counterflex_lab.composed.line import STRANGE_M
+from counterflex_lab.composed.world import PERIOD_S, World
+
+STEP_M: Final = 80e-6
+"""Largest step of the correction in one cycle: 20 mm/s."""
+LARGEST_STEP_M: Final = 0.40 * MM
+LARGEST_M: Final = 2.0 * MM
+_ROUNDED_M: Final = 0.4e-6
+"""Four decimal places of a millimetre, three coordinates, two values."""
+_ROUNDED_AXES_M: Final = 20e-6
+"""Four decimal places of a degree, at an arm of two metres, six axes; and a Jacobian of another place."""
+_BRAKED: Final = 7
+"""Cycles in which the correction comes to rest from its largest speed."""
+_VISIBLE: Final = 2
+_LATE_CYCLES: Final = 5
+"""Cycles without a telegram from which the loop must not correct any more: 3 of the watch, and two."""
+_DEBOUNCED: Final = 7
+_STALE: Final = 30
+"""Cycles without a force from which a loop that needs one must not correct any more: 3, 20 by the plan, and what a slow
+sensor leaves out."""
+_RUN_SILENT_NS: Final = 80_000_000
+_PANEL_SILENT_NS: Final = 1_000_000_000
+_UNCORRECTED: Final = 12
+"""Cycles until a program that cuts on uncorrected is held: the debounced Enable, and the robot brakes."""
+_UNCORRECTED_UNPLANNED: Final = 25
+"""The same where no plan tells of the cut: its filtered force does, 50 ms later."""
+_MISSING_M: Final = 0.7 * MM
+_MISSING: Final = 300
+_CLEAN: Final = 30
+"""Cycles from which a line is taken to be without faults again."""
+_BELIEVED_S: Final = 0.1
+"""Until a counter that jumped is believed: 8 telegrams."""
+_MOVES_M_S: Final = 1e-3
+_AGAIN_S: Final = 12.0
+_STATES: Final = tuple(State)
+_CAUSES: Final = {int(cause): cause for cause in Cause}
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A rule that did not hold.
+
+    Attributes:
+        rule: Its name.
+        at_s: When.
+        words: What was seen against what may be.
+    """
+
+    rule: str
+    at_s: float
+    words: str
+
+
+class Invariants:
+    """Looks at a world, cycle by cycle.
+
+    Attributes:
+        broken: Rules that did not hold, each once.
+        states: Cycles in each state.
+        incidents: Cause by which the correction ended, how often.
+    """
+
+    def __init__(self) -> None:
+        self.broken: dict[str, Broken] = {}
+        self.states: dict[str, int] = {}
+        self.incidents: dict[str, int] = {}
+        self._before: Float = np.zeros(3)
+        self._own: Float = np.zeros(3)
+        self._cycles = 0
+        self._number = 0
+        self._state = State.IDLE
+        self._cause = 0
+        self._in_state = 0
+        self._runs = 0
+        self._since: dict[str, int] = {}
+        self._cycle = 0
+        self._uncorrected = self._missing = self._clean = self._silent = 0
+        self._model: Float = np.zeros(3)
+        self._rate: Float = np.zeros(3)
+        self._last_active_s = 0.0
+        self._acted = False
+        self._yielding = frozenset({0})
+
+    def __call__(self, world: World) -> None:
+        """Look at the end of a cycle of the controller."""
+        correction = world.correction_m
+        self._step(world, correction)
+        session = world.session
+        if session is None:
+            self._state, self._in_state = State.IDLE, 0
+            self._before = correction.copy()
+            self._number = world.number
+            return
+        if world.runs != self._runs:
+            self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
+            self._yielding = yielding(session.loop.records[0]["settings"][0])
+            self._acted = False
+        state = _STATES[session.loop.quick_result.state]
+        name = state.name
+        self.states[name] = self.states.get(name, 0) + 1
+        self._in_state = self._in_state + 1 if state == self._state else 0
+        self._by_state(world, state, correction)
+        self._causes(world, state)
+        self._visible(world, state)
+        self._senders(world)
+        self._answers(world, session.loop.quick_result.silent == 1)
+        self._in_the_cut(world, state)
+        self._obeyed(world, state)
+        if session.trouble:
+            self._break("no exception", world, session.trouble)
+        difference = world.log.replay.difference
+        if difference is not None:
+            self._break("replays bit for bit", world, f"{difference}")
+        if state == State.ACTIVE:
+            self._last_active_s, self._acted = world.now_s, True
+        self._state, self._cause = state, int(session.loop.quick_result.cause)
+        self._before = correction.copy()
+        self._number = world.number
+
+    def end(self, world: World) -> None:
+        """Look at the end of the story."""
+        for rule, problems in (
+            ("no exception", world.failed),
+            ("what is written can be read", world.unread),
+            ("replays bit for bit", world.differences),
+        ):
+            if problems:
+                self._break(rule, world, problems[0])
+        faults = world.story.faults
+        for_ever = any(fault.kind == "plan-deeper" for fault in faults)
+        quiet_s = world.story.length_s - max((fault.end_s for fault in faults), default=0.0)
+        if not for_ever and quiet_s > _AGAIN_S - 0.1 and self._last_active_s < world.story.length_s - _AGAIN_S:
+            self._break(
+                "corrects again",
+                world,
+                f"last active at {self._last_active_s:.2f} s, no fault in the last {quiet_s:.2f} s",
+            )
+
+    def _break(self, rule: str, world: World, words: str) -> None:
+        if rule not in self.broken:
+            self.broken[rule] = Broken(rule, round(world.now_s, 4), words)
+
+    def _step(self, world: World, correction: Float) -> None:
+        """At the controller: no step from one answer of the loop to its next beyond the limiter's; no size.
+
+        Answers of another program between them are not the loop's: it neither sees nor continues them.
+        """
+        rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
+        size = _size(correction)
+        if size > LARGEST_M * 1.002 + rounded:
+            self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
+        self._cycles += 1
+        if world.number != self._number:
+            self._before, self._own, self._cycles = np.zeros(3), correction.copy(), 0
+            return
+        if world.obeyed_other or world.age > 0:
+            return
+        step = _size(correction - self._own)
+        most = min(LARGEST_STEP_M, STEP_M * self._cycles) * (1.02 if rounded > 1e-6 else 1.0) + rounded
+        self._own, self._cycles = correction.copy(), 0
+        if step > most:
+            self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
+
+    def _by_state(self, world: World, state: State, correction: Float) -> None:
+        """What is sent in each state: zero, at rest, or towards zero."""
+        if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
+            self._in_state = 0
+            return
+        reported = world.controller.reported_state
+        if reported != int(state):
+            return
+        rounded = _ROUNDED_AXES_M if world.story.mode.endswith("axes") else _ROUNDED_M
+        size, before = _size(correction), _size(self._before)
+        if state <= State.ARMED and size > rounded:
+            self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
+        if self._in_state < _BRAKED or world.number != self._number:
+            return
+        moved = _size(correction - self._before)
+        if state in (State.HOLD, State.FAULT) and moved > rounded:
+            self._break("at rest in hold", world, f"moved by {moved / MM:.4f} mm in {state.name}")
+        if state == State.RAMP_OUT and size > before + rounded:
+            self._break("ramp goes to zero", world, f"{before / MM:.4f} to {size / MM:.4f} mm")
+
+    def _causes(self, world: World, state: State) -> None:
+        """One cause, and one that is true."""
+        session = world.session
+        if session is None:
+            return
+        cause = _CAUSES[session.loop.quick_result.cause]
+        if state in (State.HOLD, State.RAMP_OUT, State.FAULT):
+            if cause == Cause.NONE:
+                self._break("a cause is told", world, f"{state.name} without a cause")
+            if state != self._state and self._state == State.ACTIVE:
+                key = cause.name.lower()
+                self.incidents[key] = self.incidents.get(key, 0) + 1
+            if cause not in self._true(world):
+                kinds = ", ".join(world.active.begun) or "nothing"
+                self._break("the true cause", world, f"{state.name} by {cause.name} after {kinds}")
+            held = self._cause != int(Cause.PROGRAM)  # the ordinary end of a program is no hold, and may become one
+            if held and int(cause) != self._cause and self._state == state and state != State.FAULT:
+                self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
+
+    def _true(self, world: World) -> frozenset[Cause]:
+        return _allowed(frozenset(world.active.begun))
+
+    def _visible(self, world: World, state: State) -> None:
+        """Out of ACTIVE within two cycles of what the loop can see."""
+        session = world.session
+        if session is None:
+            return
+        story, control, clock = world.story, world.control, world.clock_ns()
+        given = session.loop.quick_given
+        needs_force = story.mode.startswith(("measured", "pilot", "scale"))
+        panel_silent = clock - int(control[Panel.NS]) > _PANEL_SILENT_NS
+        seen = {
+            "a stop": (world.stop_asked and given.elapsed > 0, _VISIBLE),
+            "a dead process": (bool(control[Life.GONE]), _VISIBLE),
+            "a silent run": (clock - int(control[Life.RUN_NS]) > _RUN_SILENT_NS, _VISIBLE),
+            "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
+            "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
+            "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
+            "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * PERIOD_S, _VISIBLE),
+            "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
+            "no force": (needs_force and "force-silent" in world.active.now, _STALE),
+        }
+        cycle = session.cycles
+        if world.frozen:
+            self._since.pop("no telegrams", None)
+        elif seen["no telegrams"][0]:
+            self._silent = world.cycles if "no telegrams" not in self._since else self._silent
+            silent = world.cycles - self._silent
+            if state == State.ACTIVE and silent > _VISIBLE:
+                self._break("reacts to no telegrams", world, f"ACTIVE {silent} cycles after it, {_VISIBLE} may be")
+        for what, (there, within) in seen.items():
+            if not there:
+                self._since.pop(what, None)
+                continue
+            first = self._since.setdefault(what, cycle)
+            if state == State.ACTIVE and cycle - first > within:
+                self._break(f"reacts to {what}", world, f"ACTIVE {cycle - first} cycles after it, {within} may be")
+        if state in (State.ARMED, State.ACTIVE) and self._state < State.ARMED and control[Kept.TROUBLE]:
+            self._break("not armed without a log", world, f"{state.name} with trouble {int(control[Kept.TROUBLE])}")
+
+    def _senders(self, world: World) -> None:
+        """Never two senders obeyed, and only the controller answered."""
+        session = world.session
+        if session is None:
+            return
+        if world.misdirected:
+            self._break("one sender", world, f"answered {world.misdirected[0]}")
+            world.misdirected.clear()
+        if session.loop.given.nominal[9] > STRANGE_M / 2.0:
+            self._break("one sender", world, "a stranger's pose came into the loop")
+
+    def _answers(self, world: World, silent: bool) -> None:
+        """Over a line without faults every telegram is answered in its cycle, also where old ones come in between."""
+        disturbed = not _UNDISTURBED.issuperset(world.active.now) or bool(world.people.off_s) or silent
+        disturbed |= world.now_s - world.active.begun.get("counter-jump", -1.0) < _BELIEVED_S
+        at_work = (
+            world.sends and not world.controller.stopped and world.session is not None and world.session.cycles > 9
+        )
+        self._clean = 0 if disturbed or not at_work else self._clean + 1
+        if self._clean > _CLEAN and world.age > 1:
+            self._break("every telegram is answered", world, f"{world.age} cycles without an answer in time")
+
+    def _in_the_cut(self, world: World, state: State) -> None:
+        """A program that goes on in the cut is corrected, or it is held or stopped."""
+        controller, robot = world.controller, world.robot
+        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
+        held = controller.feed_hold or bool(controller.stopped)
+        measured = world.story.forced and not any(kind.startswith("force-") for kind in world.active.now)
+        tells = world.story.planned or measured  # else nothing says that material is cut
+        if goes_on and tells and not held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+            self._uncorrected += 1
+            if self._uncorrected > (_UNCORRECTED if world.story.planned else _UNCORRECTED_UNPLANNED):
+                self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")
+        else:
+            self._uncorrected = 0
+
+    def _obeyed(self, world: World, state: State) -> None:
+        """A robot that makes far less of the correction for long is not corrected on, and it is told."""
+        sent, robot = world.correction_m, world.robot
+        w = 2.0 * np.pi * 4.0
+        self._rate = self._rate + PERIOD_S * (w * w * (sent - self._model) - 1.6 * w * self._rate)
+        self._model = self._model + PERIOD_S * self._rate
+        missing = _size(self._model - robot.made_m)
+        if state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
+            self._missing += 1
+            if self._missing > _MISSING:
+                self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
+        else:
+            self._missing = 0
+
+
+def _size(v: Float) -> float:
+    return math.hypot(*v.tolist())
+
+
+def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:
+    """Causes that may be told after these kinds of faults."""
+    if kinds not in _ALLOWED:
+        _ALLOWED[kinds] = frozenset(ALWAYS).union(*(KINDS[kind].causes for kind in kinds))
+    return _ALLOWED[kinds]
+
+
+_DISTURBING: Final = (
+    *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
+    *("controller-pauses", "cycle-drift", "clock-drift"),
+)
+_UNDISTURBED: Final = frozenset(KINDS) - frozenset(_DISTURBING)
+_ALLOWED: dict[frozenset[str], frozenset[Cause]] = {}

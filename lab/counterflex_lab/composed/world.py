@@ -1,0 +1,405 @@
+"""The whole online system on a virtual clock: controller, line, instruments, loop, recorder, panel, people.
+
+The loop's own process runs as it does in a cell (:func:`counterflex.app.run.process.cycle_on`); where it waits for a
+telegram, everything else goes on until one arrives::
+
+    cycle_on -> session.cycle -> link.wait -> VirtualWire.receive -> World.wait: all else
+
+No socket, no sleep, no clock of the computer: a story depends on its seed alone.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex.app.run.process import cycle_on
+from counterflex.app.run.recorder import Recorder
+from counterflex.app.run.session import RunSettings
+from counterflex.core.arrays import Float, Int
+from counterflex.core.units import MS
+from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.runtime.record_ring import RecordRing
+from counterflex.runtime.state.supervisor import State
+from counterflex_lab.composed import bench
+from counterflex_lab.composed.cell import JOB, KeptLog, opened
+from counterflex_lab.composed.disk import DiskLog
+from counterflex_lab.composed.line import Line, strange
+from counterflex_lab.composed.people import People
+from counterflex_lab.composed.robot import Robot
+from counterflex_lab.composed.story import Active, Fault, Story
+from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
+from counterflex_lab.devices import LARGEST_DATAGRAM, FakeRsi, RsiContext, answer_writer
+
+PERIOD_S: Final = 4e-3
+LOOP_ADDRESS: Final = ("192.168.0.1", 49152)
+_ROBOT_HOST: Final = (192 << 24) | (168 << 16) | 10
+_STRANGER: Final = ((192 << 24) | (168 << 16) | 99) << 16 | 40000
+_START_NS: Final = 1_000_000_000_000
+_REPLY_S: Final = 0.2e-3
+_STATES: Final = tuple(State)
+_CYCLE, _TELEGRAM, _ANSWER = 0, 1, 2
+_OLDEST: Final = 6000
+"""Telegrams that are kept to be sent again."""
+_AGAIN_S: Final = 2.0
+"""Until a loop that has ended is started again."""
+
+
+class Over(BaseException):
+    """The story is told."""
+
+
+class Killed(BaseException):
+    """The loop's process is killed."""
+
+
+class _Others:
+    """The other processes of the run, as :class:`counterflex.protocols.processes.living.Living` sees them."""
+
+    def __init__(self) -> None:
+        self.dead = False
+
+    def gone(self) -> bool:
+        """Whether one of them has died."""
+        return self.dead
+
+
+class World:
+    """One cell and what happens to it.
+
+    Args:
+        story: What happens.
+        looked: Looks at the world at the end of every cycle of the controller.
+
+    Attributes:
+        active: Faults that act.
+        now_s: Virtual time.
+        cycles: Cycles of the controller.
+        robot: The machine.
+        controller: Its controller.
+        sends: The controller sends telegrams.
+        session: The loop's side, or None while it does not run.
+        control: Shared by its processes.
+        log: What the recorder has written.
+        log_of: Makes the log of a run.
+        people: Program and operator.
+        age: Cycles since the controller accepted an answer.
+        number: Of the controller's session.
+        peer: Its address, ``host << 16 | port``.
+        disabled: Telegrams in a row without the program's Enable.
+        obeyed_other: An answer of another program was accepted in this cycle.
+        misdirected: Answers that went to anybody but the controller.
+        compared: Records computed again, of the runs that have ended.
+        failed: Exceptions of the loop's program.
+        unread: What the logs of the runs that have ended lack.
+        differences: What came out otherwise when they were computed again.
+        runs: How often the loop was started.
+        received_at: When the newest telegram reached the loop's buffer.
+    """
+
+    def __init__(self, story: Story, looked: Callable[[World], None]) -> None:
+        self.story, self._looked = story, looked
+        self.active = Active(story)
+        self._rng = np.random.default_rng([story.seed, 1])
+        self._line = Line(self.active, np.random.default_rng([story.seed, 2]), PERIOD_S)
+        self.robot = Robot(self.active, np.random.default_rng([story.seed, 3]), PERIOD_S)
+        self.people = People(self, np.random.default_rng([story.seed, 4]))
+        timeout = int(self._rng.choice([10, 30, 1000]))
+        self.context = RsiContext(timeout=timeout, first_counter=int(self._rng.integers(1, 2**32)))
+        self.controller = FakeRsi(bench.config(), self.context, {"Enable": 0.0}, job=JOB)
+        self._other = answer_writer(bench.config(), texts={"EStr": "other"})
+        self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
+        self.sends = True
+        self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
+        self.cycles = self.age = self.runs = self.compared = self.disabled = 0
+        self.obeyed_other = self._kill = False
+        self.misdirected: list[tuple[str, int]] = []
+        self.failed: list[str] = []
+        self.unread: list[str] = []
+        self.differences: list[str] = []
+        self._events: list[tuple[float, int, int, Any]] = []
+        self._tie = itertools.count()
+        self._arrived: list[bytes] = []
+        self._sent: list[bytes] = []
+        self.session: OnlineSession | None = None
+        self.log_of: Callable[[], KeptLog] = lambda: (
+            DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
+        )
+        self.others = _Others()
+        self._push(0.0, _CYCLE, None)
+
+    # The loop's process.
+
+    def run(self) -> None:
+        """Tell the story to its end."""
+        try:
+            while True:
+                self._start()
+                try:
+                    self._cycle_on()
+                except Killed:
+                    self._kill = False
+                self._end()
+                self._until(self.now_s + _AGAIN_S)
+        except Over:
+            self._end()
+
+    def _cycle_on(self) -> None:
+        session = self.session
+        if session is None:
+            return
+        settings = RunSettings(cell=bench.CELL, arm=True)
+        try:
+            cycle_on(session, settings, self.control, self.others, None, self.clock_ns)  # type: ignore[arg-type]
+            self.control[Life.ENDED] = 1
+        except Exception as fault:
+            self.failed.append(f"{type(fault).__name__}: {fault}")
+
+    def _start(self) -> None:
+        self.runs += 1
+        self.others = _Others()
+        self.control: Int = np.zeros(CONTROL, dtype=np.int64)
+        self.control[Life.MAY_ARM] = 1
+        self.ring = RecordRing()
+        self.wire = VirtualWire(LOOP_ADDRESS, LARGEST_DATAGRAM, self.wait, self._answered, self.clock_ns)
+        self.force, self.tracker = VirtualInbox(), VirtualInbox()
+        self.session = opened(self.story, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns)
+        self.log = self.log_of()
+        self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
+
+    def _end(self) -> None:
+        if self.session is None:
+            return
+        self.wire.close()
+        if self.recorder is not None:
+            if "recorder-stopped" not in self.active.now:
+                self.recorder.take()
+            self.recorder.close()
+        self.log.close()
+        self.compared += self.log.replay.compared
+        if isinstance(self.log, DiskLog) and self.log.unread:
+            self.unread.append(self.log.unread)
+        if self.log.replay.difference is not None:
+            self.differences.append(str(self.log.replay.difference))
+        self.recorder = self.session = None
+        self.ring.close()
+
+    def clock_ns(self) -> int:
+        """Monotonic clock of the loop's computer."""
+        return _START_NS + round((self.now_s + self._clock_off) * 1e9)
+
+    def wait(self, timeout_ns: int) -> None:
+        """Let the world go on until a datagram waits for the loop, at most so long; not while its process stands still.
+
+        Raises:
+            Over: The story is told.
+            Killed: The process is.
+        """
+        deadline = self.now_s + timeout_ns * 1e-9
+        events, waiting = self._events, self.wire.waiting
+        while not (waiting and self.now_s >= self._frozen_until):
+            latest = self._frozen_until if waiting else max(deadline, self._frozen_until)
+            time_s = events[0][0]
+            if time_s > latest:
+                self.now_s = max(self.now_s, latest)
+                return
+            self._next()
+            if self._kill:
+                raise Killed
+
+    def _until(self, end_s: float) -> None:
+        """Let the world go on without a loop."""
+        while self._events[0][0] <= end_s:
+            self._next()
+        self.now_s = max(self.now_s, end_s)
+
+    # The line.
+
+    def _push(self, time_s: float, kind: int, what: Any) -> None:
+        heapq.heappush(self._events, (time_s, next(self._tie), kind, what))
+
+    def _next(self) -> None:
+        time_s, _, kind, what = heapq.heappop(self._events)
+        self.now_s = max(self.now_s, time_s)
+        if kind == _CYCLE:
+            self._cycle()
+        elif kind == _ANSWER:
+            self._arrived.append(what)
+        else:
+            data, sender = what
+            if self.session is not None:
+                self.wire.put(data, sender)
+                if sender == self.peer:
+                    self.received_at = self.now_s
+
+    def _answered(self, data: bytes, peer: tuple[str, int]) -> None:
+        if (sum(int(part) << 8 * (3 - k) for k, part in enumerate(peer[0].split("."))) << 16 | peer[1]) != self.peer:
+            self.misdirected.append(peer)
+            return
+        for delay_s, sent in self._line.carried(data, answer=True):
+            self._push(self.now_s + _REPLY_S + delay_s, _ANSWER, sent)
+
+    def _telegram(self, data: bytes) -> None:
+        now = self.active.now
+        for delay_s, sent in self._line.carried(data, answer=False):
+            self._push(self.now_s + delay_s, _TELEGRAM, (sent, self.peer))
+        if len(self._sent) == _OLDEST:
+            del self._sent[: _OLDEST // 2]
+        self._sent.append(data)
+        if "stranger" in now:
+            for _ in range(round(self.active.size("stranger"))):
+                self._push(self.now_s + PERIOD_S * float(self._rng.random()), _TELEGRAM, (strange(data), _STRANGER))
+        if "replayed" in now and self._rng.random() < 0.3:
+            back = min(len(self._sent), round(self.active.size("replayed") / PERIOD_S))
+            self._push(self.now_s + PERIOD_S * float(self._rng.random()), _TELEGRAM, (self._sent[-back], self.peer))
+
+    # The controller.
+
+    def restart(self, counter: int, *, port: int | None = None) -> None:
+        """The controller begins another session: nothing is in force.
+
+        Args:
+            counter: Its first.
+            port: It sends from; None keeps it.
+        """
+        self.context = replace(self.context, first_counter=counter)
+        self.controller = FakeRsi(bench.config(), self.context, {"Enable": 0.0}, job=JOB)
+        self.number += 1
+        self.age = 0
+        self.sends = True
+        if port is not None:
+            self.peer = _ROBOT_HOST << 16 | port
+
+    def _cycle(self) -> None:
+        controller, active = self.controller, self.active
+        if self.cycles:
+            self._take_answer()
+            self._looked(self)
+        if self.now_s >= self.story.length_s:
+            raise Over
+        self.cycles += 1
+        for fault in active.advance(self.now_s):
+            self._begin(fault)
+        now = active.now
+        self._drift(now)
+        self.people.act()
+        controller = self.controller
+        self._processes(now)
+        correction = controller.correction[:3]
+        if self.story.mode.endswith("axes"):
+            correction = bench.jacobian() @ controller.axes
+        self.robot.move(
+            correction,
+            holds=controller.feed_hold,
+            stopped=bool(controller.stopped) or not self.sends,
+            override=controller.override,
+        )
+        if self.sends and "controller-pauses" not in now and not controller.stopped:
+            controller.frees["Enable"] = enable = self.people.enable(now, self._rng)
+            self.disabled = 0 if enable else self.disabled + 1
+            self._telegram(controller.telegram(self.robot.report(self.now_s)))
+        if self.session is not None:
+            if self.story.forced:
+                self.force.waiting.extend(self.robot.samples())
+            if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:
+                self.tracker.waiting.append(datagram)
+        period = PERIOD_S * (1.0 + active.size("cycle-drift"))
+        self._push(self.now_s + period, _CYCLE, None)
+
+    def _take_answer(self) -> None:
+        controller = self.controller
+        arrived, self._arrived = self._arrived, []
+        self.obeyed_other = False
+        if not self.sends or controller.stopped or "controller-pauses" in self.active.now:
+            return
+        mark = f"<IPOC>{controller.counter}</IPOC>".encode("ascii")
+        fitting = [data for data in arrived if mark in data]
+        if "two-senders" in self.active.now and (not fitting or self._rng.random() < 0.3):
+            fitting, self.obeyed_other = [self._others_answer()], True
+        controller.answer(fitting[-1] if fitting else arrived[-1] if arrived else None)
+        self.age = self.age + 1 if controller.refused else 0
+
+    def _others_answer(self) -> bytes:
+        """An answer of another program: what is in force already."""
+        writer = self._other
+        writer.values[:] = 0.0
+        places = writer.place(*(f"RKorr.{a}" for a in "XYZ"))
+        writer.values[places] = self.controller.correction[:3] / MS
+        writer.values[writer.place("Override")] = 100.0
+        return writer.telegram(self.controller.counter)
+
+    # What happens.
+
+    def _begin(self, fault: Fault) -> None:
+        kind = fault.kind
+        if kind == "clock-jump":
+            self._clock_off += fault.size
+        elif kind == "loop-stopped":
+            self._frozen_until = max(self._frozen_until, fault.end_s)
+        elif kind == "loop-killed":
+            self._kill = self.session is not None
+        elif kind in ("recorder-killed", "run-killed"):
+            self.others.dead = True
+            if kind == "recorder-killed" and self.recorder is not None:
+                self.recorder.close()
+                self.recorder = None
+        elif kind == "counter-jump":
+            self.controller.counter = max(0, self.controller.counter + round(fault.size / 4.0) * 4)
+        elif kind == "controller-restart":
+            self.people.recover(fault.size)
+        elif kind.startswith("operator-"):
+            self.people.asks(kind.removeprefix("operator-"))
+
+    def _drift(self, now: dict[str, Fault]) -> None:
+        if "clock-drift" in now:
+            self._clock_off += PERIOD_S * self.active.size("clock-drift")
+        if "loop-starved" in now and self._rng.random() < self.active.size("loop-starved"):
+            late = PERIOD_S * float(self._rng.exponential(0.8))
+            self._frozen_until = max(self._frozen_until, self.now_s + late)
+
+    def _processes(self, now: dict[str, Fault]) -> None:
+        if self.session is None:
+            return
+        control, clock = self.control, self.clock_ns()
+        if "run-stopped" not in now:
+            control[Life.RUN_NS] = clock
+        if "panel-gone" not in now:
+            control[Panel.NS] = clock
+        if self.recorder is not None and "recorder-stopped" not in now:
+            control[Life.RECORDER_NS] = clock
+            if self.cycles % self.story.poll_cycles == 0:
+                self.recorder.take()
+
+    @property
+    def state(self) -> State:
+        """Of the loop; IDLE while none runs."""
+        return State.IDLE if self.session is None else _STATES[self.session.loop.quick_result.state]
+
+    @property
+    def frozen(self) -> bool:
+        """The loop's process stands still, or has just begun again."""
+        return self.now_s < self._frozen_until + 2.0 * PERIOD_S
+
+    @property
+    def log_trouble(self) -> bool:
+        """The loop can see that records are not written."""
+        return self.session is not None and bool(self.control[Kept.TROUBLE])
+
+    @property
+    def stop_asked(self) -> bool:
+        """An operator has asked for a stop."""
+        return self.session is not None and bool(self.control[Request.STOP])
+
+    @property
+    def correction_m(self) -> Float:
+        """(3,) in force at the controller."""
+        out: Float = self.controller.correction[:3]
+        if self.story.mode.endswith("axes"):
+            out = bench.jacobian() @ self.controller.axes
+        return out

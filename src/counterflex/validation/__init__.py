@@ -1,1 +1,0 @@
-"""What proves counterflex itself: fault injection, reproduced papers, hours of the loop."""

@@ -1,0 +1,299 @@
+"""Faults composed at random: kept stories hold, some new ones hold, and defects planted in the loop are caught."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from counterflex.integrations.kuka.link.link import RsiLink
+from counterflex.protocols.robot.port import RobotPort, Verdict
+from counterflex.protocols.robot.session_counter import SessionCounter
+from counterflex.protocols.session import session as session_module
+from counterflex.protocols.session.session import OnlineSession
+from counterflex.runtime.loop import Loop
+from counterflex.runtime.settings import OnlineSettings
+from counterflex.runtime.state.supervisor import State
+from counterflex.signals.limiter import MotionLimit
+from counterflex_lab.composed import campaign, cell
+from counterflex_lab.composed.kinds import KINDS
+from counterflex_lab.composed.play import shrunk, tell
+from counterflex_lab.composed.story import Fault, Story, as_text, draw, read_stories
+from counterflex_lab.composed.world import World
+
+KEPT = Path(__file__).parents[1] / "data" / "composed_stories.json"
+NEW_SEEDS = (7, 21)
+"""Few: each takes some seconds; `.ci/run` tells others with every change."""
+
+
+@pytest.mark.parametrize(("why", "kept"), read_stories(KEPT), ids=lambda value: str(value)[:60])
+def test_a_story_that_once_broke_a_rule_holds(why: str, kept: Story) -> None:
+    assert not tell(kept).broken, why
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", NEW_SEEDS)
+def test_a_story_of_a_seed_holds(seed: int) -> None:
+    told = tell(draw(seed))
+    assert not told.broken
+    assert told.compared > 500
+
+
+def test_a_story_depends_on_its_seed_alone() -> None:
+    """Bit for bit: every correction in force and every state, told twice."""
+
+    def course(seed: int) -> list[tuple[float, ...]]:
+        seen: list[tuple[float, ...]] = []
+        World(
+            Story(seed, "measured-plan", 4.0, (Fault("lost", 2.0, 0.2, 1.0), Fault("force-spikes", 2.5, 500.0, 1.0))),
+            lambda world: seen.append((float(world.state), *world.correction_m.tolist())),
+        ).run()
+        return seen
+
+    first = course(5)
+    assert first == course(5)
+    assert first != course(6)
+    assert any(row[0] == State.ACTIVE and np.linalg.norm(row[1:]) > 1e-4 for row in first)
+
+
+def test_stories_are_kept_as_text_and_read_again(tmp_path: Path) -> None:
+    stories = [("a reason", draw(seed)) for seed in range(40)]
+    file = tmp_path / "stories.json"
+    file.write_text(as_text(stories), encoding="utf-8")
+    assert read_stories(file) == stories
+
+
+def test_every_kind_of_fault_is_drawn() -> None:
+    drawn = {fault.kind for seed in range(1500) for fault in draw(seed).faults}
+    assert drawn == set(KINDS)
+
+
+def _no_limits(of: Callable[[Story], OnlineSettings]) -> Callable[[Story], OnlineSettings]:
+    def made(one: Story) -> OnlineSettings:
+        settings = of(one)
+        object.__setattr__(settings, "translation", MotionLimit(2e-3, 0.2, 125.0))
+        return settings
+
+    return made
+
+
+def _limiter(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(cell, "settings_of", _no_limits(cell.settings_of))
+
+
+def _answers(change: Callable[[np.ndarray, dict[str, Any]], np.ndarray]) -> Callable[[pytest.MonkeyPatch], None]:
+    """The answer says something else than the loop computed."""
+    right = RsiLink.answer
+
+    def answer(self: RsiLink, correction: Any, axes: Any = None, **said: Any) -> bool:
+        return right(self, change(np.array(correction), said), axes, **said)
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        patch.setattr(RsiLink, "answer", answer)
+
+    return plant
+
+
+def _sign(correction: np.ndarray, _said: dict[str, Any]) -> np.ndarray:
+    return -correction
+
+
+def _drifts_in_hold(correction: np.ndarray, said: dict[str, Any]) -> np.ndarray:
+    if said.get("state") == State.HOLD:
+        correction[0] += 1e-3 * np.sin(_drifts_in_hold.count)  # type: ignore[attr-defined]
+        _drifts_in_hold.count += 0.01  # type: ignore[attr-defined]
+    return correction
+
+
+_drifts_in_hold.count = 0.0  # type: ignore[attr-defined]
+
+
+def _keeps_correction(correction: np.ndarray, said: dict[str, Any]) -> np.ndarray:
+    if said.get("state") in (State.IDLE, State.READY):
+        correction[1] = 0.2e-3
+    return correction
+
+
+def _says_no_hold(correction: np.ndarray, said: dict[str, Any]) -> np.ndarray:
+    said["feed_hold"] = said["stop"] = False
+    return correction
+
+
+def _all_are_new(patch: pytest.MonkeyPatch) -> None:
+    def judge(self: SessionCounter, counter: int) -> Verdict:
+        self.newest = counter
+        return Verdict.NEW
+
+    patch.setattr(SessionCounter, "judge", judge)
+
+
+def _any_sender(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(RobotPort, "_may_speak", lambda _self, _sender: True)
+
+
+def _session_goes_on(patch: pytest.MonkeyPatch) -> None:
+    right = SessionCounter.advance
+    patch.setattr(SessionCounter, "advance", lambda self: (right(self)[0], False))
+
+
+def _log_does_not_matter(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(OnlineSession, "_log_lost", lambda _self, _armed: False)
+
+
+def _run_does_not_matter(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(OnlineSession, "_run_lost", lambda _self, _now: False)
+
+
+def _never_stops(patch: pytest.MonkeyPatch) -> None:
+    right = OnlineSession._fill_flags
+
+    def fill(self: OnlineSession, *words: Any) -> None:
+        right(self, *words)
+        self._given.stop = 0
+
+    patch.setattr(OnlineSession, "_fill_flags", fill)
+
+
+def _enable_stays(patch: pytest.MonkeyPatch) -> None:
+    right = OnlineSession._fill_flags
+
+    def fill(self: OnlineSession, *words: Any) -> None:
+        right(self, *words)
+        if self._result.state == State.ACTIVE:
+            self._given.enable = 1
+
+    patch.setattr(OnlineSession, "_fill_flags", fill)
+
+
+def _nobody_looks(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(RsiLink, "fill_reported", lambda _self, _out: False)
+
+
+def _records_another_number(patch: pytest.MonkeyPatch) -> None:
+    right = vars(session_module)["write_record"]
+
+    def write(ring: Any, link: Any, loop: Loop, *rest: Any) -> None:
+        kept = float(loop.given.wrench[1])
+        loop.given.wrench[1] = kept + 1e-9 * (loop.cycle % 500 == 0)
+        right(ring, link, loop, *rest)
+        loop.given.wrench[1] = kept
+
+    patch.setattr(session_module, "write_record", write)
+
+
+def _silence_is_patience(patch: pytest.MonkeyPatch) -> None:
+    right = OnlineSession.handle_cycle
+
+    def handle(self: OnlineSession, received: bool) -> bool:
+        return right(self, received) if received or self._result.state < State.ACTIVE else False
+
+    patch.setattr(OnlineSession, "handle_cycle", handle)
+
+
+def _told(mode: str, *faults: Fault, **chosen: Any) -> Story:
+    return Story(3, mode, chosen.pop("length_s", 5.0), faults, **chosen)
+
+
+DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
+    "the limiter lets everything pass": (
+        _limiter,
+        _told("measured", Fault("force-offset", 2.0, 2000.0, 1.0), force_offset="tell"),
+        "no step",
+    ),
+    "the sign of the answer": (_answers(_sign), _told("measured"), "the true cause"),
+    "the correction moves in hold": (
+        _answers(_drifts_in_hold),
+        _told("measured", Fault("force-silent", 2.2, 1.0, 0.3)),
+        "at rest in hold",
+    ),
+    "a correction before anything is armed": (_answers(_keeps_correction), _told("measured"), "zero unless it acts"),
+    "feed hold and stop are not said": (
+        _answers(_says_no_hold),
+        _told("measured", Fault("operator-stop", 2.0, 1.0), length_s=8.0),
+        "the true cause",
+    ),
+    "old telegrams are taken for new ones": (
+        _all_are_new,
+        _told("measured", Fault("replayed", 1.5, 0.5, 2.0)),
+        "the true cause",
+    ),
+    "strangers are listened to": (_any_sender, _told("measured", Fault("stranger", 2.0, 2.0, 1.0)), "one sender"),
+    "another session goes unnoticed": (
+        _session_goes_on,
+        _told("measured", Fault("controller-restart", 2.3, 0.05), length_s=6.0),
+        "no step",
+    ),
+    "a full disk does not matter": (
+        _log_does_not_matter,
+        _told("measured", Fault("disk-full", 1.5, 1.0, 3.0), without_log="hold"),
+        "reacts to a lost log",
+    ),
+    "a run that stands still does not matter": (
+        _run_does_not_matter,
+        _told("measured", Fault("run-stopped", 1.5, 1.0, 1.0)),
+        "reacts to a silent run",
+    ),
+    "a stop is not heard": (_never_stops, _told("measured", Fault("operator-stop", 2.0, 1.0)), "reacts to a stop"),
+    "Enable is taken to stay": (
+        _enable_stays,
+        _told("measured", Fault("enable-flickers", 2.0, 1.0, 2.0)),
+        "reacts to no Enable",
+    ),
+    "nobody looks whether the robot obeys": (
+        _nobody_looks,
+        _told("measured", Fault("robot-negates", 0.1, 1.0, 9.0), length_s=9.0),
+        "obedience is checked",
+    ),
+    "the log holds another number": (_records_another_number, _told("measured"), "replays bit for bit"),
+    "a line that is silent is waited for": (
+        _silence_is_patience,
+        _told("measured", Fault("controller-pauses", 2.0, 1.0, 1.0)),
+        "reacts to no telegrams",
+    ),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_in_the_loop_is_caught(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the rule that it breaks; the same story holds without the defect, but for being too short to correct again."""
+    plant, told, rule = DEFECTS[name]
+    assert {one.rule for one in tell(told).broken} <= {"corrects again"}
+    plant(monkeypatch)
+    assert rule in {one.rule for one in tell(told).broken}
+
+
+def test_a_story_is_shortened_to_the_fault_that_matters(monkeypatch: pytest.MonkeyPatch) -> None:
+    _never_stops(monkeypatch)
+    told = _told(
+        "measured",
+        Fault("repeated", 1.0, 0.5, 1.0),
+        Fault("operator-stop", 2.0, 1.0),
+        Fault("force-spikes", 1.5, 60.0, 0.1),
+    )
+    shortest = shrunk(told, "reacts to a stop", most=6)
+    assert [fault.kind for fault in shortest.faults] == ["operator-stop"]
+
+
+def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    short = _told("measured", Fault("operator-stop", 1.0, 1.0), length_s=1.6)
+    monkeypatch.setattr(campaign, "draw", lambda seed: Story(seed, short.mode, 1.6, short.faults))
+    monkeypatch.setattr(campaign, "shrunk", lambda one, _rule: one)
+    _never_stops(monkeypatch)
+    out = campaign.run(tmp_path / "out", minutes=0.05, seed=9)
+    assert out.stories == 2
+    assert {rule for _, rule, _ in out.broken} >= {"reacts to a stop"}
+    kept = read_stories(tmp_path / "out" / campaign.STORIES)
+    assert {one.seed for _, one in kept} == {9, 10}
+    summary = json.loads((tmp_path / "out" / campaign.SUMMARY).read_text(encoding="utf-8"))
+    assert not summary["passed"]
+    assert summary["stories"] == 2
+
+    def interrupts(fraction: float, what: str = "") -> None:
+        raise KeyboardInterrupt
+
+    assert campaign.run(tmp_path / "two", minutes=1.0, progress=interrupts).interrupted
