@@ -18,12 +18,7 @@ from counterflex.core.errors import InputError
 
 LoadFile = Annotated[
     Path | None,
-    typer.Option(
-        "--file",
-        help="Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.",
-        metavar="CSV",
-        callback=arguments.file,
-    ),
+    option("--file", "Recorded load instead: time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm.", arguments.file, "CSV"),
 ]
 
 
