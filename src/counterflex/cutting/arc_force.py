@@ -120,9 +120,6 @@ def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
         cuts: The cuts.
         exponent: p, >= 0 (1 - m of Kienzle's law; 0 for an edge force).
 
-    Returns:
-        The maps.
-
     Raises:
         InputError: The exponent is negative.
     """

@@ -129,9 +129,6 @@ class KienzleLaw:
             h_max_m: Largest one in m.
             source: Where the numbers come from.
             status: How they were obtained.
-
-        Returns:
-            The law, stored at its reference thickness.
         """
         _check_range(h_min_m, h_max_m)
         at_1mm = cls(
@@ -176,9 +173,6 @@ class KienzleLaw:
             h_max_m: Largest one in m.
             source: Where k_c1.1 and the ratios come from.
             status: How they were obtained.
-
-        Returns:
-            The law.
         """
         return cls.from_k11(
             kc11_pa,
@@ -198,9 +192,6 @@ class KienzleLaw:
 
         Args:
             h_ref_m: New reference chip thickness in m.
-
-        Returns:
-            A law that gives the same force at every thickness.
         """
         ratio = as_positive("h_ref_m", h_ref_m) / self.h_ref_m
         return replace(

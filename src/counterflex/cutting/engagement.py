@@ -110,9 +110,6 @@ def figures(
         cell_m: Cell of the stock, m: volume is booked cell by cell, so that a gap in the arc that is narrower than one
             cell across the feed is no gap.
 
-    Returns:
-        The figures.
-
     Raises:
         InputError: The cutter has another number of levels, or a length is negative.
     """

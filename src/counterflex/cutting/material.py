@@ -77,9 +77,6 @@ def rake_factor(rake_rad: float, base_rake_rad: float) -> float:
         base_rake_rad: Rake gamma_0 the table value was measured with, in rad: 6 deg steel, 2 deg cast iron; for
             aluminium 12 deg (Tabellenbuch Zerspantechnik) or 0 deg (Dietrich/Tschaetsch), a 12 % trap.
 
-    Returns:
-        The factor.
-
     Raises:
         InputError: A rake beyond +-45 deg (an angle in degrees?).
 
@@ -132,9 +129,6 @@ class Material:
 
         Args:
             factors: Victor's corrections, applied to all coefficients.
-
-        Returns:
-            The law.
 
         Raises:
             ModelError: The row has no radial or no axial coefficient.
@@ -232,9 +226,6 @@ def load(name: str) -> Material:
 
     Args:
         name: One of :func:`names`.
-
-    Returns:
-        The row.
 
     Raises:
         InputError: There is no such row.

@@ -302,9 +302,6 @@ def remove_path(
         threads: Number of threads; the result is the same to the bit for any.
         progress: Progress callback, fraction 0 to 1.
 
-    Returns:
-        The removal per segment.
-
     Raises:
         InputError: Path, kinds or threads are not as described.
     """

@@ -174,9 +174,6 @@ def tooth_forces(
         trochoid: Use the true path of the edge; otherwise circles.
         steps: Least number of steps; raised to a multiple of the flutes and of twice the number of bins.
 
-    Returns:
-        The wrench over the revolution, its mean and peak.
-
     Raises:
         InputError: Shapes or numbers out of range.
         ModelError: The helix would need too many slices, or the feed is too large for the radius.

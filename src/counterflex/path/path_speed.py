@@ -56,9 +56,6 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         blending_m: Largest distance from a corner at which rounding starts, m; 0 is exact stop.
         rapid_m_s: Speed of rapid moves, m/s.
         acceleration_m_s2: Limit along and across the path, m/s2.
-
-    Returns:
-        The track.
     """
     n = len(path)
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])

@@ -132,9 +132,6 @@ def plan(
         predict: Also predict the deviations of the uncompensated and the compensated program.
         progress: Progress callback, fraction 0 to 1; may raise to interrupt.
 
-    Returns:
-        The plan.
-
     Raises:
         ReachError: A point cannot be reached within limits; names the source line.
         ModelError: A correction is beyond its bound, force comes from chips outside the law's range, or a cut is deeper

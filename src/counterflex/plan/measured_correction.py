@@ -91,9 +91,6 @@ def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m
         remaining_m: (n, 3) m, deviation expected of the next part; not taken by a plan without predictions.
         limit_m: Largest change of a correction.
 
-    Returns:
-        The plan, joint angles and predicted deviation with it.
-
     Raises:
         ModelError: The change is beyond ``limit_m``, or the whole correction beyond the cell's limit.
     """

@@ -173,9 +173,6 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
         site: The program.
         T_base_standing: (4, 4) of the part; where the robot holds the part, of the spindle's tool frame.
         T_base_before: (4, 4) robot base of the site in that of the candidate, where the robot was carried away.
-
-    Returns:
-        What the pose is worth, or what refuses it.
     """
     robot, cut = site.robot.facing(T_base_standing), site.cut
     around = None if site.around is None else site.around.facing(site.robot, robot, T_base_before)

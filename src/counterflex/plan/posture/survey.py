@@ -187,9 +187,6 @@ def survey_path(
     ``rotations_rad``: (r,) rad, rotations about the tool axis that are tried; ``rows``: (m + 1,) stations,
     :func:`counterflex.plan.posture.cut_path.stations`.
 
-    Returns:
-        Costs of all edges and angles at all stations.
-
     Raises:
         ModelError: The robot has no closed-form geometry.
     """

@@ -215,9 +215,6 @@ def inverse_path(
         enforce_limits: A point outside the joint limits is an error; otherwise its margin is negative.
         sigma_floor: Smallest scaled sigma_min accepted at and between the points.
 
-    Returns:
-        Angles and margins per point.
-
     Raises:
         InputError: Wrong shapes, not finite, no rigid motions, unknown branch.
         ReachError: Names the first path point that fails, the axis, its value and limit.

@@ -49,9 +49,6 @@ def calibrated(
         end_effector: Nominal.
         displacements: (6,) m, rad by place, see :func:`places`.
 
-    Returns:
-        The calibrated robot and end effector.
-
     Raises:
         InputError: An unknown place, a wrong shape or a number that is not finite.
         ModelError: A displacement beyond 100 mm or 100 mrad, which is no calibration but another geometry.

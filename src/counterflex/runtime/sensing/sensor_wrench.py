@@ -222,9 +222,6 @@ class SensorWrench:
             w_sensor: (6,) N, N m: reading, about the sensor's origin in its axes.
             time_s: Since the sensor's zero.
             temperature_c: NaN is the reference temperature.
-
-        Returns:
-            :attr:`w_part`.
         """
         sensor_wrench(self._table.rows, q, w_sensor, time_s, temperature_c)
         return self.w_part

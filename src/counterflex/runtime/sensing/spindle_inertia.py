@@ -213,9 +213,6 @@ class SpindleInertia:
             C: (36,) or (6, 6) compliance at the TCP, base axes; float64, C order.
             elapsed: Cycles since the last telegram.
             at_t: See above.
-
-        Returns:
-            :attr:`w_part`.
         """
         _remove(T_part_tcp, at_t, w_part, C.reshape(-1), elapsed if self._begun else 0, self._inertia)
         self._begun = True

@@ -210,9 +210,6 @@ class StrainWrench:
         Args:
             q: (6,) rad.
             _: What another sensor's reading needs; the samples are in the arrays of the receiver.
-
-        Returns:
-            :attr:`w_part`.
         """
         outcome = strain_wrench(self._table.rows, q, min(int(self._counts[0]), self._most))
         self._shown[:3], self._shown[3:] = self._force, self._sigma
