@@ -12,11 +12,6 @@ from counterflex.cli.arguments import option
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
-def register(app: typer.Typer) -> None:
-    """Add this command."""
-    app.command()(warm)
-
-
 def warm(
     rooms: Annotated[
         list[str] | None, typer.Argument(help="Only those of these rooms: plan, cutting, robot, runtime, twin ...")
@@ -54,8 +49,8 @@ def warm(
             [[one.name, f"{one.seconds:.1f}"] for one in compiled[:20]],
         )
     there = Counter(one.kept for one in done)
+    seconds = sum(one.seconds or 0.0 for one in compiled)
     typer.echo(
-        f"{len(done)} kernels: {len(compiled)} compiled now in {sum(one.seconds or 0.0 for one in compiled):.0f} "
-        f"processor seconds, {there['native']} were compiled for this processor before, {there['shipped']} come with the "
-        "package"
+        f"{len(done)} kernels: {len(compiled)} compiled now in {seconds:.0f} processor seconds, "
+        f"{there['native']} were there for this processor, {there['shipped']} come with the package"
     )
