@@ -43,15 +43,14 @@ def modules(rooms: Sequence[str] = ()) -> list[str]:
     """Return the modules that hold kernels which Python calls, those that take longest first.
 
     Args:
-        rooms: Of the package, for example ``plan``; none: all.
+        rooms: Of the package, or modules and folders in them: ``plan``, ``cutting.tridexel``; none: all.
     """
     root = Path(counterflex.__file__).parent
     names = []
     for file in sorted(root.rglob("*.py")):
         name = ".".join(file.relative_to(root).with_suffix("").parts)
-        if (not rooms or name.split(".")[0] in rooms) and any(
-            "entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))
-        ):
+        asked = not rooms or any(f"{name}.".startswith(f"{room}.") for room in rooms)
+        if asked and any("entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))):
             names.append(name)
     return sorted(names, key=lambda name: _LONGEST.index(name) if name in _LONGEST else len(_LONGEST))
 

@@ -11,14 +11,13 @@ import functools
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numba
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
-from numba.core.sigutils import normalize_signature
 
 from counterflex.core import shipped
 
@@ -90,11 +89,11 @@ class _InPackage(_BySources):
 class _Code(CompileResultCacheImpl):  # type: ignore[misc]
     """Numba's way to write and read compiled code, in that place."""
 
-    _locator_classes: Final = (_BySources,)  # Numba's other places are not proven to be this user's alone
+    _locator_classes: tuple[type, ...] = (_BySources,)  # Numba's other places are not proven to be this user's alone
 
 
 class _ShippedCode(_Code):
-    _locator_classes: Final = (_InPackage,)
+    _locator_classes = (_InPackage,)
 
 
 class _ShippedCache(FunctionCache):  # type: ignore[misc]
@@ -111,9 +110,11 @@ class _ShippedCache(FunctionCache):  # type: ignore[misc]
         return signature, self._target, function
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        if not all(map(shipped.is_listed, Path(self.cache_path).glob(f"{self._impl.filename_base}.*"))):
-            return None
-        return super().load_overload(sig, target_context)
+        return super().load_overload(sig, target_context) if self.is_as_listed() else None
+
+    def is_as_listed(self) -> bool:
+        """Whether its files are those that the package lists."""
+        return all(map(shipped.is_listed, Path(self.cache_path).glob(f"{self._impl.filename_base}.*")))
 
 
 class _SharedCache(FunctionCache):  # type: ignore[misc]
@@ -160,6 +161,15 @@ class _NoCache(NullCache):  # type: ignore[misc]
     locks: contextlib.ExitStack | None = None
 
 
+def _lists(cache: FunctionCache, signatures: list[Any], codegen: Any) -> bool:
+    """Whether the index of a cache names the code of all signatures; one that is cut off names none."""
+    try:
+        index = cache._cache_file._load_index()
+    except Exception:  # unpickling raises anything
+        return False
+    return all(cache._index_key(one, codegen) in index for one in signatures)
+
+
 class Kept(enum.StrEnum):
     """Where compiled code lies: this user's, for this processor; the package's, for a baseline one; nowhere."""
 
@@ -196,13 +206,12 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
         """Where the code of all stated signatures lies."""
         if not isinstance(self._cache, _SharedCache):
             return Kept.MISSING
-        stated = [with_records(one, self._records) if self._records else one for one in self._stated]
-        wanted = [normalize_signature(one)[0] for one in stated]
-        for cache, where in ((self._cache, Kept.NATIVE), (self._cache.shipped, Kept.SHIPPED)):
-            if cache is not None:
-                index = cache._cache_file._load_index()
-                if all(cache._index_key(one, self.targetctx.codegen()) in index for one in wanted):
-                    return where
+        wanted = [with_records(one, self._records) if self._records else one for one in self._stated]
+        own, brought = self._cache, self._cache.shipped
+        if _lists(own, wanted, self.targetctx.codegen()):
+            return Kept.NATIVE
+        if brought is not None and brought.is_as_listed() and _lists(brought, wanted, self.targetctx.codegen()):
+            return Kept.SHIPPED
         return Kept.MISSING
 
     def compile(self, sig: Any) -> Any:

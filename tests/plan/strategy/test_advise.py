@@ -25,7 +25,7 @@ from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.robot_modes import robot_modes
 from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, single, swing_of, worst
+from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, swing_of, worst
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.robot.elasticity.chain import forward
 from counterflex.signals.preview import Mode
@@ -33,6 +33,13 @@ from counterflex.signals.preview import Mode
 MILL = Cutter(diameter_m=16 * MM, flutes=3, helix_rad=0.5, flute_length_m=35 * MM)
 Q = np.radians([0.0, -95.0, 125.0, 0.0, -30.0, 0.0])
 MODE = Mode(2.0 * math.pi * 8.0, 0.1)
+
+
+def single(mode: Mode) -> Swing:
+    """One mode that carries the whole displacement, in any direction."""
+    return Swing(np.array([mode.omega_rad_s]), np.array([mode.damping_ratio]), np.ones(1))
+
+
 ANY = ProcessLimits()
 SOME = Doubt(0.3, 0.3, 0.3, 0.3)
 

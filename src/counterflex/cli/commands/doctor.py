@@ -29,9 +29,13 @@ def doctor(
     Example: `counterflex doctor --seconds 10`
     """
     from counterflex.app import doctor as job
+    from counterflex.app import warm
 
     with progress_bar("measuring") as progress:
         checkup = job.run(seconds, log, progress=progress).described()
+    there = warm.states()
+    kernels = {kept: [one.name for one in there if one.kept == kept] for kept in ("native", "shipped", "missing")}
+    checkup["kernels"] = kernels
     if as_json:
         print_json(checkup)
     else:
@@ -50,6 +54,11 @@ def doctor(
             + ", ".join(f"{name} {'yes' if value else 'no'}" for name, value in granted.items())
             + f", clock {checkup['clock_source'] or 'not known'}, governor {checkup['governor'] or 'not known'}"
             + f", stolen {checkup['steal']:.1%}"
+        )
+        typer.echo(
+            f"kernels compiled for this processor {len(kernels['native'])}, with the package for a common one "
+            f"{len(kernels['shipped'])}, missing {len(kernels['missing'])}"
+            + (": counterflex warm compiles them" if kernels["missing"] else "")
         )
         typer.echo(f"{checkup['verdict']}: {checkup['in_time']:.2%} of the replies within {checkup['budget_us']:g} us")
         for reason in checkup["reasons"]:

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
-from counterflex.cli.arguments import option
+from counterflex.cli.arguments import argument, option
 from counterflex.cli.output import print_json, print_table, progress_bar
 
 
 def warm(
     rooms: Annotated[
-        list[str] | None, typer.Argument(help="Only those of these rooms: plan, cutting, robot, runtime, twin ...")
+        list[str] | None, argument("Only those of these rooms, folders or modules: plan, cutting.tridexel, twin ...")
     ] = None,
     native: Annotated[
         bool, option("--native", "For this processor, also what the package brings compiled for a common one.")
@@ -33,9 +33,10 @@ def warm(
     from counterflex.core.errors import InputError
 
     asked = rooms or []
-    known = sorted({name.split(".")[0] for name in job.modules()})
-    if strange := [room for room in asked if room not in known]:
-        raise InputError("no kernel that is called from outside stands there", value=strange[0], limit=", ".join(known))
+    for room in asked:
+        if not job.modules([room]):
+            known = ", ".join(sorted({name.split(".")[0] for name in job.modules()}))
+            raise InputError("no kernel that is called from outside stands there", value=room, limit=known)
     with progress_bar("compiling kernels") as progress:
         done = job.warm(asked, native=native, jobs=jobs, progress=progress)
     if as_json:
