@@ -1,4 +1,4 @@
-"""What the booked engagement says in the words of milling: entry, exit, depth, width, chip area."""
+"""Booked engagement in the words of milling: entry, exit, depth, width, chip area."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a machine keeps time for the online loop: percentiles of its samples, and a judgement with reasons. Pure.
+"""Timing of a machine for the online loop: percentiles of its samples, and a judgement with reasons. Pure.
 
 An answer is in time when it leaves within the cycle in which its telegram came. Of the cycle a quarter is left to
 network cards, cables and the controller; the rest must do for waking up, the step, and sending.

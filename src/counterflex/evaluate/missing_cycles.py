@@ -1,4 +1,4 @@
-"""Which cycles of a run have no record: by the loop's own count, and by the time between the records around them."""
+"""Cycles of a run without a record: by the loop's own count, and by the time between the records around them."""
 
 from __future__ import annotations
 

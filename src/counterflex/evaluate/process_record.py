@@ -1,4 +1,4 @@
-"""What process monitoring found in a run: events with their places, the trend of wear, how much slower it went."""
+"""Findings of process monitoring in a run: events with their places, the trend of wear, how much slower it went."""
 
 from __future__ import annotations
 

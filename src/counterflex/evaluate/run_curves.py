@@ -1,4 +1,4 @@
-"""What a run log says along the path: deviation across the feed, correction sent, force; and their figures."""
+"""Curves of a run log along the path: deviation across the feed, correction sent, force; and their figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a record of an online run says: cycles, states with their times, changes with their causes, answering times."""
+"""Record of an online run: cycles, states with their times, changes with their causes, answering times."""
 
 from __future__ import annotations
 

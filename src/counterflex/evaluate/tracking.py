@@ -1,4 +1,4 @@
-"""How closely a tool follows a path in the air: error across the path and in all, on straights, at corners, on arcs."""
+"""Tracking error of a tool in the air: across the path and in all, on straights, at corners, on arcs."""
 
 from __future__ import annotations
 

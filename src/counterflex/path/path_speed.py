@@ -1,4 +1,4 @@
-"""How a robot controller runs a tool path: rounded corners, speed limits, and time.
+"""Run of a tool path on a robot controller: rounded corners, speed limits, and time.
 
 Corners are rounded within the blending distance (approximate positioning) or stopped at exactly; the path speed is
 trapezoidal: programmed feed, limited acceleration along the path, and across it in the roundings.

@@ -1,4 +1,4 @@
-"""What a machining recorded, however it was machined."""
+"""Record of a machining, however it was machined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the tool turns about its own axis along a path: over its length, which no feed and no sampling changes."""
+"""Rotation of the tool about its own axis along a path: over its length, which no feed and no sampling changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What :func:`counterflex.plan.cut_kernel.cut_rows` takes: path, tool, state and results, each with its type."""
+"""Arguments of :func:`counterflex.plan.cut_kernel.cut_rows`: path, tool, state and results, each with its type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What planning starts from: robot, part, tools, force law, bounds; path with planned stops, joint angles, work."""
+"""Inputs of planning: robot, part, tools, force law, bounds; path with planned stops, joint angles, work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What spindle, tool and robot bear: limits that choices of strategy and feeds are held against.
+"""Limits of spindle, tool and robot that choices of strategy and feeds are held against.
 
 A limit that is None is not known and binds nowhere. The tool is a cantilever of the effective diameter 0.8 D
 (:data:`CORE`), ``k = 3 pi E (0.8 D)^4 / (64 L^3)``.

@@ -1,4 +1,4 @@
-"""How fine the stock has to be for a tool that bends, so that the grain of its cells does not shake the tool.
+"""Grain of the stock that is fine enough for a tool that bends: its cells must not shake the tool.
 
 A trial cuts the stock in steps much shorter than a cell, so a step finds a whole number of cells and its force is
 uneven. A mode of angular frequency w takes the mean over about ``1/w``, in which a mill of diameter D at feed v removes

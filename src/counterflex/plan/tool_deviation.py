@@ -1,4 +1,4 @@
-"""What the tool does while a program runs: the cut, and where the tool is beside the programmed path."""
+"""Deviation of the tool while a program runs: the cut, and where the tool is beside the programmed path."""
 
 from __future__ import annotations
 

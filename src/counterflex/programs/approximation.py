@@ -1,4 +1,4 @@
-"""What a program says itself about the rounding of its corners: exact stops, and distances in mm.
+"""Rounding of corners as a program states it itself: exact stops, and distances in mm.
 
 Sources: KUKA system software manual (``$APO.CDIS``, distance before the point at which the rounding begins at the
 earliest); ABB RAPID reference, zonedata (``pzone_tcp``; ``z0`` is 0.3 mm, the others are called by their mm); FANUC

@@ -1,4 +1,4 @@
-"""What changed between two programs, motion by motion: moved ends, turned tools, other feeds, points put in."""
+"""Difference between two programs, motion by motion: moved ends, turned tools, other feeds, points put in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which language a text is that is no G-code: robots, other controls, files of CAM systems, told by words of their own.
+"""Language of a text that is no G-code: robots, other controls, files of CAM systems, told by words of their own.
 
 Only asked when a text could not be read as G-code, so a program that can be read is never accused of another language.
 """

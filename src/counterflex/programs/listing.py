@@ -1,4 +1,4 @@
-"""What was read, as a table: one row for each motion, in shop units."""
+"""List of a program as it was read: one row for each motion, in shop units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a cycle of the online loop is given: telegram, sensors, operator."""
+"""Inputs of a cycle of the online loop: telegram, sensors, operator."""
 
 from __future__ import annotations
 

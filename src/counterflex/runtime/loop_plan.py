@@ -1,4 +1,4 @@
-"""What the online loop knows of the program: points, planned forces, what the program contains already."""
+"""Plan as the online loop knows it: points, planned forces, what the program contains already."""
 
 from __future__ import annotations
 

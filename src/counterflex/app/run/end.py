@@ -1,4 +1,4 @@
-"""How a run ended, in one word, and the exit status that says it to a script."""
+"""End of a run, in one word, and the exit status that says it to a script."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether program and plan of a run belong together, and nothing is corrected twice."""
+"""Check that program and plan of a run belong together, and that nothing is corrected twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is missing of a run log: segments cut short, stretches that cannot be read, cycles without a record."""
+"""Missing parts of a run log: segments cut short, stretches that cannot be read, cycles without a record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an operator may ask of a run while it goes on: its state, a stop, a reset, to be armed. And what came of it.
+"""Requests of an operator while a run goes on: its state, a stop, a reset, to be armed; and what came of them.
 
 Asked of the loop itself, by numbers that it shares: the processes that log and show may be dead or stand still. Imports
 nothing that is slow to load, because a stop must not wait for it.

@@ -1,4 +1,4 @@
-"""What process monitoring found, in shop units."""
+"""Findings of process monitoring, in shop units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run is made of: the files read, the loop built, the links opened."""
+"""Parts of a run: the files read, the loop built, the links opened."""
 
 from __future__ import annotations
 

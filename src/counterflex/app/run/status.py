@@ -1,4 +1,4 @@
-"""What a run looks like from outside, now and then: for the line that is shown while it goes on."""
+"""View of a run from outside, now and then: for the line that is shown while it goes on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run has logged of its tracker, as the tracker had sent it."""
+"""Tracker samples of a logged run, as the tracker had sent them."""
 
 from __future__ import annotations
 

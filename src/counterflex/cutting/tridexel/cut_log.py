@@ -1,4 +1,4 @@
-"""What was cut: every motion of the tools that took part, listed by place."""
+"""Log of the cut: every motion of the tools that took part, listed by place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a scan in any pose lies on the nominal part: its main planes turned in every way onto those of the part."""
+"""Place of a scan in any pose on the nominal part: its main planes turned in every way onto those of the part."""
 
 from __future__ import annotations
 

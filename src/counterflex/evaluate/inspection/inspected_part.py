@@ -1,4 +1,4 @@
-"""What features, sections and maps need of an inspected part: a measured surface, or a measured path of the tool."""
+"""Inspected part as features, sections and maps need it: a measured surface, or a measured path of the tool."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a measured part is off its nominal surface: one row per measured place."""
+"""Deviations of a measured part from its nominal surface: one row per measured place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which unit a scan is in: its extent against that of the blank."""
+"""Unit of a scan: its extent against that of the blank."""
 
 from __future__ import annotations
 

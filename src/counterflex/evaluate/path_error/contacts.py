@@ -1,4 +1,4 @@
-"""Which stretches of the path made which places of a machined surface.
+"""Stretches of the path that made the places of a machined surface.
 
 A place x of the nominal surface is where the tool bodies along the path leave the material: ``min_k gap_k(x) = 0``,
 with ``gap_k`` the distance of x to the tool in stretch k. Where the tool is off by ``d_k`` there, its body moves with

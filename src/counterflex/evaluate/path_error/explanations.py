@@ -1,4 +1,4 @@
-"""Which constants explain an error of the path: force, stiffness, the part frame, or nothing that was thought of.
+"""Constants that explain an error of the path: force, stiffness, the part frame, or nothing that was thought of.
 
 A cause moves the tool by a known pattern times an unknown factor: ``d = sum_j B_j b_j + f``, with f smooth and of no
 cause. What is known of each factor before (normal, from what ``cell check`` says) makes the evidence of an explanation,

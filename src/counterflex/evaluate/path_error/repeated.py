@@ -1,4 +1,4 @@
-"""What repeats from part to part, and what a program has to take back in all."""
+"""Error that repeats from part to part, and what a program has to take back in all."""
 
 from __future__ import annotations
 

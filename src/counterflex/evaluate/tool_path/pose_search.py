@@ -1,4 +1,4 @@
-"""Where a logged path lies on the program's path, and what is wrong with one that lies nowhere.
+"""Place of a logged path on the program's path, and what is wrong with one that lies nowhere.
 
 Both run in one order: lengths along them correspond but for where the log begins. For each beginning the rigid motion
 between them has a closed form; the best are refined by the distances of the path's places to the line of the log that

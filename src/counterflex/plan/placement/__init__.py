@@ -1,1 +1,1 @@
-"""Where the part stands in the cell: candidates judged on a thinned path, and the global search among them."""
+"""Placement of the part in the cell: candidates judged on a thinned path, and the global search among them."""

@@ -1,4 +1,4 @@
-"""What a pose of the part in the cell is worth: its best posture on a thinned path, or what refuses it."""
+"""Worth of a pose of the part in the cell: its best posture on a thinned path, or what refuses it."""
 
 from __future__ import annotations
 

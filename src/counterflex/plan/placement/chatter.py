@@ -1,4 +1,4 @@
-"""How the cut feeds the modes of the robot in a place: the criterion of ``plan stability`` at a few points.
+"""Chatter in a place: how the cut feeds the robot's modes, by the criterion of ``plan stability`` at a few points.
 
 Of the stretches of a program those with the largest ``T |A|`` of every direction of feed and tool are looked at. In
 each candidate they are met in another posture. How far the place is from chatter is said by the least damping ratio

@@ -1,4 +1,4 @@
-"""What an axis carries at a station, and how far the tool goes when that axis loses motion."""
+"""Load of an axis at a station, and how far the tool goes when that axis loses motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a posture is worth: the deflection, the reversals and the margins of a program that is run in it."""
+"""Worth of a posture: the deflection, the reversals and the margins of a program that is run in it."""
 
 from __future__ import annotations
 

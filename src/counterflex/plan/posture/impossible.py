@@ -1,4 +1,4 @@
-"""What to say where no posture is possible: which line of the program, and what the best posture fails by."""
+"""Refusal where no posture is possible: which line of the program, and what the best posture fails by."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tool meets in the stock that it must not: rapids through material, cuts deeper than its flutes."""
+"""Collisions of the tool with the stock: rapids through material, cuts deeper than its flutes."""
 
 from __future__ import annotations
 

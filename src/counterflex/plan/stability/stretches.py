@@ -1,4 +1,4 @@
-"""What the tool meets along a path, in stretches of a millimetre or a few cells: arcs of engagement, feed, direction.
+"""Stretches of a path, a millimetre or a few cells long: arcs of engagement, feed, direction.
 
 In a blank that is a box the arcs are closed forms (:mod:`counterflex.cutting.tridexel.engaged_arcs`), taken in the
 middle of the stretch. In any other blank they are booked on its cells, and jump with the radial width by up to a

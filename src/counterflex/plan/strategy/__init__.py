@@ -1,1 +1,1 @@
-"""How a cutter is to move so that there is little left to compensate: side, width, depth, chip, speed; trochoids."""
+"""Strategy of a cut that leaves little to compensate: side, width, depth, chip, speed; trochoids."""

@@ -1,4 +1,4 @@
-"""What was written, read back: the same path, speeds and process words, or nothing is written."""
+"""Check of a written program, read back: the same path, speeds and process words, or nothing is written."""
 
 from __future__ import annotations
 

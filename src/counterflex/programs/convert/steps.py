@@ -1,4 +1,4 @@
-"""What a program does, one thing after the other, whatever its language: moves, waits, process words, comments."""
+"""Steps of a program in order, whatever its language: moves, waits, process words, comments."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the languages of robots share that are read and changed in place: programs, process words, circles, points."""
+"""Common parts of the robot languages that are read and changed in place: programs, process words, circles, points."""

@@ -1,4 +1,4 @@
-"""What must be known of a cell to read a robot program for it, and the checks of tools and frames against it."""
+"""Facts of a cell that a robot program is read with, and the checks of tools and frames against it."""
 
 from __future__ import annotations
 

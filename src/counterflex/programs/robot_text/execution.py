@@ -1,4 +1,4 @@
-"""What every language of robots does while a program is executed: motions, waits, process words, blocks."""
+"""Execution of a program in any language of robots: motions, waits, process words, blocks."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What the writers of robot programs share: points, parts, spindle and tool statements."""
+"""Common parts of the writers of robot programs: points, parts, spindle and tool statements."""

@@ -1,4 +1,4 @@
-"""What the online session needs of a force sensor, whatever it speaks."""
+"""Force sensor as the online session needs it, whatever it speaks."""
 
 from __future__ import annotations
 

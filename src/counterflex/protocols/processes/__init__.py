@@ -1,1 +1,1 @@
-"""What the processes of a run share: numbers in memory, signs of life, locks, requests of the operator."""
+"""Shared by the processes of a run: numbers in memory, signs of life, locks, requests of the operator."""

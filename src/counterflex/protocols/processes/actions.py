@@ -1,4 +1,4 @@
-"""What operators did during a run, handed to the recorder in shared memory: who, from where, what, and what came of it.
+"""Acts of operators during a run, for the recorder, in shared memory: who, from where, what, and what came of it.
 
 Two lanes, one for the panel and one for the command line, each written by one side. Needs no more than Python itself.
 An entry is a short text with a check sum; what is not whole is not taken. Whoever writes waits for nobody.

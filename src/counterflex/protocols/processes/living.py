@@ -1,4 +1,4 @@
-"""Whether the processes of a run live: each says so many times a second, and the operating system says who has died.
+"""Life of the processes of a run: each gives a sign many times a second, the operating system says who has died.
 
 What a process says of itself tells a stopped one from a running one, the system tells at once who has died. Neither
 waits: the loop asks in every cycle.

@@ -1,4 +1,4 @@
-"""Where an operator finds a run: a file in its folder that says where the numbers are that the run's processes share.
+"""File in the folder of a run by which an operator finds the numbers that the run's processes share.
 
 A request is a number written into them, and the loop itself reads it in its next cycle: no other process has to live
 for it. Who may write is decided by the rights of the file behind the memory: this user, on this computer. What stands

@@ -1,4 +1,4 @@
-"""What a loop shows of each cycle to whoever watches it: names, kinds and order of the numbers, and their version.
+"""Layout of what a loop shows of each cycle: names, kinds and order of the numbers, and their version.
 
 All numbers take 64 bits. SI, part axes, times of the monotonic clock in ns, as everywhere in the loop.
 """

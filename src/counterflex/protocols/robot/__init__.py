@@ -1,1 +1,1 @@
-"""What the links of all robot controllers share: the UDP port, the session counter, the interface."""
+"""Common parts of the links of all robot controllers: the UDP port, the session counter, the interface."""

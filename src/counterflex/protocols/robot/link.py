@@ -1,4 +1,4 @@
-"""What the online session needs of a robot, whatever it speaks."""
+"""Robot as the online session needs it, whatever it speaks."""
 
 from __future__ import annotations
 

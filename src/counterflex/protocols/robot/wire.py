@@ -1,4 +1,4 @@
-"""What carries the datagrams of a robot's port: the network, or whatever stands in its place."""
+"""Carrier of the datagrams of a robot's port: the network, or whatever stands in its place."""
 
 from __future__ import annotations
 

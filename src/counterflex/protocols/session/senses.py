@@ -1,4 +1,4 @@
-"""What a session measures with: sensors drained into the inputs of the step, and how old the reading of each is."""
+"""Senses of a session: sensors drained into the inputs of the step, and how old the reading of each is."""
 
 from __future__ import annotations
 

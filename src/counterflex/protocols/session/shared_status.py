@@ -1,4 +1,4 @@
-"""What a session tells of itself in every cycle, in shared numbers: tallies, state, ages, place, force."""
+"""Status of a session in every cycle, in shared numbers: tallies, state, ages, place, force."""
 
 from __future__ import annotations
 

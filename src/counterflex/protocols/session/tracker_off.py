@@ -1,4 +1,4 @@
-"""Where the tracker sees the tool elsewhere than the controller has it: how far, the limit, and what to do.
+"""Distance between tracker and controller about where the tool is: how far, the limit, and what to do.
 
 Before the loop is armed this keeps it from being armed (R19, cause ``wrong frame``). The numbers are those of the last
 sample that was used, in the words that the processes of a run share, so that every reader tells the same.

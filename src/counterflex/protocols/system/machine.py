@@ -1,4 +1,4 @@
-"""What the operating system says of the machine: cores, governor, clock, stolen time. Nothing where it does not say."""
+"""Machine as the operating system describes it: cores, governor, clock, stolen time. Nothing where it does not."""
 
 from __future__ import annotations
 

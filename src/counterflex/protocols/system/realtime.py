@@ -1,4 +1,4 @@
-"""What a loop needs of the operating system: real-time priority, locked memory, no garbage collection."""
+"""Real-time priority, locked memory, no garbage collection: set for the loop where the system allows it."""
 
 from __future__ import annotations
 

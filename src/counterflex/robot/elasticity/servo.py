@@ -1,4 +1,4 @@
-"""How far the motors of the axes yield to a load that changes: a position loop P around a speed loop PI.
+"""Yield of the motors of the axes to a load that changes: a position loop P around a speed loop PI.
 
 With K the gain of the speed loop, Kv that of the position loop and Ti its integral time, a torque tau on the motor
 turns it away from its command by::

@@ -1,4 +1,4 @@
-"""Where the inverse kinematics starts, and what its solutions are called."""
+"""Seeds of the inverse kinematics, and what its solutions are called."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to say when a pose or a path cannot be reached."""
+"""Errors for a pose or a path that cannot be reached."""
 
 from __future__ import annotations
 

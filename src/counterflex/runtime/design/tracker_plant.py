@@ -1,4 +1,4 @@
-"""What a tracker sees of a correction: the plant of the tracker's loop."""
+"""Plant of the tracker's loop: what a tracker sees of a correction."""
 
 from __future__ import annotations
 

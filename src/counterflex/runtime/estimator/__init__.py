@@ -1,1 +1,1 @@
-"""What deflection, force and own errors are, from plan, force, tracker and motor currents."""
+"""Estimates of deflection, force and own errors, from plan, force, tracker and motor currents."""

@@ -1,4 +1,4 @@
-"""Which force the correction is computed from: measured, blended with the predicted one, or the predicted one scaled.
+"""Force that the correction is computed from: measured, blended with the predicted one, or the predicted one scaled.
 
 Forces of a robot's flange sensor come late (filters), predicted ones come when they are wanted. Two ways to join them:
 

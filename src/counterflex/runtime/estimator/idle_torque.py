@@ -1,4 +1,4 @@
-"""What motor currents show without a cut: friction and error of the weight, per axis and direction of motion. Pure.
+"""Motor currents without a cut: friction and error of the weight, per axis and direction of motion. Pure.
 
 Dry friction turns round with the direction in which an axis moves, and builds up over a way (presliding). Part of it
 acts on the motor and part on the link: when a force comes, the link yields to it and the correction moves the motor

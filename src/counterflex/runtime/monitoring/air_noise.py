@@ -1,4 +1,4 @@
-"""What the force sensor shows though nothing is cut: noise, and the inertia of what hangs behind it.
+"""Noise of the force sensor though nothing is cut, and the inertia of what hangs behind it.
 
 Both are learnt out of the cut, apart from each other. While the tool moves evenly only noise is left. After an
 acceleration the spindle's inertia shows, and the arm swings on; both grow with it. How strongly the tool was

@@ -1,4 +1,4 @@
-"""What the monitor watches for, and why it lowers the speed."""
+"""Events that the monitor watches for, and why it lowers the speed."""
 
 from __future__ import annotations
 

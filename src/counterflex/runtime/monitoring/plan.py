@@ -1,4 +1,4 @@
-"""What the plan says to the monitor, row by row: the force to be expected and how little or much it may be.
+"""Plan as the monitor reads it, row by row: the force to be expected and how little or much it may be.
 
 Where exactly the tool is, is not known: the controller smooths its path, the robot lags, the blank is larger or smaller
 by some tenths. The least and the largest predicted force over all places that are possible bound the true one.

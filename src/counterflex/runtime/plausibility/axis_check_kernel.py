@@ -1,4 +1,4 @@
-"""Whether axis angles and pose of the same telegram belong together: nominal kinematics against pose. Pure kernel.
+"""Check that axis angles and pose of the same telegram belong together: nominal kinematics against pose. Pure kernel.
 
 The controller computes its pose from its axis angles, with its own geometry, BASE and TOOL. The same angles through the
 nominal chain of the cell must give that pose, but for a frame offset that does not change. The offset is learnt while

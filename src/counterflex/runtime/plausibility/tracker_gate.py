@@ -1,4 +1,4 @@
-"""Whether a tracker's sample can be true: held against what the tool can have done since the last believed one.
+"""Gate for tracker samples: held against what the tool can have done since the last believed one.
 
 Prediction: the last believed deviation from the commanded pose, plus how correction in effect and expected deflection
 have changed since. What a sample may differ from it by::

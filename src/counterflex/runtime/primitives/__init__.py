@@ -1,1 +1,1 @@
-"""What several stages of the step share: frames, place on the path, history, filters."""
+"""Common parts of several stages of the step: frames, place on the path, history, filters."""

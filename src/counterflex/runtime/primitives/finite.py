@@ -1,4 +1,4 @@
-"""Which inputs of a cycle are numbers."""
+"""Flags of the inputs of a cycle that are numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the loop knew at an instant that has passed: rows of the ring by their time, linear in between."""
+"""History of the loop at an instant that has passed: rows of the ring by their time, linear in between."""
 
 from __future__ import annotations
 

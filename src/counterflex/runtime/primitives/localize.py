@@ -1,4 +1,4 @@
-"""Where on the planned path the robot is, and what the plan says there and a little later.
+"""Place of the robot on the planned path, and what the plan says there and a little later.
 
 A plan is an array of records, :data:`counterflex.runtime.state.planned.PLAN`, one per path point.
 """

@@ -1,4 +1,4 @@
-"""What the online step is set to: numbers and modes that a run does not change."""
+"""Settings of the online step: numbers and modes that a run does not change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the stages of one cycle of the online step hand to each other; nothing of it is remembered."""
+"""Record that the stages of one cycle of the online step hand to each other; nothing of it is remembered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the online step is given in a cycle: poses, force, torque, and what is known of them."""
+"""Inputs of the online step in a cycle: poses, force, torque, and what is known of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the online step remembers from one cycle to the next."""
+"""Memory of the online step from one cycle to the next."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the words of a loop's memory mean: names, kinds and counts in order, as the run log keeps them beside the words.
+"""Layout of a loop's memory: names, kinds and counts in order, as the run log keeps them beside the words.
 
 A log says the layout of its own states (:data:`counterflex.files.logs.run_log.LAYOUT`), so a state is placed by name
 whatever the order was. Logs of before say none: their words stand in the order of :meth:`Loop.memory` of then.

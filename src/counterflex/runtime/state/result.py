@@ -1,4 +1,4 @@
-"""What the online step computes in a cycle: the correction, and what it rests on."""
+"""Result of the online step in a cycle: the correction, and what it rests on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tracker's deviation does: published integrator, designed PI with a filter, observer of the unexplained."""
+"""Correction from what a tracker sees: published integrator, designed PI with a filter, observer of the unexplained."""
 
 from __future__ import annotations
 

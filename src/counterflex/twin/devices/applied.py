@@ -1,4 +1,4 @@
-"""What a simulated controller applied, cycle by cycle: the judge of a compensator seen from the robot's side."""
+"""Corrections that a simulated controller applied, cycle by cycle: the judge of a compensator, on the robot's side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a robot controller commands, cycle by cycle: its program, slowed down or held, and corrected from outside.
+"""Commanded motion of a robot controller, cycle by cycle: its program, slowed down or held, and corrected from outside.
 
 Nothing here moves: the commanded angles go to a simulated robot (:mod:`counterflex.twin.live.live_cell`) or to one that
 follows them exactly (:mod:`counterflex.twin.devices.exact_robot`).

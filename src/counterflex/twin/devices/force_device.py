@@ -1,4 +1,4 @@
-"""What the simulated cell needs of a simulated force sensor, whatever it speaks."""
+"""Simulated force sensor as the simulated cell needs it, whatever it speaks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a robot controller's path planning answers a correction: dead time, then a second-order lag.
+"""Answer of a robot controller's path planning to a correction: dead time, then a second-order lag.
 
 Real controllers add a sensor correction to the interpolated path and smooth it before it reaches the drives: 100 to
 150 ms in all from force to motion (Haehn2020 section 2.8), of which the exchange of telegrams is the least part.

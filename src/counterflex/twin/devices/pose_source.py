@@ -1,4 +1,4 @@
-"""What a simulated tracker sees over time, where no simulated cell moves its target."""
+"""Poses that a simulated tracker sees over time, where no simulated cell moves its target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a protocol server needs of a simulated controller, whatever it speaks."""
+"""Simulated controller as a protocol server needs it, whatever it speaks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated force sensor is loaded with over time, where no simulated cell loads it."""
+"""Load of a simulated force sensor over time, where no simulated cell loads it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a played cell times, cycle by cycle, handed over in blocks of some cycles."""
+"""Times of a played cell, cycle by cycle, handed over in blocks of some cycles."""
 
 from __future__ import annotations
 

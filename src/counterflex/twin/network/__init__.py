@@ -1,1 +1,1 @@
-"""What goes wrong between programs: losses, delays, copies, damage, scripted faults."""
+"""Faults of the network between programs: losses, delays, copies, damage, scripted faults."""

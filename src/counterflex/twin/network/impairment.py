@@ -1,4 +1,4 @@
-"""What a network does to datagrams, from a seed: losses, bursts, delays, copies and damage. No socket, no clock.
+"""Impairment of datagrams by a network, from a seed: losses, bursts, delays, copies and damage. No socket, no clock.
 
 What happens to datagram n follows from the settings, the seed, the way and n alone: asked again, in any order, the
 answer is the same, so that a run can be repeated and two programs can be put under the same faults. Every kind of fault

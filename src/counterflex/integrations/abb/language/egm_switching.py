@@ -1,4 +1,4 @@
-"""What a RAPID program says to ABB EGM: settings of the movement, and how long it waits for what."""
+"""Statements of a RAPID program to ABB EGM: settings of the movement, and how long it waits for what."""
 
 from __future__ import annotations
 

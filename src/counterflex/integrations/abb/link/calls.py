@@ -1,4 +1,4 @@
-"""What a RAPID module does with EGM: its instructions in order, with arguments and switches."""
+"""Calls of EGM in a RAPID module: its instructions in order, with arguments and switches."""
 
 from __future__ import annotations
 

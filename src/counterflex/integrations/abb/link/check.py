@@ -1,4 +1,4 @@
-"""What is dangerous or useless in a RAPID program that uses EGM."""
+"""Check a RAPID program for uses of EGM that are dangerous or useless."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How remarks and positions of a FANUC listing are written."""
+"""Spelling of remarks and positions in a FANUC listing."""
 
 from __future__ import annotations
 

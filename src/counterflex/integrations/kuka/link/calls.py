@@ -1,4 +1,4 @@
-"""What a KRL program does with RSI: the calls in order, the motions between them, what it writes for the sensor."""
+"""Calls of RSI in a KRL program: in order, the motions between them, what it writes for the sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the interpreter remembers between blocks: position, offsets and modes, in m and degrees.
+"""State of the interpreter between blocks: position, offsets and modes, in m and degrees.
 
 Positions are of the tool tip in the part frame: the interpreter's coordinates with the tool length offset taken out and
 the work offset and G92 put in. Program value, part and machine are related by

@@ -1,4 +1,4 @@
-"""What the Sinumerik reader remembers between blocks, and the frames that TRANS and ROT set."""
+"""State of the Sinumerik reader between blocks, and the frames that TRANS and ROT set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the machine stands while a written program runs, and the words that take it elsewhere."""
+"""Place of the machine while a written program runs, and the words that take it elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the dialects of G-code spell what a writer adds."""
+"""Spelling of what a writer adds in the dialects of G-code."""
 
 from __future__ import annotations
 

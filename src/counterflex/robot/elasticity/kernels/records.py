@@ -1,4 +1,4 @@
-"""What the kernels of the elastic chain take: the compact chain, and what an online step writes and works on.
+"""Arguments of the kernels of the elastic chain: the compact chain, and what an online step writes and works on.
 
 Work arrays of the kernels are plain: ``frame`` (m + 1, 12) rotation row by row and position of each station after its
 drive, last row the TCP; ``delta`` (m, 6) elastic displacements, rows of rigid stations zero; ``trig`` (12,) cosines
