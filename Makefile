@@ -23,13 +23,14 @@ test: $(VENV)/.installed-dev  ## Install, run the tests but the long ones; with 
 long: $(VENV)/.installed-dev faults-random bench-smoke  ## What `make test` leaves out: long tests, faults at random, benchmarks.
 	$(PYTEST) -m long
 
-check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, licences.
+check: $(VENV)/.installed-dev  ## Linter, formatter, type checker, import contracts, frame names, structure, licences.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_frames.py src lab tests examples benchmarks
 	$(BIN)/python tools/check_nomenclature.py
+	$(BIN)/python tools/measure_structure.py --hold
 	$(BIN)/python tools/supply_chain.py --check
 
 docs: $(VENV)/.installed-dev  ## Run every example and every command printed in the docs.

@@ -35,9 +35,23 @@ _PATHS, _LONG = (
     f"functions above {LONG_STAGE} lines outside kernels",
 )
 _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
-CEILINGS = {  # what no change may pass
-    "modules": 1400,
+_WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
+CEILINGS = {
+    "modules": 1250,
+    "lines": 219_000,
+    _BIG: 8,
+    _WIDE: 9,
+    _PATHS: 218,
+    _LONG: 34,
+    _ARGUMENTS: 8,
+    "nested functions": 189,
+    "circles": 0,
+    "dataclasses that only carry data": 504,
+    "class names used twice or more": 142,
+    "import lines in 1000": 83,
+    "module docstrings that begin with What, How, Which": 0,
 }
+"""What no change may pass: as it stood when it was last lowered."""
 _OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9]*(_[A-Z0-9]+)*$")
 _ENTERED = """
@@ -260,10 +274,10 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
         "modules": len(own),
         "lines": text.count("\n"),
         "median module": f"{median(lengths):g}",
-        f"modules above {LONG_MODULE} lines": sum(length > LONG_MODULE for length in lengths),
+        _BIG: sum(length > LONG_MODULE for length in lengths),
         "widest folder": f"{width[widest]} ({widest.removeprefix('counterflex.')})",
         "median folder": f"{median(width.values()):g}",
-        f"folders above {WIDE} modules": sum(count > WIDE for count in width.values()),
+        _WIDE: sum(count > WIDE for count in width.values()),
         "files entered by one compensate": len(ways["command"]) if ways else "not run",
         "files entered from program to compensated text": len(ways["text"]) if ways else "not run",
         _PATHS: sum(complexity(f) > COMPLEX for f in outside),
