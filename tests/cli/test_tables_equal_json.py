@@ -138,7 +138,7 @@ def logged_run(changes: int, incidents: int, actions: int) -> dict[str, Any]:
         "operator_actions": [{"time_s": None if k else 2.0, "who": "anna", "from": "::1", "action": "stop",
                               "done": k == 0, "refused": "not armed"} for k in range(actions)],
         "events": [], "event_counts": {}, "wear": None, "slowed_share": 0.0, "least_speed": 1.0,
-        "causes": {"force_stale": 51, "plan_left": 52},
+        "causes": {"force_stale": 51, "plan_left": 52}, "not_closed": None,
     }  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.protocols.system.signals import SIGNALS
 
-READY: tuple[object, ...] = (("127.0.0.1", 49152), "0" * 64, {}, [], [])
+READY: tuple[object, ...] = (("127.0.0.1", 49152), "0" * 64, {}, [], [], "")
 
 
 class Process:
