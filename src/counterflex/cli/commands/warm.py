@@ -19,9 +19,7 @@ def warm(
     native: Annotated[
         bool, option("--native", "For this processor, also what the package brings compiled for a common one.")
     ] = False,
-    jobs: Annotated[
-        int | None, option("--jobs", "Processes. Default: as many as there are cores.", min=1, max=256)
-    ] = None,
+    jobs: Annotated[int | None, option("--jobs", "Processes. Default: one for each core.", min=1, max=256)] = None,
     as_json: Annotated[bool, option("--json", "Print JSON.")] = False,
 ) -> None:
     """Compile all kernels that are not compiled, in as many processes as there are cores.
