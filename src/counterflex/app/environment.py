@@ -6,7 +6,7 @@ import platform
 
 import numba
 import numpy as np
-from llvmlite.binding import get_host_cpu_name  # type: ignore[import-untyped]
+from llvmlite.binding import get_host_cpu_name
 
 
 def environment() -> dict[str, str]:

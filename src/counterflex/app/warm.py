@@ -49,8 +49,8 @@ def modules(rooms: Sequence[str] = ()) -> list[str]:
     names = []
     for file in sorted(root.rglob("*.py")):
         name = ".".join(file.relative_to(root).with_suffix("").parts)
-        asked = not rooms or any(f"{name}.".startswith(f"{room}.") for room in rooms)
-        if asked and any("entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))):
+        requested = not rooms or any(f"{name}.".startswith(f"{room}.") for room in rooms)
+        if requested and any("entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))):
             names.append(name)
     return sorted(names, key=lambda name: _LONGEST.index(name) if name in _LONGEST else len(_LONGEST))
 

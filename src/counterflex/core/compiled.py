@@ -206,11 +206,11 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
         """Where the code of all stated signatures lies."""
         if not isinstance(self._cache, _SharedCache):
             return Kept.MISSING
-        wanted = [with_records(one, self._records) if self._records else one for one in self._stated]
+        required = [with_records(one, self._records) if self._records else one for one in self._stated]
         own, brought = self._cache, self._cache.shipped
-        if _lists(own, wanted, self.targetctx.codegen()):
+        if _lists(own, required, self.targetctx.codegen()):
             return Kept.NATIVE
-        if brought is not None and brought.is_as_listed() and _lists(brought, wanted, self.targetctx.codegen()):
+        if brought is not None and brought.is_as_listed() and _lists(brought, required, self.targetctx.codegen()):
             return Kept.SHIPPED
         return Kept.MISSING
 

@@ -32,13 +32,13 @@ def warm(
     from counterflex.app import warm as job
     from counterflex.core.errors import InputError
 
-    asked = rooms or []
-    for room in asked:
+    requested = rooms or []
+    for room in requested:
         if not job.modules([room]):
             known = ", ".join(sorted({name.split(".")[0] for name in job.modules()}))
             raise InputError("no kernel that is called from outside stands there", value=room, limit=known)
     with progress_bar("compiling kernels") as progress:
-        done = job.warm(asked, native=native, jobs=jobs, progress=progress)
+        done = job.warm(requested, native=native, jobs=jobs, progress=progress)
     if as_json:
         print_json([asdict(one) for one in done])
         return

@@ -468,9 +468,9 @@ class PointsInPlace(InPlace[P], Generic[P, N]):
         """The point that an added one is like: that of the motion, of a wait the one before."""
         return next(self.points[i] for i in range(index, -1, -1) if self.points[i].T_frame_tool is not None)
 
-    def moved(self, old: Float, p: Float, R_part_tcp: Float | None) -> bool:
-        """Return whether a new place, (3,) m, differs from an old one by what is written, or the orientation is new."""
-        return R_part_tcp is not None or float(np.abs(p - old).max()) > 0.5 * self.decimal_m
+    def moved(self, before: Float, p: Float, R_part_tcp: Float | None) -> bool:
+        """Return whether a new place, (3,) m, differs from that before by what is written, or the orientation is new."""
+        return R_part_tcp is not None or float(np.abs(p - before).max()) > 0.5 * self.decimal_m
 
     def end_at(self, point: N, p: Float, R_part_tcp: Float | None) -> Float:
         """Give a point another place; returns it as it is written, (3,) m."""
@@ -489,12 +489,12 @@ class PointsInPlace(InPlace[P], Generic[P, N]):
         return self.rounded(p)
 
 
-def near_angles(angles: Any, old: Float, decimals: int | None = None) -> Float:
+def near_angles(angles: Any, near: Float, decimals: int | None = None) -> Float:
     """(3,) three Euler angles of the same orientation in deg, in +-180, near others; rounded before, if at all."""
     first, second, third = angles
     ways = [np.array([first, second, third]), np.array([first + 180.0, 180.0 - second, third + 180.0])]
-    ways = [way - 360.0 * np.round((way - old) / 360.0) for way in ways]
-    best = min(ways, key=lambda way: float(np.abs(way - old).max()))
+    ways = [way - 360.0 * np.round((way - near) / 360.0) for way in ways]
+    best = min(ways, key=lambda way: float(np.abs(way - near).max()))
     best = best if decimals is None else np.round(best, decimals)
     out: Float = np.where(np.abs(best) > 180.0, best - 360.0 * np.sign(best), best)
     return out

@@ -113,8 +113,8 @@ def _left(text: str) -> str:
         entry = json.loads(text)
         if not isinstance(entry, dict):
             return "unknown"
-        told = entry.get("boot") == boot_id() and entry.get("given") is not False
-        return str(entry.get("run") or "unknown") if told else ""
+        counts = entry.get("boot") == boot_id() and entry.get("given") is not False
+        return str(entry.get("run") or "unknown") if counts else ""
     except (ValueError, RecursionError):
         return "unknown"
 

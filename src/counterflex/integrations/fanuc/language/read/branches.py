@@ -134,7 +134,7 @@ class Branches(MotionExecution):
             return
         call = _CALL.match(action)
         if call is not None and level < _DEEPEST:
-            called = self._found(step, call[1])
+            called = self._listing(step, call[1])
             if called is None:
                 raise self._refusal(step, condition, opening)
             self.pass_over(called, 0, len(called.statements), condition, opening, level + 1)
@@ -147,7 +147,7 @@ class Branches(MotionExecution):
             raise self._refusal(step, condition, opening)
         self._pass(step, action, condition, opening, level)
 
-    def _found(self, step: Step, name: str) -> Routine | None:
+    def _listing(self, step: Step, name: str) -> Routine | None:
         """The listing of a program that is called; None where the folder has none."""
         return self.folder.find(name, lambda what, hint: step.fault(what, hint=hint))
 

@@ -173,7 +173,7 @@ class Interpreter(Flow):
             self._forget_assigned(step, text, condition)
         elif row is not None and row.word == "CALL":
             call = _CALL.fullmatch(text)
-            called = None if call is None else self._found(step, call[1])
+            called = None if call is None else self._listing(step, call[1])
             if called is not None:
                 opening = (step.statement.code.split()[0], step.statement.line)
                 self.pass_over(called, 0, len(called.statements), condition, opening, 1)
@@ -233,7 +233,7 @@ class Interpreter(Flow):
         name: Value = match[1]
         if match[1].endswith("]"):
             name = step.known(self.value(step, match[1]), "which program is called", text=text, hint="Write its name")
-        called = self._found(step, str(name))
+        called = self._listing(step, str(name))
         if called is None and str(name).upper() == self.routine.listing.name.rpartition(".")[0].upper():
             called = self.routine
         if called is None:
