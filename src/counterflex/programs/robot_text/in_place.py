@@ -469,7 +469,7 @@ class PointsInPlace(InPlace[P], Generic[P, N]):
         return next(self.points[i] for i in range(index, -1, -1) if self.points[i].T_frame_tool is not None)
 
     def moved(self, before: Float, p: Float, R_part_tcp: Float | None) -> bool:
-        """Return whether a new place, (3,) m, differs from that before by what is written, or the orientation is new."""
+        """Return whether a place, (3,) m, differs from that before by what is written, or the orientation is new."""
         return R_part_tcp is not None or float(np.abs(p - before).max()) > 0.5 * self.decimal_m
 
     def end_at(self, point: N, p: Float, R_part_tcp: Float | None) -> Float:
