@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from counterflex.core.arrays import Float
@@ -80,6 +80,7 @@ def test_the_mean_force_of_a_slot_is_that_of_the_closed_form(up: bool) -> None:
     assert whole[5] == pytest.approx(torque, rel=1e-6)
 
 
+@example(ratio=0.25, mc=0.5, mr=0.0, fz_mm=0.015625)  # at 0.15 % of the diameter
 @settings(max_examples=20)
 @given(ratio=st.floats(0.2, 1.4), mc=st.floats(0.0, 0.5), mr=st.floats(0.0, 0.8), fz_mm=st.floats(0.008, 0.1))
 def test_the_width_without_normal_force_is_where_a_fine_scan_has_it(

@@ -19,7 +19,9 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, wrenches
 
-_WIDTHS = np.concatenate([np.geomspace(0.002, 0.1, 12), np.linspace(0.12, 1.0, 23)])
+_WIDTHS = np.concatenate(
+    [np.geomspace(1e-4, 0.002, 6, endpoint=False), np.geomspace(0.002, 0.1, 12), np.linspace(0.12, 1.0, 23)]
+)
 """Shares of the diameter between which a change of sign is looked for."""
 
 
