@@ -554,6 +554,27 @@ def test_a_movement_that_the_controller_ends_early_is_a_fault_with_its_place() -
     run.close()
 
 
+def test_a_controller_that_begins_another_session_on_the_path_is_not_sent_on() -> None:
+    """It may guide at once, from another place: the pose on the path would be a jump for it."""
+    run = guided()
+    run.fake.enabled = True
+    for _ in range(200):
+        run.cycle(State.ACTIVE)
+    last = len(run.sent)
+    run.fake = FakeEgm(EgmContext(mode="pose", cycle_s=4e-3, first_ms=90_000))
+    run.fake.enabled = True
+    report = Report(0.0, run.T, run.T, Q, Q, True, False)
+    with pytest.raises(ProtocolError, match="began another session"):
+        for _ in range(20):
+            run.controller.send(run.fake.telegram(report))
+            if run.link.wait(0.1):
+                run.link.answer(ZERO, state=State.ACTIVE)
+                run.controller.receive()
+    assert run.link.phase == Phase.ENDED
+    assert len(run.sent) == last
+    run.close()
+
+
 def test_behind_the_end_a_correction_is_not_added_to_where_the_robot_stands() -> None:
     run = guided()
     run_through(run)

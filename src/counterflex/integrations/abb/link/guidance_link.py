@@ -103,7 +103,7 @@ class EgmGuidanceLink(EgmLink):
         """As :meth:`counterflex.integrations.abb.link.link.EgmLink.wait`.
 
         Raises:
-            ProtocolError: The controller ended the guided movement before the end of the path.
+            ProtocolError: The controller ended the movement before the end of the path, or began another session.
         """
         received = super().wait(timeout_s)
         if received:
@@ -111,13 +111,14 @@ class EgmGuidanceLink(EgmLink):
         return received
 
     def _watch(self) -> None:
-        if not self.guided:
+        if self.restarted or not self.guided:  # one that has restarted may guide again, from another place
             self._T_hold = None
             if self.phase == Phase.RUNNING:
                 self.phase = Phase.ENDED
                 if not self.stream.finished and not self._stopping:
+                    what = "began another session" if self.restarted else "ended the guided movement"
                     raise ProtocolError(
-                        "the controller ended the guided movement before the end of the path",
+                        f"the controller {what} before the end of the path",
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
                         hint="Its event log says why: convergence (CondTime), a limit, motors off, a stop",
                     )
