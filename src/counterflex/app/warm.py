@@ -8,7 +8,7 @@ import os
 import re
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -19,8 +19,18 @@ from counterflex.core.jit import COMPILES, Kernel, entries
 from counterflex.core.progress import Progress, silent
 
 _ENTRY: Final = re.compile(r"^@kernel\(.*?^def ", re.MULTILINE | re.DOTALL)
-_LONGEST: Final = ("runtime.cycle", "plan.posture.survey_kernel", "cutting.tridexel.column_kernels")
-"""Modules that take longest, by measurement: they begin first, so that none is left over when all others have ended."""
+_COST_S: Final = {
+    "runtime.cycle": 64.0,
+    "cutting.tridexel.column_kernels": 51.0,
+    "plan.cut_kernel": 17.0,
+    "plan.turning_cut.kernel": 10.0,
+    "robot.elasticity.kernels.lanes": 10.0,
+    "plan.posture.survey_kernel": 9.0,
+}
+"""Processor time of the modules that take longest, s: they begin first, so that none is left over when all others have
+ended, and the time left is told by their weight."""
+_OTHERS_S: Final = 2.5
+"""Of any other module."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +62,7 @@ def modules(rooms: Sequence[str] = ()) -> list[str]:
         requested = not rooms or any(f"{name}.".startswith(f"{room}.") for room in rooms)
         if requested and any("entry=True" in one for one in _ENTRY.findall(file.read_text(encoding="utf-8"))):
             names.append(name)
-    return sorted(names, key=lambda name: _LONGEST.index(name) if name in _LONGEST else len(_LONGEST))
+    return sorted(names, key=lambda name: -_COST_S.get(name, _OTHERS_S))
 
 
 def states(rooms: Sequence[str] = ()) -> list[KernelState]:
@@ -78,13 +88,14 @@ def warm(
         os.environ[shipped.NATIVE_ONLY] = "1"
     try:
         with ProcessPoolExecutor(min(jobs or os.cpu_count() or 1, len(todo) or 1), context) as pool:
-            waiting: set[Future[list[KernelState]]] = {pool.submit(_compile, name) for name in todo}
+            cost = {pool.submit(_compile, name): _COST_S.get(name, _OTHERS_S) for name in todo}
+            total, waiting = sum(cost.values()), set(cost)
             try:
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
                     for one in ended:
                         done += one.result()
-                    progress(1.0 - len(waiting) / len(todo), "compiling kernels")
+                    progress(1.0 - sum(cost[one] for one in waiting) / total, "compiling kernels")
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
