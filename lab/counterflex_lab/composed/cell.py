@@ -121,7 +121,7 @@ class Others:
         self.dead = False
 
     def gone(self) -> bool:
-        """Whether one of them has died."""
+        """Return whether one of them has died."""
         return self.dead
 
 

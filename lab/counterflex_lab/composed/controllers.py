@@ -43,7 +43,7 @@ MCI_STOPPED: Final = 2
 ENDED: Final = "ended"
 """Why a movement of EGM ended that the controller itself ended: it goes on to send."""
 STRANGE_M: Final = 7.0
-"""How far from everything the pose in a stranger's telegrams lies: it must never be seen inside the loop."""
+"""Distance of the pose in a stranger's telegrams from everything: it must never be seen inside the loop."""
 GUIDED: Final = Delays(12.0 * MS, (20.0 * 2.0 * np.pi * 20.0) ** 0.5, 0.5 * (20.0 * 2.0 * np.pi * 20.0) ** 0.5 * 58e-3)
 """Of a guided robot, as identified: dead time, low-pass of 20 Hz and gain of 20 1/s, together 70 ms."""
 
@@ -80,7 +80,7 @@ class Controller(Protocol):
 
     @property
     def corrects(self) -> bool:
-        """What the loop answers has effect; not behind a movement of EGM that is corrected."""
+        """Answers of the loop have effect; not behind a movement of EGM that is corrected."""
 
     @property
     def held(self) -> bool:

@@ -143,7 +143,7 @@ class Robot:
         self._cut(now)
 
     def _asked(self, now: Mapping[str, object], back: int) -> Float:
-        """What the drives are asked for, of what was sent some cycles ago."""
+        """Request to the drives, of what was sent some cycles ago."""
         size = self._active.size
         if "robot-delays" in now:
             back += min(180, round(size("robot-delays") / self._dt))
@@ -175,7 +175,7 @@ class Robot:
         self.force = scale * planned + _RIPPLE_N * self._rng.standard_normal(3)
 
     def report(self, time_s: float, drive_torque: Float) -> Report:
-        """What the controller shows of the robot, whose drives have a torque (6,) N m."""
+        """Report of the controller about the robot, whose drives have a torque (6,) N m."""
         active, program = self._active, self._program
         row = int(self.place)
         share = self.place - row

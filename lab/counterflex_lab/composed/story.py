@@ -112,7 +112,7 @@ class Story:
 
     @property
     def quiet_s(self) -> float:
-        """How long without a fault until it must correct again: longer where its cycle is, which all is counted in."""
+        """Time without a fault until it must correct again: longer where its cycle is, which all is counted in."""
         return _QUIET_S + 400.0 * (self.period_s - 4e-3)
 
     @property
@@ -127,11 +127,11 @@ class Story:
 
     @property
     def planned(self) -> bool:
-        """Whether there is a plan; EGM moves a path square to the plan's direction, so it always needs one."""
+        """Return whether there is a plan; EGM moves a path square to the plan's direction, so it always needs one."""
         return self.link == "egm-path" or self.mode in ("measured-plan", "pilot", "scale", "pilot-observer", "fused")
 
     def has(self, kind: str) -> bool:
-        """Whether a kind of fault can happen in this cell: it has all parts that the kind needs."""
+        """Return whether a kind of fault can happen in this cell: it has all parts that the kind needs."""
         return self.parts.issuperset(KINDS[kind].needs.split())
 
     @property
