@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from docs_site.rooms import chosen
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *(ROOT / "docs").rglob("*.md")]
 PAGES = [page for page in PAGES if "_build" not in page.parts]
@@ -79,3 +81,11 @@ def test_a_link_that_leads_nowhere_is_seen(tmp_path: Path) -> None:
     page.write_text("# A `b` (c), *d*\n\n## x_y\n\n## x_y\n\n[one](other.md#place) `[no](code.md)` [two](#x_y-1)\n")
     assert anchors(page) == {"a-b-c-d", "x_y", "x_y-1"}
     assert links(page) == ["other.md#place", "#x_y-1"]
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "reference").glob("*.rst")), ids=lambda page: page.stem)
+def test_a_reference_page_names_modules_that_exist(page: Path) -> None:
+    for package, only in re.findall(
+        r"^\.\. room:: (\S+)\n(?:   :only: (.+)\n)?", page.read_text("utf-8"), re.MULTILINE
+    ):
+        assert chosen(package, only.split())
