@@ -52,6 +52,7 @@ CEILINGS = {
     "import lines in 1000": 83,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 155_000,
+    "links of docs/index.md": 25,
 }
 """What no change may pass: as it stood when it was last lowered."""
 _OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
@@ -313,6 +314,7 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
         "`Any`": len(re.findall(r"\bAny\b", text)),
         "`type: ignore`": text.count("type: ignore"),
         "words in hand-written docs": hand_written_words(root),
+        "links of docs/index.md": (root / "docs" / "index.md").read_text(encoding="utf-8").count("]("),
         "imports under TYPE_CHECKING": len(re.findall(r"^if TYPE_CHECKING", text, re.MULTILINE)),
     }
     rooms = Counter(m.name.split(".")[1] for m in own if "." in m.name)
