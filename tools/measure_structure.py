@@ -10,8 +10,7 @@ pages of docs that no program writes; --entered runs a shipped program twice and
 is called, without what importing calls: once as `counterflex compensate`, once as the call `compensate(program,
 read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line, report and writing of
 files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below: a
-ceiling is what stands today, and is lowered with what it counts. The table in docs/adr/0011-folders.md is what it
-prints.
+ceiling is what stands today, and is lowered with what it counts.
 """
 
 from __future__ import annotations
