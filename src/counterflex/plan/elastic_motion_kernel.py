@@ -156,22 +156,22 @@ def rest(motion: Motion, row: int) -> None:
 @kernel("void(Motion, int64)", Motion=MOTION)
 def _shake(motion: Motion, row: int) -> None:
     """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
-    h, J, asked = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
+    h, J, due = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
     share = 1.0
     for a in range(AXES):
-        asked[a] = motion.program[a] / h - motion.drives[7, a]
+        due[a] = motion.program[a] / h - motion.drives[7, a]
     if motion.shaken[row] != 0:
         square = 0.0
         for k in range(3):
             change = 0.0
             for a in range(AXES):
-                change += J[k, a] * asked[a]
+                change += J[k, a] * due[a]
             square += change * change
         most = h * motion.acceleration
         if square > most * most:
             share = most / math.sqrt(square)
     for a in range(AXES):
-        change = share * asked[a]
+        change = share * due[a]
         motion.drives[7, a] += change
         if motion.shaken[row] != 0:
             motion.rate[a] -= change
