@@ -98,19 +98,16 @@ class CompensatedPath:
     ``p_command = p_nominal + correction`` and ``R_command = exp(rotvec) R_nominal``. A row without a correction equals
     the nominal row bit for bit; writers leave a motion whose rows are all like that untouched.
 
-    Attributes:
-        path: Nominal sampled path; ``path.motion`` indexes the motions of the program it was sampled from. The last
-            row of every motion is the motion's end point.
-        p_part_command: (n, 3) m, commanded tool tip in the part frame.
-        rotvec_part_command: (n, 3) rad, correction of the tool's orientation as a rotation vector in part axes.
-            Languages without orientation (G-code without rotary axes) drop it and say how large it was.
-
     Raises:
         InputError: Shapes do not fit the path, or a value is not finite.
     """
 
+    # Nominal sampled path; ``path.motion`` indexes the motions of the program it was sampled from. The last row of
+    # every motion is the motion's end point.
     path: ToolPath
-    p_part_command: Float
+    p_part_command: Float  # (n, 3) m, commanded tool tip in the part frame
+    # (n, 3) rad, correction of the tool's orientation as a rotation vector in part axes. Languages without orientation
+    # (G-code without rotary axes) drop it and say how large it was.
     rotvec_part_command: Float
 
     def __post_init__(self) -> None:

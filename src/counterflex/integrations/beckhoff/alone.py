@@ -34,27 +34,17 @@ _AHEAD: Final = StandingTarget(pose.make(p=np.array([3.0, 0.0, 0.0])))
 
 @dataclass(frozen=True, eq=False)
 class LoneAds:
-    """A TwinCAT alone.
+    """A TwinCAT alone."""
 
-    Attributes:
-        cell: Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL.
-        force_n: (3,) force at the tool, holder axes, that the strain terminals show.
-        source: What the tracker sees.
-        noise: Standard deviation of a strain.
-        host: Address to bind.
-        port: TCP port.
-        seconds: How long, or None for ever.
-        faults: Scripted.
-    """
-
-    cell: Path
+    cell: Path  # Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL
+    # (3,) force at the tool, holder axes, that the strain terminals show
     force_n: Float = field(default_factory=lambda: np.zeros(3))
-    source: PoseSource = _AHEAD
-    noise: float = 0.0
-    host: str = "127.0.0.1"
-    port: int = TCP_PORT
-    seconds: float | None = None
-    faults: FaultSchedule = field(default_factory=FaultSchedule)
+    source: PoseSource = _AHEAD  # What the tracker sees
+    noise: float = 0.0  # Standard deviation of a strain
+    host: str = "127.0.0.1"  # Address to bind
+    port: int = TCP_PORT  # TCP port
+    seconds: float | None = None  # How long, or None for ever
+    faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted
 
 
 def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:

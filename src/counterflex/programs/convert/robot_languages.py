@@ -27,7 +27,7 @@ _STEM: Final = 20
 
 
 class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
-    """What languages of robots share.
+    """Writer of steps, common to languages of robots.
 
     Args:
         program: That is converted.
@@ -49,7 +49,7 @@ class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
         self._entered: int | None = None
 
     def begin(self) -> None:
-        """What made the program."""
+        """Say the origin of the program."""
         self.comment(self.origin())
 
     def comment(self, text: str) -> None:

@@ -16,17 +16,11 @@ _HOLE: Final = re.compile(r"\{[stdpqer]\}")
 
 @dataclass(frozen=True)
 class ProcessWord:
-    """A machine function of a program.
+    """A machine function of a program."""
 
-    Attributes:
-        code: M-code that the table gives these statements for.
-        values: By letter: S speed in rpm, T tool, D tool data, and words of the M-code (P, Q, E, R).
-        lines: Number of statements that it takes.
-    """
-
-    code: int
-    values: dict[str, float]
-    lines: int
+    code: int  # M-code that the table gives these statements for
+    values: dict[str, float]  # By letter: S speed in rpm, T tool, D tool data, and words of the M-code (P, Q, E, R)
+    lines: int  # Number of statements that it takes
 
 
 @dataclass(frozen=True)

@@ -50,26 +50,17 @@ class MachineFunctions:
     data on the controller (:attr:`tool_data`), ``{p}``, ``{q}``, ``{e}`` and ``{r}`` for words of the M-code. Several
     M-codes of a block act in this order: tool change, spindle on, coolant on, coolant off, spindle off. Where the
     statements of the spindle or of a tool change are an empty list, a person does it: the program stops there.
-
-    Attributes:
-        language: Of the robot.
-        statements: By M-code; a missing one is not mapped.
-        ready: Condition that holds while the spindle turns at speed; empty where there is no such signal.
-        standing: Condition that holds while the spindle stands; likewise.
-        wait_s: How long such a condition is waited for until the program stops, s.
-        pause_s: Pause behind a start of the spindle, s.
-        tool_data: What the controller calls the tool frame, by number of the tool: a number or a name.
-        where: Place of the table, for messages.
     """
 
-    language: str
-    statements: Mapping[int, Sequence[str]] = field(default_factory=dict)
-    ready: str = ""
-    standing: str = ""
-    wait_s: float = 20.0
-    pause_s: float = 0.0
+    language: str  # Of the robot
+    statements: Mapping[int, Sequence[str]] = field(default_factory=dict)  # By M-code; a missing one is not mapped
+    ready: str = ""  # Condition that holds while the spindle turns at speed; empty where there is no such signal
+    standing: str = ""  # Condition that holds while the spindle stands; likewise
+    wait_s: float = 20.0  # How long such a condition is waited for until the program stops, s
+    pause_s: float = 0.0  # Pause behind a start of the spindle, s
+    # What the controller calls the tool frame, by number of the tool: a number or a name
     tool_data: Mapping[int, str] = field(default_factory=dict)
-    where: str = "the cell file"
+    where: str = "the cell file"  # Place of the table, for messages
 
     def lines(self, block: Block) -> list[str]:
         """Lines for a block, as the writers call it for every block (``block_lines``).
@@ -231,7 +222,7 @@ def _own_words(code: int, block: Block) -> dict[str, str]:
 
 
 def only_said(lines: Sequence[str], comment: str) -> int | None:
-    """Where a robot program starts the spindle or changes the tool by a comment alone.
+    """Return the line where a robot program starts the spindle or changes the tool by a comment alone.
 
     A block of the milling program that is carried as a comment (``; M3 S13000``) must be followed by something that
     does it, or stops for a person to do it; a motion behind it would run over standing metal.

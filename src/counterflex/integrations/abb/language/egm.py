@@ -176,7 +176,7 @@ def _frames(line: str) -> tuple[str, str] | None:
 
 
 def _begins(line: str) -> bool:
-    """Whether the path begins here: a motion, or a part of it."""
+    """Return whether the path begins here: a motion, or a part of it."""
     call = _CALL.match(_code(line))
     return bool(_LINEAR.match(_code(line)) or (call and _PART.search(call[1])))
 
@@ -240,7 +240,7 @@ def _setup(switching: EgmSwitching, way: str) -> list[str]:
 
 
 def _signal(switching: EgmSwitching, *, on: bool) -> list[str]:
-    """What a safety PLC may watch: 1 from before the path until the correction is back at zero."""
+    """Signal for a safety PLC: 1 from before the path until the correction is back at zero."""
     name = switching.correction_signal
     return [f"    SetDO {name},{int(on)};"] if name else []
 

@@ -43,7 +43,7 @@ class RapidEmitter(RapidWords, RobotEmitter[RapidSettings]):
         self._own_tool = False
 
     def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
-        """What made the program, tool and speeds."""
+        """Return comments about the origin, tool and speeds."""
         return [f"! {self.origin()}"], self._own_tool, [(name, value) for value, name in self._speeds.items()]
 
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
@@ -82,7 +82,7 @@ class RapidEmitter(RapidWords, RobotEmitter[RapidSettings]):
 
 
 def cell_of(cell: Cell) -> RapidCell:
-    """What a RAPID program is held against."""
+    """Return the cell as the reader of RAPID needs it."""
     return RapidCell(
         **shared_facts(cell, "rapid"),
         tool_of_data={t.tooldata.upper(): t.number for t in cell.tables.tools if t.tooldata is not None},

@@ -28,36 +28,24 @@ SUPERVISED: Final = ("ConfJ \\On;", "ConfL \\On;")
 
 @dataclass(frozen=True, kw_only=True)
 class RapidSettings(RobotSettings):
-    """What a RAPID module needs beside the path and what every language needs; names have up to 32 characters.
+    """Settings of a RAPID module beside those of every language; names have up to 32 characters."""
 
-    Attributes:
-        T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
-        T_base_part: (4, 4) m, work object frame in the controller's world.
-        T_base_tcp: (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work
-            object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
-        work_object: Name of the wobjdata on the controller; empty: the module declares one of its own.
-        tool_mass_kg: Mass of the tool in tooldata, > 0.
-        p_flange_cog: (3,) m, its centre of gravity.
-        configuration: (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off.
-        zone: ``fine``, ``z0``, ``z1``, ``z5`` ...
-        start_m_s: Speed of the move to the start posture, m/s.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Name of the tooldata on the controller by number of the tool in the program.
-    """
-
-    T_flange_tcp: Float
-    T_base_part: Float
-    tool_mass_kg: float = 1.0
-    p_flange_cog: Sequence[float] = (0.0, 0.0, 0.001)
+    T_flange_tcp: Float  # (4, 4) m, tool frame of tools that ``tool_data`` does not name
+    T_base_part: Float  # (4, 4) m, work object frame in the controller's world
+    tool_mass_kg: float = 1.0  # Mass of the tool in tooldata, > 0
+    p_flange_cog: Sequence[float] = (0.0, 0.0, 0.001)  # (3,) m, its centre of gravity
+    # (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off
     configuration: tuple[int, int, int, int] = (0, 0, 0, 0)
-    zone: str = "z0"
-    start_m_s: float = 0.1
+    zone: str = "z0"  # ``fine``, ``z0``, ``z1``, ``z5`` ..
+    start_m_s: float = 0.1  # Speed of the move to the start posture, m/s
     cycle_s: float = 0.024
     points_per_file: int = LIMITS.points_per_file
+    # Name of the tooldata on the controller by number of the tool in the program
     tool_data: Mapping[int, str] = field(default_factory=dict)
+    # (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work object,
+    # ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at
     T_base_tcp: Float | None = None
-    work_object: str = ""
+    work_object: str = ""  # Name of the wobjdata on the controller; empty: the module declares one of its own
 
     def check(self) -> None:
         """Check ranges.
@@ -186,7 +174,7 @@ class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
         return list(SUPERVISED)
 
     def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
-        """Where the program comes from, tool and speeds."""
+        """Return comments about the origin, tool and speeds."""
         used = {motion.tool for motion in self.original.motions if motion.tool}
         own = not used or not used <= self.settings.tool_data.keys()
         return self.origin(), own, [(name, self._speed_data(speed)) for speed, name in self._speeds.items()]

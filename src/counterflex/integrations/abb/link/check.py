@@ -21,21 +21,13 @@ _LOOKS: Final = ("WAITUNTIL", "WAITDI", "TPREADFK", "UIMESSAGEBOX", "IF", "WHILE
 
 @dataclass(frozen=True)
 class ExpectedEgm:
-    """What the cell file says.
+    """Facts of the cell file that a RAPID program is checked against."""
 
-    Attributes:
-        mode: ``path`` or ``pose``.
-        period_ms: Cycle of the loop.
-        device: Name of the UDP Unicast Device.
-        configuration: Name of the External Motion Interface Data.
-        in_part: Poses are in the work object, which is the part frame.
-    """
-
-    mode: str
-    period_ms: int
-    device: str
-    configuration: str
-    in_part: bool = True
+    mode: str  # ``path`` or ``pose``
+    period_ms: int  # Cycle of the loop
+    device: str  # Name of the UDP Unicast Device
+    configuration: str  # Name of the External Motion Interface Data
+    in_part: bool = True  # Poses are in the work object, which is the part frame
 
 
 def check_egm(calls: EgmCalls, expected: ExpectedEgm | None = None) -> tuple[Finding, ...]:

@@ -55,7 +55,7 @@ class FanucEmitter(FanucWords, RobotEmitter[FanucSettings]):
 
 
 def cell_of(cell: Cell) -> NumberedCell:
-    """What a FANUC program is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of FANUC programs needs it; refuse a cell whose robot holds the part."""
     return NumberedCell(**numbered_facts(cell, "fanuc", "FANUC"))
 
 

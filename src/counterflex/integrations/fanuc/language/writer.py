@@ -24,31 +24,20 @@ _POSE: Final = "\0"
 
 @dataclass(frozen=True, kw_only=True)
 class FanucSettings(RobotSettings):
-    """What a FANUC program needs beside the path and what every language needs; names have up to 36 characters.
+    """Settings of a FANUC program beside those of every language; names have up to 36 characters."""
 
-    Attributes:
-        tool: UTOOL of tools that ``tool_data`` does not name.
-        base: UFRAME that is the part frame.
-        configuration: CONFIG of every position: wrist (N F), elbow (U D), arm (T B), turns of J1, J4 and J6.
-        blend: CNT of points that need not be reached, 0 to 100.
-        axis_percent: Speed of J, per cent, 1 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Number of UTOOL by number of the tool in the program.
-        T_world_part: (4, 4) m, what the UFRAME must be on the controller, stated as a remark; None states nothing.
-        T_flange_tcp: (4, 4) m, likewise of the first UTOOL.
-    """
-
-    tool: int = 1
-    base: int = 1
+    tool: int = 1  # UTOOL of tools that ``tool_data`` does not name
+    base: int = 1  # UFRAME that is the part frame
+    # CONFIG of every position: wrist (N F), elbow (U D), arm (T B), turns of J1, J4 and J6
     configuration: str = "N U T, 0, 0, 0"
-    blend: int = 100
-    axis_percent: int = 10
+    blend: int = 100  # CNT of points that need not be reached, 0 to 100
+    axis_percent: int = 10  # Speed of J, per cent, 1 to 100
     cycle_s: float = 0.008
     points_per_file: int = LIMITS.points_per_file
-    tool_data: Mapping[int, int] = field(default_factory=dict)
+    tool_data: Mapping[int, int] = field(default_factory=dict)  # Number of UTOOL by number of the tool in the program
+    # (4, 4) m, what the UFRAME must be on the controller, stated as a remark; None states nothing
     T_world_part: Float | None = None
-    T_flange_tcp: Float | None = None
+    T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first UTOOL
 
     def check(self) -> None:
         """Check ranges.
@@ -171,7 +160,7 @@ class FanucWriter(FanucWords, RobotWriter[FanucSettings]):
         return [*fanuc_frames(self.settings, tool), self._move(place, self.speed, "FINE")]
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, first tool, frames, start posture."""
+        """Return origin, first tool, frames, start posture."""
         settings = self.settings
         return [
             *self.origin(), *self._stated(), *lead, *fanuc_frames(settings, self.first_tool),

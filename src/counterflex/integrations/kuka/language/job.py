@@ -72,7 +72,7 @@ class KrlEmitter(KrlWords, RobotEmitter[KrlSettings]):
 
 
 def cell_of(cell: Cell) -> KrlCell:
-    """What a KRL program is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of KRL needs it; refuse a cell whose robot holds the part."""
     return KrlCell(**numbered_facts(cell, "krl", "KRL"))
 
 

@@ -7,18 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.integrations.kuka.language import LIMITS
-from counterflex.integrations.kuka.language.rsi_switching import (
-    _DECLARED,
-    _INI,
-    _INTERRUPT,
-    RsiSwitching,
-    _enable,
-    _off,
-    _on,
-    _output,
-    _routines,
-)
+from counterflex.integrations.kuka.language import LIMITS, rsi_switching
 from counterflex.programs.compensated import job_number, marks
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
@@ -51,7 +40,8 @@ _SENSOR: Final = re.compile(r"\bRSI_\w+\s*\(", re.IGNORECASE)
 
 
 _TAKEN: Final = re.compile(
-    rf"\bINTERRUPT\s+DECL\s+{_INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD|ZERO)\b", re.IGNORECASE
+    rf"\bINTERRUPT\s+DECL\s+{rsi_switching._INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD|ZERO)\b",
+    re.IGNORECASE,
 )
 
 
@@ -76,7 +66,7 @@ _CLOSES: Final = re.compile(r"\s*(?:ENDIF|ENDLOOP|ENDFOR|ENDWHILE|UNTIL|ENDSWITC
 _LEAVES: Final = re.compile(r"\s*(?:GOTO|RETURN|EXIT)\b", re.IGNORECASE)
 
 
-def with_correction(text: str, switching: RsiSwitching, where: str, parts: Collection[str] = ()) -> str:
+def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str, parts: Collection[str] = ()) -> str:
     """The main file of a KRL program with sensor correction along its path.
 
     RSI is created directly before the first path motion or part of the path behind the last PTP, and deleted directly
@@ -141,17 +131,17 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     initialised = any(_INITIALISED.search(_code(lines[i])) for i in range(begin + 1, starts[0]))
     out = [
         *lines[: begin + 1],
-        *_DECLARED,
+        *rsi_switching._DECLARED,
         *lines[begin + 1 : first],
-        *([] if initialised else _INI),
-        *_output(switching, on=False),
+        *([] if initialised else rsi_switching._INI),
+        *rsi_switching._output(switching, on=False),
         *lines[first:path],
-        *_on(switching),
-        *_enable(switching, _says(text)),
+        *rsi_switching._on(switching),
+        *rsi_switching._enable(switching, _says(text)),
         *lines[path:after],
-        *_off(switching),
+        *rsi_switching._off(switching),
         *lines[after:],
-        *_routines(switching),
+        *rsi_switching._routines(switching),
     ]
     return end_of_line.join([*out, ""])
 
@@ -264,11 +254,11 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
                 "the program uses what the correction needs",
                 where=f"{where}:{i + 1}",
                 value=taken[0],
-                limit=f"interrupt {_INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
+                limit=f"interrupt {rsi_switching._INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
             )
 
 
-def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
+def link_test(name: str, switching: rsi_switching.RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
     """A program that stands still with RSI on, for watching the link: correction is never enabled.
 
     Raises:
@@ -279,17 +269,17 @@ def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, secon
         raise InputError("time of the link test", value=seconds, limit="1 .. 3600 s")
     body = [
         "; stands still with RSI on: try the link, correction is not enabled",
-        *_DECLARED,
-        *_INI,
-        *_output(switching, on=False),
+        *rsi_switching._DECLARED,
+        *rsi_switching._INI,
+        *rsi_switching._output(switching, on=False),
         f"$TOOL=TOOL_DATA[{tool}]",
         f"$BASE=BASE_DATA[{base}]",
         "PTP $AXIS_ACT_MEAS",
-        *_on(switching),
+        *rsi_switching._on(switching),
         f"WAIT SEC {seconds}.0",
-        *_off(switching),
+        *rsi_switching._off(switching),
     ]
-    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *_routines(switching), ""]
+    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *rsi_switching._routines(switching), ""]
     return "\n".join(lines)
 
 
@@ -322,6 +312,6 @@ def _one_tool(where: str, index: int, line: str) -> ProgramError:
 
 
 def _says(text: str) -> float:
-    """What Enable is set to: the number of the job that a compensated program carries, else 1."""
+    """Value of Enable: the number of the job that a compensated program carries, else 1."""
     jobs = marks(text)
     return float(job_number(jobs[0])) if len(jobs) == 1 else 1.0

@@ -19,33 +19,21 @@ from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, 
 
 @dataclass(frozen=True, kw_only=True)
 class KrlSettings(RobotSettings):
-    """What a KRL program needs beside the path and what every language needs; names have up to 24 characters.
+    """Settings of a KRL program beside those of every language; names have up to 24 characters."""
 
-    Attributes:
-        tool: Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name.
-        base: Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece.
-        status: S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN.
-        turn: T of the first Cartesian point.
-        acc_m_s2: $ACC.CP, m/s^2.
-        blend_m: $APO.CDIS, m.
-        axis_percent: Speed and acceleration of PTP, per cent, 1 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Number of TOOL_DATA by number of the tool in the program.
-        fixed_tool: The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and
-            TOOL_DATA the workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA.
-    """
-
-    tool: int | Float = 1
-    base: int | Float = 1
-    status: int | None = None
-    turn: int | None = None
-    acc_m_s2: float = 1.0
-    blend_m: float = 0.5e-3
-    axis_percent: int = 10
+    tool: int | Float = 1  # Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name
+    base: int | Float = 1  # Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece
+    status: int | None = None  # S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN
+    turn: int | None = None  # T of the first Cartesian point
+    acc_m_s2: float = 1.0  # $ACC.CP, m/s^2
+    blend_m: float = 0.5e-3  # $APO.CDIS, m
+    axis_percent: int = 10  # Speed and acceleration of PTP, per cent, 1 to 100
     cycle_s: float = 0.012
     points_per_file: int = LIMITS.points_per_file
+    # Number of TOOL_DATA by number of the tool in the program
     tool_data: Mapping[int, int] = field(default_factory=dict)
+    # The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and TOOL_DATA the
+    # workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA
     fixed_tool: bool = False
 
     def check(self) -> None:
@@ -120,7 +108,7 @@ class KrlWriter(KrlWords, RobotWriter[KrlSettings]):
         return text + (krl_external(self.external_at(index)) if self.settings.places else "")
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, first tool, frames and speeds, start posture."""
+        """Return origin, first tool, frames and speeds, start posture."""
         return [*self.origin(), *lead, *krl_frames(self.settings, self.first_tool), "PTP XSTART"]
 
     def data(self, files: list[str]) -> dict[str, str]:

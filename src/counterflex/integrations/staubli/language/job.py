@@ -86,7 +86,7 @@ class Val3Writer(Val3Words, RobotWriter[Val3Settings]):
         return [self._move(place, self.speed, exact=True), "waitEndMove()"]
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, start posture."""
+        """Return origin, start posture."""
         app = self.application
         move = f"movej(jStart[0],{app.tool(self.first_tool)},{app.speed(0.0, exact=True)})"
         return [*self.origin(), *lead, move, "waitEndMove()"]
@@ -106,7 +106,7 @@ class Val3Writer(Val3Words, RobotWriter[Val3Settings]):
 
 
 def cell_of(cell: Cell) -> Val3Cell:
-    """What a VAL3 program is held against.
+    """Return the cell as the reader of VAL3 needs it.
 
     Raises:
         InputError: The robot holds the part: such programs are not read.

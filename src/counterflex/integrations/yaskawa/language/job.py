@@ -111,7 +111,7 @@ class InformEmitter(InformWords, RobotEmitter[InformSettings]):
 
 
 def cell_of(cell: Cell) -> InformCell:
-    """What a job is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of jobs needs it; refuse a cell whose robot holds the part."""
     own = cell.tables.robot.controller_axes
     pulses = () if own is None or own.pulses_per_deg is None else own.pulses_per_deg
     return InformCell(**numbered_facts(cell, DIALECT, "INFORM"), pulses_per_deg=pulses)

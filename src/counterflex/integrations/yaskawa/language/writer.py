@@ -25,29 +25,19 @@ _UNUSED: Final = ",0" * 18
 
 @dataclass(frozen=True, kw_only=True)
 class InformSettings(RobotSettings):
-    """What a job needs beside the path and what every language needs; names have up to 32 characters.
+    """Settings of a job beside those of every language; names have up to 32 characters."""
 
-    Attributes:
-        tool: Tool file of tools that ``tool_data`` does not name.
-        base: User frame that is the part frame.
-        configuration: Returns RCONF of a tool pose (4, 4) m in the part frame, six flags with commas between.
-        axis_percent: Speed of MOVJ, per cent, 0.01 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Tool file by number of the tool in the program.
-        T_world_part: (4, 4) m, what the user frame must be on the controller, stated as a comment; None states nothing.
-        T_flange_tcp: (4, 4) m, likewise of the first tool.
-    """
-
-    tool: int = 1
-    base: int = 1
+    tool: int = 1  # Tool file of tools that ``tool_data`` does not name
+    base: int = 1  # User frame that is the part frame
+    # Returns RCONF of a tool pose (4, 4) m in the part frame, six flags with commas between
     configuration: Callable[[Float], str] = lambda _T: PLAIN
-    axis_percent: float = 10.0
+    axis_percent: float = 10.0  # Speed of MOVJ, per cent, 0.01 to 100
     cycle_s: float = 0.004
     points_per_file: int = LIMITS.points_per_file
-    tool_data: Mapping[int, int] = field(default_factory=dict)
+    tool_data: Mapping[int, int] = field(default_factory=dict)  # Tool file by number of the tool in the program
+    # (4, 4) m, what the user frame must be on the controller, stated as a comment; None states nothing
     T_world_part: Float | None = None
-    T_flange_tcp: Float | None = None
+    T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first tool
 
     def check(self) -> None:
         """Check ranges.
@@ -133,7 +123,7 @@ class InformWriter(InformWords, RobotWriter[InformSettings]):
         return [self._move(place, self.speed, exact=True)]
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the job comes from, what the frames must be, first tool; by axes to the first point."""
+        """Return origin, frames on the controller, first tool; by axes to the first point."""
         settings = self.settings
         to_first: list[str] = []
         if len(self.points.row):

@@ -207,15 +207,10 @@ def read_gcode_file(
 
 @dataclass(frozen=True)
 class FileReader:
-    """Reads a program of a control from a file, UTF-8 or Latin-1; programs that it calls are in its folder.
+    """Reads a program of a control from a file, UTF-8 or Latin-1; programs that it calls are in its folder."""
 
-    Attributes:
-        read: ``(text, *, name, machine, complete, folder) -> Program``.
-        language: Named in errors.
-    """
-
-    read: Callable[..., Program]
-    language: str
+    read: Callable[..., Program]  # ``(text, *, name, machine, complete, folder) -> Program``
+    language: str  # Named in errors
 
     def __call__(
         self, file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True

@@ -68,7 +68,7 @@ class FlowWord:
 
 @dataclass(frozen=True)
 class ScannedLine:
-    """What a line says, before anything is evaluated."""
+    """Words of a line, before anything is evaluated."""
 
     words: tuple[ScannedWord, ...] = ()
     assignments: tuple[Assignment, ...] = ()

@@ -31,16 +31,13 @@ class MoveMaker:
     Args:
         state: Moved along.
         listed: Motions to and from places that are not known are made, and marked.
-
-    Attributes:
-        motions: Everything made so far.
-        away: Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known.
     """
 
     def __init__(self, state: State, listed: bool = False) -> None:
         self._state = state
         self._listed = listed
-        self.motions: list[Motion] = []
+        self.motions: list[Motion] = []  # Everything made so far
+        # Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known
         self.away = ""
 
     def _append(

@@ -33,10 +33,8 @@ write_gcode = GcodeInPlace.write
 
 
 def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
-    """Refuse corrections that the writer cannot say.
-
-    Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
-    """
+    """Refuse corrections that the writer cannot say."""
+    # Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
     hint = "Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)"
     for block in program.blocks:
         if block.modal.not_written and block.motion_count:

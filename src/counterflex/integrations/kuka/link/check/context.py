@@ -184,7 +184,7 @@ def _above(
 
 
 def own_limits(setup: Setup) -> Iterator[Finding]:
-    """What the loop may send lies inside the limits of the controller."""
+    """Check that what the loop may send lies inside the limits of the controller."""
     limits = setup.limits
     if limits is None or setup.context is None or limits.axes:
         return

@@ -17,7 +17,7 @@ _FORCE_SENSOR_PORT: Final = 49152
 
 
 def tags_sent(setup: Setup) -> Iterator[Finding]:
-    """What the loop needs to be told: commanded pose and axes, late answers, clamping, the program's own enable."""
+    """Check the tags that the loop needs: commanded pose and axes, late answers, clamping, the program's own enable."""
     sent = setup.sent
     needed = (
         ("RSol.X", "error", "the commanded pose is not sent, and RIst contains the correction", "DEF_RSol"),
@@ -188,7 +188,7 @@ def both_corrections(setup: Setup) -> Iterator[Finding]:
 
 
 def hold_on(setup: Setup) -> Iterator[Finding]:
-    """What a lost answer does: HOLDON against the mode of RSI_ON."""
+    """Check the effect of a lost answer: HOLDON against the mode of RSI_ON."""
     holds = {value.tag.hold for value in setup.corrections}
     mode = setup.program.mode if setup.program else None
     if len(holds) > 1:
@@ -274,7 +274,7 @@ def sentype(setup: Setup) -> Iterator[Finding]:
 
 
 def address(setup: Setup) -> Iterator[Finding]:
-    """Where telegrams go."""
+    """Check the address of telegrams."""
     where, text = setup.at("CONFIG IP_NUMBER"), setup.config.host
     safe = "address of the sensor computer in a network of its own, for example 192.168.44.10"
     try:

@@ -91,7 +91,7 @@ def variables_read(setup: Setup) -> Iterator[Finding]:
 
 
 def monitored_values(setup: Setup) -> Iterator[Finding]:
-    """Where the program is told the correction, it is told all six values of it."""
+    """Check that a program that is told the correction is told all six values of it."""
     if setup.context is None:
         return
     for monitor in (item for item in setup.context.objects if item.kind in ("POSCORRMON", "AXISCORRMON")):

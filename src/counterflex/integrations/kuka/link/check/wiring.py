@@ -120,7 +120,7 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
 
 
 def wired_sent(setup: Setup) -> Iterator[Finding]:
-    """What SEND declares on a channel is wired; Stat comes from the correction object."""
+    """Check that what SEND declares on a channel is wired; Stat comes from the correction object."""
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
