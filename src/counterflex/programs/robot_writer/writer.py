@@ -61,6 +61,8 @@ class RobotSettings:
 
 
 S = TypeVar("S", bound=RobotSettings)
+Poses = Sequence[Float]
+External = Mapping[int, float] | None
 
 
 class RobotWords(ABC, Generic[S]):
@@ -83,6 +85,25 @@ class RobotWords(ABC, Generic[S]):
     @abstractmethod
     def call(self, part: str) -> str:
         """Line that runs a part."""
+
+    def frames(self, tool: int) -> list[str]:
+        """Lines that set the frames of a tool, where motions do not name them."""
+        del tool
+        return []
+
+    @abstractmethod
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """Lines of a motion: straight to a pose, or on a circle through one pose to another.
+
+        Args:
+            Ts_part_tcp: (4, 4) m, one pose or two.
+            speed_m_s: Along the path, m/s.
+            exact: The robot stops at the end.
+            free: The robot takes its own way, by its axes.
+            external: Values of the external axes at the end, mm or deg; None: as at the begin.
+        """
 
 
 class RobotWriter(RobotWords[S], Generic[S]):
@@ -188,13 +209,17 @@ class RobotWriter(RobotWords[S], Generic[S]):
         self.speed = now if now > 0.0 else self.speed or self.settings.rapid_m_s
         return self.speed
 
-    @abstractmethod
     def point(self, index: int) -> list[str]:
         """Lines that lead to a point."""
+        return self._motion_to(index, self.speed_to(index), exact=bool(self.points.exact[index]) or index == 0)
 
-    @abstractmethod
     def enter(self, tool: int, place: int) -> list[str]:
         """Lines behind a change of tool: its frame, and the way back to the point at which it was changed."""
+        self.speed, self.tool = self.settings.rapid_m_s, tool
+        return [*self.frames(tool), *self._motion_to(place, self.speed, exact=True)]
+
+    def _motion_to(self, index: int, speed_m_s: float, *, exact: bool) -> list[str]:
+        return self.motion([self.points.Ts_part_tcp[index]], speed_m_s, exact=exact, external=self.external_at(index))
 
     @abstractmethod
     def start(self, lead: Sequence[str]) -> list[str]:

@@ -18,7 +18,7 @@ from counterflex.geometry import rotation
 from counterflex.integrations.abb.language import LIMITS
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _NO_EXTERNAL = "9E9"
 UNSUPERVISED: Final = ("ConfJ \\Off;", "ConfL \\Off;")
@@ -141,9 +141,26 @@ class RapidWords(RobotWords[RapidSettings]):
         """A routine of another module."""
         return f"{part};"
 
+    @abstractmethod
+    def speed_name(self, speed_m_s: float) -> str:
+        """Name of the speeddata of a speed."""
+
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """MoveJ, MoveL or MoveC in the work object (the part frame)."""
+        settings = self.settings
+        word = "MoveJ" if free else "MoveL" if len(Ts_part_tcp) == 1 else "MoveC"
+        conf = ",".join(str(int(c)) for c in settings.configuration)
+        axes = rapid_external(settings.external_axes if external is None else external)
+        targets = [f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},[{conf}],{axes}]" for T in Ts_part_tcp]
+        frames = f"{self._tool_name(self.tool)}\\WObj:={self._wobj}"
+        zone = "fine" if exact else settings.zone
+        return [f"{word} {','.join(targets)},{self.speed_name(speed_m_s)},{zone},{frames};"]
+
 
 class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
-    """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
+    """A commanded path in RAPID, with declared speeddata."""
 
     @cached_property
     def _speeds(self) -> dict[float, str]:
@@ -151,15 +168,14 @@ class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
         used = {float(speed) for speed in self.points.speed_m_s if speed > 0.0} | {self.settings.rapid_m_s}
         return {speed: f"v_{self.settings.name[:24]}_{i}" for i, speed in enumerate(sorted(used), start=1)}
 
-    def point(self, index: int) -> list[str]:
-        """A point: MoveL, fine at the first one and where it must be reached."""
-        self.speed_to(index)
-        return [self._move(index, "fine" if self.points.exact[index] or index == 0 else self.settings.zone)]
+    def speed_name(self, speed_m_s: float) -> str:
+        """Name by its rank among the speeds of the path."""
+        return self._speeds[speed_m_s]
 
-    def enter(self, tool: int, place: int) -> list[str]:
-        """The way back behind a change of tool."""
-        self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [*UNSUPERVISED, self._move(place, "fine")]
+    def frames(self, tool: int) -> list[str]:
+        """Supervision of the configuration off: every instruction names its frames."""
+        del tool
+        return list(UNSUPERVISED)
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """First tool, start posture."""
@@ -181,13 +197,6 @@ class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
 
     def _speed_data(self, speed_m_s: float) -> str:
         return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
-
-    def _move(self, index: int, zone: str) -> str:
-        conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
-        T = self.points.Ts_part_tcp[index]
-        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{rapid_external(self.external_at(index))}]"
-        speed = self._speeds[self.speed or self.settings.rapid_m_s]
-        return f"MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 
 
 def rapid_external(values: Mapping[int, float]) -> str:
