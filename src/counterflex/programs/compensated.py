@@ -37,11 +37,9 @@ def motion_table(program: Program) -> MotionTable:
             turned = [round(angle / DEG, 6) for angle in motion.abc_end]
             raise ProgramError(
                 "the program moves a rotary axis, whose meaning for a robot is not defined",
-                where=f"{block.where(program.name)}:1",
-                value=f"A B C = {turned} deg",
-                limit="A B C = 0",
+                where=f"{block.where(program.name)}:1", value=f"A B C = {turned} deg", limit="A B C = 0",
                 hint="Describe the machine in [machine] of the cell file, or post the program as three-axis milling",
-            )
+            )  # fmt: skip
     return programmed_motions(program)
 
 
@@ -231,8 +229,6 @@ def refuse_compensated(program: Program) -> None:
     carried = marks("\n".join(program.lines))
     if carried:
         raise InputError(
-            "the program is compensated already and would be compensated twice",
-            where=Path(program.name).name,
-            value=f"job {', '.join(carried)}",
-            hint="Give the original program",
-        )
+            "the program is compensated already and would be compensated twice", where=Path(program.name).name,
+            value=f"job {', '.join(carried)}", hint="Give the original program",
+        )  # fmt: skip

@@ -100,11 +100,10 @@ def differences(before: Program, after: Program) -> list[Change]:
     first, second = _pieces(before.motions), _pieces(after.motions)
     if [kind for kind, _ in first if kind] != [kind for kind, _ in second if kind]:
         raise InputError(
-            "the programs are no versions of one: their rapids and waits differ",
-            where=Path(after.name).name,
+            "the programs are no versions of one: their rapids and waits differ", where=Path(after.name).name,
             value=f"{sum(bool(kind) for kind, _ in second)}",
             limit=f"{sum(bool(kind) for kind, _ in first)}, in the same order",
-        )
+        )  # fmt: skip
     changes: list[Change] = []
     for (kind, one), (_, other) in zip(first, second, strict=True):
         matched = other if kind else _matched(before, after, one, other)

@@ -166,11 +166,9 @@ def holder_force(cell: Cell, values: Mapping[str, float]) -> Float | None:
         return None
     if len(table.strain) != len(holder.gauges):
         raise InputError(
-            "strain terminals and bridges of the holder",
-            where=str(cell.path),
-            value=len(table.strain),
+            "strain terminals and bridges of the holder", where=str(cell.path), value=len(table.strain),
             limit=f"{len(holder.gauges)}, one symbol for each gauge in its order",
-        )
+        )  # fmt: skip
     strain = strains_of(table, holder.beam.poisson_ratio, values)
     if not np.all(np.isfinite(strain)):
         raise InputError("a strain terminal shows no number", value=strain.tolist(), hint="Is its cable broken?")

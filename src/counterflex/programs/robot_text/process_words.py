@@ -80,11 +80,10 @@ class ProcessWords:
         if len(codes) > 1:
             raise ProgramError(
                 "the cell file gives the same statements for two functions, so which one is meant is not known",
-                where=where,
-                value=statements[at].strip()[:60],
+                where=where, value=statements[at].strip()[:60],
                 limit=", ".join(KEYS.get(code, f"m_codes.M{code}") for code in codes),
                 hint=f"Tell them apart in [controller.spindle.{self._language}] of {self._where}",
-            )
+            )  # fmt: skip
         pattern, values = fits[0]
         rest = [normal(self._code_of(line)) for line in statements[at + best : at + best + len(pattern.behind)]]
         length = best + (len(pattern.behind) if pattern.behind and rest == list(pattern.behind) else 0)

@@ -156,29 +156,24 @@ class MachineFunctions:
         statements = self.statements[code]
         if any(SPEED in line for line in statements) and rpm == 0.0:
             raise ProgramError(
-                "the spindle is started without a speed",
-                where=f"line {block.line}",
-                value=f"M{code}",
+                "the spindle is started without a speed", where=f"line {block.line}", value=f"M{code}",
                 limit="S above 0",
-            )
+            )  # fmt: skip
         tool = block.modal.tool
         data = self.tool_data.get(tool)
         if data is None and any(DATA in line for line in statements):
             raise ProgramError(
-                "the cell file does not name the tool data of a tool",
-                where=f"line {block.line}",
-                value=f"T{tool}",
+                "the cell file does not name the tool data of a tool", where=f"line {block.line}", value=f"T{tool}",
                 limit=f"tools.{forms_of(self.language).data_key} of T{tool} in {self.where}",
-            )
+            )  # fmt: skip
         own = _own_words(code, block)
         for key in WORDS:
             if self._says(code, key) and key not in own:
                 raise ProgramError(
                     f"the statements of M{code} need a word that the block does not give it",
-                    where=f"line {block.line}",
-                    value=" ".join(block.text.split())[:60],
+                    where=f"line {block.line}", value=" ".join(block.text.split())[:60],
                     limit=f"M{code} with {key[1].upper()}, for {key}",
-                )
+                )  # fmt: skip
         words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
         out = [_filled(line, words) for line in statements]
         if not out and code in _BY_HAND:
@@ -254,12 +249,10 @@ def refuse_only_said(lines: Sequence[str], comment: str, where: str) -> None:
     at = only_said(lines, comment)
     if at is not None:
         raise ProgramError(
-            "a comment alone stands where the spindle is started or the tool changed",
-            where=f"{where}:{at + 1}",
-            value=lines[at].strip()[:60],
-            limit="statements that do it, or a stop for a person",
+            "a comment alone stands where the spindle is started or the tool changed", where=f"{where}:{at + 1}",
+            value=lines[at].strip()[:60], limit="statements that do it, or a stop for a person",
             hint="Say in [controller.spindle] of the cell file what does it, and compensate again",
-        )
+        )  # fmt: skip
 
 
 def stop_under_correction(line: str, where: str, statement: str) -> ProgramError:

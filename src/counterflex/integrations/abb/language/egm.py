@@ -162,11 +162,9 @@ def _check_names(lines: list[str], where: str) -> None:
         for name in names:
             if len(name) > LIMITS.name_characters or name.upper() in RESERVED:
                 raise ProgramError(
-                    "RAPID cannot use this name",
-                    where=f"{where}:{number}",
-                    value=name,
+                    "RAPID cannot use this name", where=f"{where}:{number}", value=name,
                     limit=f"no word of the language, {LIMITS.name_characters} characters at most",
-                )
+                )  # fmt: skip
 
 
 def _frames(line: str) -> tuple[str, str] | None:
@@ -191,12 +189,10 @@ def _check(path: list[str], number: int, where: str, frames: tuple[str, str] | N
         other = _frames(line) if _LINEAR.match(line) else None
         if frames is not None and other is not None and other != frames:
             raise ProgramError(
-                "the tool or the work object is changed on the path, under correction",
-                where=at,
-                value=f"{other[0]}, {other[1]}",
-                limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
+                "the tool or the work object is changed on the path, under correction", where=at,
+                value=f"{other[0]}, {other[1]}", limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
                 hint="Compensate the part of the program of each tool by itself, and make a program for each",
-            )
+            )  # fmt: skip
 
 
 def _refuse_stops(path: list[str], number: int, where: str) -> None:
@@ -311,11 +307,9 @@ def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
         code = _code(line).strip()
         if code and not _LINEAR.match(_code(line)) and not _WAIT.match(code):
             raise ProgramError(
-                "guidance runs the path in one go, and an instruction stands within",
-                where=where,
-                value=code[:60],
+                "guidance runs the path in one go, and an instruction stands within", where=where, value=code[:60],
                 hint='Switch the spindle before the program, or set [egm] mode = "path"',
-            )
+            )  # fmt: skip
     first, last = (_LINEAR.match(_code(path[i])) for i in (moves[0], moves[-1]))
     if first is None or last is None:
         raise ProgramError("not a MoveL", where=where)

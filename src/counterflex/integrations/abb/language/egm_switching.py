@@ -41,11 +41,9 @@ class EgmSwitching:
             raise InputError("mode of EGM", value=self.mode, limit="path or pose")
         if not 0.0 < self.timeout_s <= 0.1:
             raise InputError(
-                "CommTimeout of EGM",
-                value=f"{self.timeout_s:g} s",
-                limit="> 0 and <= 0.1 s",
+                "CommTimeout of EGM", value=f"{self.timeout_s:g} s", limit="> 0 and <= 0.1 s",
                 hint="Without messages the robot continues with the last value received",
-            )
+            )  # fmt: skip
         for name in ("armed_s", "zero_s", "zero_mm", "window_mm", "window_deg", "standing_s", "end_mm"):
             as_positive(name, getattr(self, name))
         as_positive("speed_deviation_deg_s", self.speed_deviation_deg_s)

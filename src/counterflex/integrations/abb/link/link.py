@@ -131,12 +131,11 @@ class EgmLink:
         if self._incomplete < _CADENCE:
             return
         raise ProtocolError(
-            "the controller's messages leave out what is needed",
-            where=f"{self.address[0]}:{self.address[1]}",
+            "the controller's messages leave out what is needed", where=f"{self.address[0]}:{self.address[1]}",
             value=f"no {', '.join(state.missing)}",
             limit="header.seqno, feedBack.joints, feedBack.cartesian and mciState in every message",
             hint="Send the robot's own messages (EGMStreamStart, EGMActMove or EGMActPose), not a shortened copy",
-        )
+        )  # fmt: skip
 
     def _read(self, length: int) -> Verdict:
         try:
@@ -182,12 +181,10 @@ class EgmLink:
         self._cadence = None
         if abs(mean - self.period_s) > 0.2 * self.period_s:
             raise ProtocolError(
-                "the controller sends in another cycle",
-                where=f"{self.address[0]}:{self.address[1]}",
-                value=f"{mean * 1e3:.1f} ms",
-                limit=f"{self.period_s * 1e3:g} ms",
+                "the controller sends in another cycle", where=f"{self.address[0]}:{self.address[1]}",
+                value=f"{mean * 1e3:.1f} ms", limit=f"{self.period_s * 1e3:g} ms",
                 hint="Make SampleRate of the RAPID program and period_ms of the table [online] the same",
-            )
+            )  # fmt: skip
 
     def _in_part(self, T_frame_tcp: Float) -> Float:
         if self._T_part_frame is None:

@@ -149,11 +149,9 @@ def _programs(program: Path, switching: EgmSwitching) -> tuple[dict[str, str], t
         part = program.with_name(f"{name}{program.suffix}")
         if not part.is_file():
             raise ProgramError(
-                "the program calls a procedure whose module does not lie beside it",
-                where=str(program),
-                value=name,
+                "the program calls a procedure whose module does not lie beside it", where=str(program), value=name,
                 hint=f"Its path is not corrected: put {part.name} there",
-            )
+            )  # fmt: skip
         parts[part.name] = _rapid(part)
     last = next((end for name, part in reversed(parts.items()) if (end := last_move(part, name))), None)
     files = {program.name: with_egm(text, switching, program.name, last)}

@@ -155,11 +155,7 @@ def measured_force(data: bytes) -> Float | None:
     return np.array(values)
 
 
-def write_robot(
-    state: RobotState,
-    *,
-    robotware: int = 7,
-) -> bytes:
+def write_robot(state: RobotState, *, robotware: int = 7) -> bytes:
     """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
 
     ABB's client library drops a message without number, clock or type in its header, without joints, pose or time in

@@ -98,11 +98,9 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     if packed or b"<html" in document[:1000].lower():
         raise ProtocolError(
             f"this is {'compressed' if packed else 'a web page'}, not the scaling document of a force sensor",
-            where=where,
-            value=repr(document[:40]),
-            limit="the XML that a Net F/T serves at /netftapi2.xml",
+            where=where, value=repr(document[:40]), limit="the XML that a Net F/T serves at /netftapi2.xml",
             hint="Is the address right, and no login page or proxy before the sensor?",
-        )
+        )  # fmt: skip
     try:
         root = fromstring(document)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:

@@ -121,15 +121,7 @@ def write_frame(frame: Frame) -> bytes:
     """A frame as bytes."""
     size = len(frame.data)
     head = _FRAME.pack(
-        0,
-        size + HEADER - 6,
-        *frame.target,
-        *frame.source,
-        frame.command,
-        frame.flags,
-        size,
-        frame.error,
-        frame.invoke,
+        0, size + HEADER - 6, *frame.target, *frame.source, frame.command, frame.flags, size, frame.error, frame.invoke
     )
     return head + frame.data
 

@@ -14,12 +14,7 @@ from counterflex.app.robot_programs import numbered_facts
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.writer import (
-    KrlSettings,
-    KrlWords,
-    KrlWriter,
-    krl_frames,
-)
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWords, KrlWriter, krl_frames
 from counterflex.programs.convert.emitter import Conversion, turn_deg
 from counterflex.programs.convert.robot_languages import FLAT_M, RobotEmitter
 from counterflex.programs.convert.steps import Move

@@ -157,12 +157,9 @@ def check_main(text: str, name: str, where: str) -> None:
     routine = next((match[1] for line in text.splitlines() if (match := _ROUTINE.match(_code(line)))), None)
     if routine is not None and routine.lower() != name.lower():
         raise ProgramError(
-            "the file does not have the name of its main routine: the controller does not load it",
-            where=where,
-            value=f"DEF {routine}( )",
-            limit=f"DEF {name}( )",
-            hint="Rename the file back to what compensate wrote",
-        )
+            "the file does not have the name of its main routine: the controller does not load it", where=where,
+            value=f"DEF {routine}( )", limit=f"DEF {name}( )", hint="Rename the file back to what compensate wrote",
+        )  # fmt: skip
 
 
 def called(text: str) -> tuple[str, ...]:
@@ -199,11 +196,10 @@ def _straight(lines: Sequence[str], where: str, begin: int, path: int, after: in
 def _not_straight(where: str, index: int, line: str) -> ProgramError:
     return ProgramError(
         "the path is entered or left under a condition: the correction would not always be switched off behind it",
-        where=f"{where}:{index + 1}",
-        value=line.strip()[:60],
+        where=f"{where}:{index + 1}", value=line.strip()[:60],
         limit="a path without branches, loops around it, GOTO, RETURN and EXIT",
         hint="Give the program as compensate wrote it",
-    )
+    )  # fmt: skip
 
 
 def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, output: int | None = None) -> None:
@@ -229,33 +225,25 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
             raise stop_under_correction(lines[i], f"{where}:{i + 1}", "HALT")
         if _SPLINE.match(line):
             raise ProgramError(
-                "nothing is known of corrections on spline motions",
-                where=f"{where}:{i + 1}",
-                value=line.split()[0],
+                "nothing is known of corrections on spline motions", where=f"{where}:{i + 1}", value=line.split()[0],
                 limit="LIN or CIRC",
-            )
+            )  # fmt: skip
         if _SENSOR.search(line):
             raise ProgramError(
-                "the program switches RSI itself",
-                where=f"{where}:{i + 1}",
-                value=line.strip(),
+                "the program switches RSI itself", where=f"{where}:{i + 1}", value=line.strip(),
                 hint="Give the program as compensate wrote it",
-            )
+            )  # fmt: skip
         if output is not None and re.search(rf"\$OUT\s*\[\s*0*{output}\s*\]", line, re.IGNORECASE):
             raise ProgramError(
                 "the program uses the output that shows a safety PLC whether the correction may act",
-                where=f"{where}:{i + 1}",
-                value=line.strip()[:60],
-                limit=f"$OUT[{output}] free",
+                where=f"{where}:{i + 1}", value=line.strip()[:60], limit=f"$OUT[{output}] free",
                 hint="Give controller.correction_output of the cell file another number",
-            )
+            )  # fmt: skip
         if taken := _TAKEN.search(line):
             raise ProgramError(
-                "the program uses what the correction needs",
-                where=f"{where}:{i + 1}",
-                value=taken[0],
+                "the program uses what the correction needs", where=f"{where}:{i + 1}", value=taken[0],
                 limit=f"interrupt {rsi_switching._INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
-            )
+            )  # fmt: skip
 
 
 def link_test(name: str, switching: rsi_switching.RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
@@ -289,11 +277,9 @@ def _code(line: str) -> str:
 
 def _no_ptp(where: str, index: int) -> ProgramError:
     return ProgramError(
-        "corrections are superposed on LIN and CIRC only",
-        where=f"{where}:{index + 1}",
-        value="PTP after the first path motion",
-        hint="Split the program there",
-    )
+        "corrections are superposed on LIN and CIRC only", where=f"{where}:{index + 1}",
+        value="PTP after the first path motion", hint="Split the program there",
+    )  # fmt: skip
 
 
 def _moves(line: str, parts: Collection[str]) -> bool:
@@ -304,11 +290,10 @@ def _moves(line: str, parts: Collection[str]) -> bool:
 def _one_tool(where: str, index: int, line: str) -> ProgramError:
     return ProgramError(
         f"the {'tool' if '$TOOL' in line.upper() else 'frame'} is changed on the path, under correction",
-        where=f"{where}:{index + 1}",
-        value=line.strip(),
+        where=f"{where}:{index + 1}", value=line.strip(),
         limit="one tool and one base from the start position to the end",
         hint="Compensate the part of the program of each tool by itself, and make a set-up for each",
-    )
+    )  # fmt: skip
 
 
 def _says(text: str) -> float:

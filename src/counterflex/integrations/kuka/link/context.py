@@ -125,12 +125,10 @@ def parse_context(text: bytes, where: str) -> RsiContextFile:
     first = _FIRST_INDEX.get(_local(root).lower())
     if first is None:
         raise FileFormatError(
-            "not an RSI context",
-            where=where,
-            value=f"<{_local(root)}>",
+            "not an RSI context", where=where, value=f"<{_local(root)}>",
             limit="<RSIObjects> (.rsi.xml) or <RsiContext> (.rsix)",
             hint="The .rsi file is the editor's drawing; give the .rsi.xml beside it",
-        )
+        )  # fmt: skip
     objects = [_object(item, first, where) for item in root.iter() if _local(item).lower() == "rsiobject"]
     names = [item.name for item in objects]
     twice = next((name for name in names if names.count(name) > 1), None)

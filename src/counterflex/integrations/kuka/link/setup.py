@@ -224,11 +224,9 @@ def _programs(
             corrected[data.name] = _krl(data)
         elif name == program.stem and re.search(r"\bXSTART\b", text):
             raise ProgramError(
-                "the data list of the program is missing: the controller does not load it",
-                where=str(program),
-                value=f"XSTART, but no {data.name}",
-                hint="Keep the .dat beside the .src, as compensate writes them",
-            )
+                "the data list of the program is missing: the controller does not load it", where=str(program),
+                value=f"XSTART, but no {data.name}", hint="Keep the .dat beside the .src, as compensate writes them",
+            )  # fmt: skip
     return corrected, program.name, tuple(elsewhere)
 
 
@@ -237,7 +235,5 @@ def _krl(path: Path) -> str:
 
 
 SETUP: Final = robot_folder.RobotSetup(
-    "KUKA RSI",
-    lambda **given: check(CheckSettings(**given)),
-    lambda out, **given: make(MakeSettings(**given), out),
+    "KUKA RSI", lambda **given: check(CheckSettings(**given)), lambda out, **given: make(MakeSettings(**given), out)
 )

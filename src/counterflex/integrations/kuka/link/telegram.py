@@ -88,13 +88,7 @@ class Writer:
     """
 
     def __init__(
-        self,
-        root: str,
-        kind: str,
-        values: Sequence[Value],
-        *,
-        decimals: int = 6,
-        texts: dict[str, str] | None = None,
+        self, root: str, kind: str, values: Sequence[Value], *, decimals: int = 6, texts: dict[str, str] | None = None
     ) -> None:
         if not 0 <= decimals <= 9:
             raise InputError("decimal places of telegrams", value=decimals, limit="0 .. 9")

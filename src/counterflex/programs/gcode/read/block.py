@@ -56,12 +56,7 @@ class BlockWords:
             self._unused -= set(codes.TAKEN_BY_G.get(code, "")) if code != _BLENDING else set()
 
     def _code(
-        self,
-        word: Word,
-        letter: str,
-        groups: dict[int, str],
-        refused: dict[int, tuple[str, str]],
-        into: dict[str, int],
+        self, word: Word, letter: str, groups: dict[int, str], refused: dict[int, tuple[str, str]], into: dict[str, int]
     ) -> None:
         code = round(word.value * 10.0) if abs(word.value) < 1e6 else -1
         name = f"{letter}{word.value:g}"
@@ -87,11 +82,9 @@ class BlockWords:
             code = code if into[group] == 800 else into[group]
         elif group in into:
             raise self._fault(
-                f"two codes of the modal group '{group}' in one block",
-                word.start,
-                f"{codes.code_name(letter, into[group])} and {codes.code_name(letter, code)}",
-                _MODAL_GROUPS_OF_ONE,
-            )
+                f"two codes of the modal group '{group}' in one block", word.start,
+                f"{codes.code_name(letter, into[group])} and {codes.code_name(letter, code)}", _MODAL_GROUPS_OF_ONE,
+            )  # fmt: skip
         into[group] = code
         self._columns[letter + str(code)] = word.start
 

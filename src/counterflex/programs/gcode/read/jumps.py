@@ -62,11 +62,7 @@ class FlowRunner:
     """
 
     def __init__(
-        self,
-        source: Source,
-        state: State,
-        parameters: Mapping[str | int, float] | None,
-        includes: Include | None,
+        self, source: Source, state: State, parameters: Mapping[str | int, float] | None, includes: Include | None
     ) -> None:
         self._main = source
         self._place = Place(source, 0)

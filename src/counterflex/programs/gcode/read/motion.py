@@ -255,10 +255,7 @@ class MotionMaker:
                     raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
                 zero = ZERO if turned else state.origin
                 base = zero if state.arc_absolute else start
-                centre = (
-                    base[first] + given.get(first, 0.0) * unit,
-                    base[second] + given.get(second, 0.0) * unit,
-                )
+                centre = (base[first] + given.get(first, 0.0) * unit, base[second] + given.get(second, 0.0) * unit)
                 arc = by_centre(a, b, centre, clockwise, turns, unit)
         except ArcFault as fault:
             letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)

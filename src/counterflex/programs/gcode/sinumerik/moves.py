@@ -314,13 +314,7 @@ class MoveMaker:
         return int(value)
 
     def _plane_arc(
-        self,
-        block: Block,
-        a: tuple[float, float],
-        b: tuple[float, float],
-        in_plane: bool,
-        clockwise: bool,
-        turns: int,
+        self, block: Block, a: tuple[float, float], b: tuple[float, float], in_plane: bool, clockwise: bool, turns: int
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state

@@ -124,10 +124,9 @@ class WrittenMachine(MachineInPlace):
             if axis >= 0 and abs(base + word.value * modal.unit_m - ends[axis]) > 1e-7:
                 raise ProgramError(
                     "a corrected block does not lead to its target by its own words",
-                    where=f"{block.where(self.program.name)}:{word.start + 1}",
-                    value=block.text.strip(),
+                    where=f"{block.where(self.program.name)}:{word.start + 1}", value=block.text.strip(),
                     hint="Write the motion in the work coordinate system (no machine coordinates, no polar words)",
-                )
+                )  # fmt: skip
         if motion.abc_start != motion.abc_end and self.rows.angles is None:
             raise ProgramError(
                 "a motion that turns a rotary axis cannot be corrected",

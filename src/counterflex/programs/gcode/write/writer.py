@@ -67,10 +67,7 @@ def _short_enough(line: str, program: Program) -> list[str]:
     code, comments = without_comments(line)
     if len(code) > most:
         raise ProgramError(
-            "a corrected block is longer than the interpreter takes",
-            where=program.name,
-            value=f"{len(code)} characters",
-            limit=f"<= {most}",
-            hint="Shorten the expressions of the block",
-        )
+            "a corrected block is longer than the interpreter takes", where=program.name,
+            value=f"{len(code)} characters", limit=f"<= {most}", hint="Shorten the expressions of the block",
+        )  # fmt: skip
     return [*comments, code]

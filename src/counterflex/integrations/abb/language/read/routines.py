@@ -119,11 +119,10 @@ class Modules:
         source = self.source
         word = "ENDMODULE" if self._opened is None else _END_OF[self._opened[0]]
         raise ProgramError(
-            f"the module stops without {word}: it may be cut off",
-            where=source.where(max(0, len(source.text) - 1)),
+            f"the module stops without {word}: it may be cut off", where=source.where(max(0, len(source.text) - 1)),
             value=source.text.strip().splitlines()[-1].strip()[:60],
             hint="Post it again, or say --without-end if it is complete",
-        )
+        )  # fmt: skip
 
     def _head(self, statement: Statement) -> None:
         match = _MODULE.match(statement.code) if statement.structure else None

@@ -109,11 +109,10 @@ class Frames(NumberedFrames):
                 raise taken.fault
             if taken.value is None and self.cell is not None:
                 raise ProgramError(
-                    f"the program moves before it says which ${word} it is written for",
-                    where=where,
+                    f"the program moves before it says which ${word} it is written for", where=where,
                     limit=f"${word}={word}_DATA[{number}]",
                     hint="Write it before the first motion, as the calling program sets it",
-                )
+                )  # fmt: skip
         self.T_part_base = self._relative(where)
 
     # ---- checks ----------------------------------------------------------------------------------------------

@@ -123,10 +123,7 @@ TYPES: Final[dict[str, BlockType]] = {
             18,
             ("In1",),
             (),
-            (
-                ParameterType("Mode", 1, 0, "stop", "ExitMoveCorr"),
-                ParameterType("Channel", 2, 1, "int", "0", 0),
-            ),
+            (ParameterType("Mode", 1, 0, "stop", "ExitMoveCorr"), ParameterType("Channel", 2, 1, "int", "0", 0)),
             truth=True,
         ),
         BlockType("MAP2SEN_PREA", "Map2Sen_PRea", 17, ("In1",), (), (_INDEX,)),

@@ -15,11 +15,7 @@ _ELEMENTS: Final = {
     "frame": "EnumParameter",
 }
 _CHOICES: Final = {"stop": ("StopType", rsi_blocks.STOP_MODES), "frame": ("TrafoCosysType", rsi_blocks.FRAMES)}
-_SUBSET: Final = {
-    "ETHERNET": "Communication",
-    "MAP2SEN_PREA": "Communication",
-    "SEN_PREA": "Communication",
-}
+_SUBSET: Final = {"ETHERNET": "Communication", "MAP2SEN_PREA": "Communication", "SEN_PREA": "Communication"}
 _OTHERS: Final = "Motion Manipulation"
 _LIBRARY: Final = {4: "2.0.2", 5: "2.1.3"}
 _COLUMN, _WIDTH, _PITCH = 400.0, 169.0, 30.0

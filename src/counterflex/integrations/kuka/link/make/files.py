@@ -161,11 +161,7 @@ class RsiFiles:
                 "ETHERNET",
                 "ETHERNET1",
                 {1: (name, 1), 2: ("SEN_PREA1", 1)},
-                {
-                    "ConfigFile": self.ethernet_name,
-                    "Timeout": self.timeout,
-                    "Precision": self.precision,
-                },
+                {"ConfigFile": self.ethernet_name, "Timeout": self.timeout, "Precision": self.precision},
             ),
         )
 
@@ -184,11 +180,9 @@ def check_files(files: RsiFiles) -> None:
     ):
         if value > 20.0:
             raise InputError(
-                "the corrections are too large for a robot that cuts",
-                where=f"[online] {name} x hard_factor",
-                value=f"a limit of {value:g} {unit} on the controller",
-                limit=f"<= 20 {unit}",
-            )
+                "the corrections are too large for a robot that cuts", where=f"[online] {name} x hard_factor",
+                value=f"a limit of {value:g} {unit} on the controller", limit=f"<= 20 {unit}",
+            )  # fmt: skip
 
 
 def _up(value: float) -> float:

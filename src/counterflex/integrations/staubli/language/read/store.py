@@ -15,15 +15,7 @@ from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.data_file import DataFile
 from counterflex.integrations.staubli.language.read.program_file import Routine, Variable
 from counterflex.integrations.staubli.language.read.table import TABLE
-from counterflex.programs.expression import (
-    ExpressionError,
-    Name,
-    Node,
-    Value,
-    evaluate,
-    is_number,
-    parse_whole,
-)
+from counterflex.programs.expression import ExpressionError, Name, Node, Value, evaluate, is_number, parse_whole
 from counterflex.programs.unknown import Unknown, known
 
 _SIZE: Final = re.compile(r"\bsize\s*\(\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\)")
