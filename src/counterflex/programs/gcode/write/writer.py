@@ -33,10 +33,8 @@ write_gcode = GcodeInPlace.write
 
 
 def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
-    """Refuse corrections that the writer cannot say.
-
-    Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
-    """
+    """Refuse corrections that the writer cannot say."""
+    # Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
     hint = "Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)"
     for block in program.blocks:
         if block.modal.not_written and block.motion_count:
@@ -68,10 +66,7 @@ def _short_enough(line: str, program: Program, most: int) -> list[str]:
     code, comments = without_comments(line)
     if len(code) > most:
         raise ProgramError(
-            "a corrected block is longer than the interpreter takes",
-            where=program.name,
-            value=f"{len(code)} characters",
-            limit=f"<= {most}",
-            hint="Shorten the expressions of the block",
-        )
+            "a corrected block is longer than the interpreter takes", where=program.name,
+            value=f"{len(code)} characters", limit=f"<= {most}", hint="Shorten the expressions of the block",
+        )  # fmt: skip
     return [*comments, code]
