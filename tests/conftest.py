@@ -6,6 +6,7 @@ third of the files, and of the files that the last commit has changed (:mod:`thi
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -64,6 +65,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         taken = [not one.get_closest_marker("long") or now.takes(one.nodeid.partition("::")[0]) for one in items]
         config.hook.pytest_deselected(items=[one for one, is_taken in zip(items, taken, strict=True) if not is_taken])
         items[:] = [one for one, is_taken in zip(items, taken, strict=True) if is_taken]
+
+
+def pytest_collection_finish() -> None:
+    """Take libraries and collected tests from the garbage collector: going through them took a quarter of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
