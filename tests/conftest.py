@@ -20,6 +20,7 @@ sys.path.append(str(Path(__file__).parents[1] / "tools"))
 import thirds
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MUJOCO_GL", "disable")
 os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is shows in no output
 LONGEST = (
     "app/proof/test_accuracy_goals.py",
