@@ -251,64 +251,67 @@ class OnlineSettings:
         Raises:
             InputError: Something is out of range or contradicts another setting.
         """
-        for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
-            as_positive(f"online: {name}", getattr(self, name))
-        as_positive("online: timing_s", self.timing_s, zero=True)
-        as_positive("online: correlation_s", self.correlation_s, zero=True)
-        as_positive("online: inertia_hz", self.inertia_hz, zero=True)
-        for name in ("proportional", "integral_per_s", "derivative_s"):
-            for value in per_direction(name, getattr(self, name)):
-                as_positive(f"online: {name}", value, zero=True)
-        for holder, names in (
-            (self.pilot, ("threshold_n", "blend_s")),
-            (self.delays, ("natural_per_s", "damping")),
-            (
-                self.tuning,
-                ("gain", "saturation_m", "saturation_rad", "drift_m", "noise_m", "drift_rad", "noise_rad"),
-            ),
+        tuning = ("gain", "saturation_m", "saturation_rad", "drift_m", "noise_m", "drift_rad", "noise_rad")
+        for holder, zero, names in (
+            (self, False, ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift")),
+            (self, True, ("timing_s", "correlation_s", "inertia_hz", "bridge_s")),
+            (self.pilot, False, ("threshold_n", "blend_s")),
+            (self.delays, False, ("natural_per_s", "damping")),
+            (self.delays, True, ("dead_s", "tracker_s", "follow_s", "follow_lag_s")),
+            (self.tuning, False, (*tuning, "lag_most_m")),
+            (self, True, ("lead_s",)),
         ):
             for name in names:
-                as_positive(f"online: {name}", getattr(holder, name))
-        as_positive("online: lead_s", self.lead_s, zero=True)
-        as_positive("online: dead_s", self.delays.dead_s, zero=True)
-        as_positive("online: tracker_s", self.delays.tracker_s, zero=True)
-        as_positive("online: follow_s", self.delays.follow_s, zero=True)
-        as_positive("online: follow_lag_s", self.delays.follow_lag_s, zero=True)
-        if self.delays.follow_lag_s > self.delays.follow_s:
-            raise InputError(
-                "the lag behind the path is longer than the whole delay",
-                value=self.delays.follow_lag_s,
-                limit=self.delays.follow_s,
-            )
+                as_positive(f"online: {name}", getattr(holder, name), zero=zero)
+        for name in ("proportional", "integral_per_s", "derivative_s"):
+            for gain in per_direction(name, getattr(self, name)):
+                as_positive(f"online: {name}", gain, zero=True)
         as_positive("online: proportional gain of the tracker", self.tuning.proportional, zero=True)
-        as_positive("online: lag_most_m", self.tuning.lag_most_m)
-        as_positive("online: bridge_s", self.bridge_s, zero=True)
-        if abs(self.smoothing.period_s - self.period_s) > 1e-9:
-            raise InputError("the force filter has another period", value=self.smoothing.period_s, limit=self.period_s)
-        if self.hard_factor < 1.0:
-            raise InputError("hard_factor is below 1", value=self.hard_factor, limit=">= 1")
-        if self.ramp_m_s > self.translation.speed:
-            raise InputError(
-                "ramping out is faster than the limit of speed", value=self.ramp_m_s, limit=self.translation.speed
-            )
-        if self.stale_cycles < 1 or self.lost_cycles < 1:
-            raise InputError("cycles without data", value=min(self.stale_cycles, self.lost_cycles), limit=">= 1")
-        if self.axis_play and self.output != Output.AXES:
-            raise InputError(
-                "the play of the axes is undone in axis-specific output",
-                value=f'output = "{self.output.name.lower()}"',
-                hint='In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
-            )
+        for wrong, what, value, limit, hint in self._contradictions():
+            if wrong:
+                raise InputError(what, value=value, limit=limit, hint=hint)
         if self.axis_pid is not None:
             require_usable(self.axis_pid, self.output.name, self.tracker.name, axis_play=self.axis_play)
-        if self.force == ForceMode.FUSED and self.tracker != TrackerMode.NONE:
-            raise InputError(
+
+    def _contradictions(self) -> tuple[tuple[bool, str, object, object, str | None], ...]:
+        """Settings that cannot belong together: whether it is so, what is wrong, value, limit, what to do."""
+        delays, speed, period = self.delays, self.translation.speed, self.smoothing.period_s
+        least_cycles = min(self.stale_cycles, self.lost_cycles)
+        in_axes, no_tracker = self.output == Output.AXES, self.tracker == TrackerMode.NONE
+        return (
+            (
+                delays.follow_lag_s > delays.follow_s,
+                "the lag behind the path is longer than the whole delay",
+                delays.follow_lag_s,
+                delays.follow_s,
+                None,
+            ),
+            (abs(period - self.period_s) > 1e-9, "the force filter has another period", period, self.period_s, None),
+            (self.hard_factor < 1.0, "hard_factor is below 1", self.hard_factor, ">= 1", None),
+            (self.ramp_m_s > speed, "ramping out is faster than the limit of speed", self.ramp_m_s, speed, None),
+            (least_cycles < 1, "cycles without data", least_cycles, ">= 1", None),
+            (
+                self.axis_play and not in_axes,
+                "the play of the axes is undone in axis-specific output",
+                f'output = "{self.output.name.lower()}"',
+                None,
+                'In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
+            ),
+            (
+                self.force == ForceMode.FUSED and not no_tracker,
                 "the estimator takes the tracker itself",
-                value=f"tracker = {self.tracker.name.lower()}",
-                hint='With force = "fused" leave tracker = "none"; a tracker that is there is used',
-            )
-        if self.force == ForceMode.NONE and self.tracker == TrackerMode.NONE:
-            raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
+                f"tracker = {self.tracker.name.lower()}",
+                None,
+                'With force = "fused" leave tracker = "none"; a tracker that is there is used',
+            ),
+            (
+                self.force == ForceMode.NONE and no_tracker,
+                "nothing to correct from",
+                "neither force nor tracker",
+                None,
+                "Choose one of them",
+            ),
+        )
 
 
 def require_for_held_part(settings: OnlineSettings) -> None:

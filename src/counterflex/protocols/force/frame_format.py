@@ -19,6 +19,10 @@ COMPONENTS: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS: Final = ("ch1", "ch2", "ch3", "ch4", "ch5", "ch6")
 WORDS: Final = ("status", "sequence", "crc16_x25", "-")
 """Other fields: status bits, number of the sample, checksum, and bytes that mean nothing here."""
+_UNSIGNED: Final = dict.fromkeys(("status", "sequence"), ("uint8", "uint16", "uint32", "uint64")) | {
+    "crc16_x25": ("uint16",)
+}
+"""Types that a word may have."""
 LONGEST: Final = 512
 
 
@@ -76,15 +80,17 @@ class FrameFormat:
             raise InputError(
                 "a frame needs six components", value=" ".join(names), limit=f"{', '.join(COMPONENTS)} or ch1 .. ch6"
             )
-        for name in ("status", "sequence", "crc16_x25"):
-            kind = next((one.kind for one in self.fields if one.name == name), "uint16")
-            if not kind.startswith("uint") or (name == "crc16_x25" and kind != "uint16"):
-                raise InputError(
-                    f"type of the field {name}", value=kind, limit="an unsigned integer; uint16 for a CRC-16"
-                )
+        kinds = {one.name: one.kind for one in self.fields}
+        for name, allowed in _UNSIGNED.items():
+            if kinds.get(name, "uint16") not in allowed:
+                limit = "an unsigned integer; uint16 for a CRC-16"
+                raise InputError(f"type of the field {name}", value=kinds[name], limit=limit)
         if not self.size <= LONGEST:
             raise InputError("a frame is too long", value=self.size, limit=f"{LONGEST} bytes")
-        if (self.saturated_bits or self.invalid_bits) and "status" not in names:
+        self._check_numbers("status" in names)
+
+    def _check_numbers(self, has_status: bool) -> None:
+        if (self.saturated_bits or self.invalid_bits) and not has_status:
             raise InputError("bits of a status are named, but the frame has no field status")
         if not 0 <= self.crc_from < self.size:
             raise InputError("first byte of the checksum", value=self.crc_from, limit=f"0 .. {self.size - 1}")

@@ -167,12 +167,9 @@ class Senses:
         good = force.drain()
         if force.first >= 0:
             self._loop.take(force.samples, force.good, force.first)
-        if force.saturated:
-            self.force_age += 1
-            return soft or _SATURATED
-        if good == 0 or force.frozen:
-            self.force_age += 1
-            return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
+        if force.saturated or force.frozen or good == 0:
+            self.force_age += 1  # where there is a plan, the step goes on by it for a while, then holds
+            return soft or (_SATURATED if force.saturated else 0)
         self._learn_pause()
         w_sensor = self._spikes.cleaned(force.w_sensor, force.samples[: min(good, len(force.samples))])
         if w_sensor is None:  # the last one goes on
@@ -184,19 +181,21 @@ class Senses:
             self.force_age += 1
             return soft or self._wrench.doubt
         self.force_age = 0
-        tare = self._tare
-        idle = self._loop.quick_result.state <= _READY
-        if not tare.accepted and idle and good_telegrams > self._settle // 2:
-            tare.take(w)
-        if self._needs_force and tare.refusals and soft == 0:
-            soft = _OFFSET
-        w -= tare.zero
+        soft = self._watch_zero(w, soft, good_telegrams)
+        w -= self._tare.zero
         if self._inertia is None:
             self._w[:] = w
             self._loop.on_tool(self._w)
         elif self.since > 0:
             self._w[:] = self._without_inertia(self._inertia, w)
         return soft
+
+    def _watch_zero(self, w: Float, soft: int, good_telegrams: int) -> int:
+        """Take the sensor's zero while the loop is idle; cause of a hold where the zero was refused, else ``soft``."""
+        tare, idle = self._tare, self._loop.quick_result.state <= _READY
+        if not tare.accepted and idle and good_telegrams > self._settle // 2:
+            tare.take(w)
+        return _OFFSET if soft == 0 and self._needs_force and tare.refusals else soft
 
     def _learn_pause(self) -> None:
         """Learn how many cycles a slow sensor leaves out between two readings, before the loop is armed."""

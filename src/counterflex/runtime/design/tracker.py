@@ -20,8 +20,9 @@ Hagglund, Advanced PID Control, ch. 4.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -317,25 +318,37 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     robots = neighbours(plant, requested)
     f = grid(plant.period_s)
     answers = [robot.response(f) for robot in robots]
-
-    def fits(integral: float) -> bool:
-        gains = TrackerGains(integral, max(0.0, ratio) * integral, shape)
-        own = gains.response(f, plant.period_s)
-        for robot, answer in zip(robots, answers, strict=True):
-            if not margins_of(answer * own, f, stable=True).meets(requested):
-                return False
-            if not closed_loop_radius(robot, gains) < 1.0 - 1e-12:
-                return False
-        return True
-
+    fits = partial(_fits, max(0.0, ratio), shape, list(zip(robots, answers, strict=True)), f, requested)
     low = 1e-5
     if not fits(low):
         raise ModelError("no gain keeps the margins of the tracker loop", value=f"delay {plant.delay_s:g} s")
     high = low
     while high < 1.0 and fits(2.0 * high):
         high *= 2.0
-    low, high = high, 2.0 * high
-    for _ in range(20):
+    gain = largest_that(fits, high, 2.0 * high, 20)
+    return TrackerGains(gain, max(0.0, ratio) * gain, shape)
+
+
+def _fits(
+    ratio: float,
+    notch: tuple[float, float, float, float, float],
+    robots: list[tuple[TrackerPlant, Complex]],
+    f: Float,
+    goals: DesignGoals,
+    integral: float,
+) -> bool:
+    """Return whether this integral gain keeps the margins on every robot."""
+    gains = TrackerGains(integral, ratio * integral, notch)
+    own = gains.response(f, robots[0][0].period_s)
+    return all(
+        margins_of(answer * own, f, stable=True).meets(goals) and closed_loop_radius(robot, gains) < 1.0 - 1e-12
+        for robot, answer in robots
+    )
+
+
+def largest_that(fits: Callable[[float], bool], low: float, high: float, rounds: int) -> float:
+    """Largest value that fits, by halving the ratio of ``high`` to ``low``, which fits, ``rounds`` times."""
+    for _ in range(rounds):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if fits(middle) else (low, middle)
-    return TrackerGains(low, max(0.0, ratio) * low, shape)
+    return low

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -184,6 +185,18 @@ def _sampled(mode: Mode, period: float) -> Float:
     return np.array([b, 2.0 * b, b, 2.0 * (k * k - 1.0) / norm, (1.0 - 2.0 * mode.damping_ratio * k + k * k) / norm])
 
 
+def _errors(
+    time: Float, need: Float, residual: Float, loops: Records, ahead: Ahead | None, exponent: float, speed: Float
+) -> tuple[Float, Float]:
+    """(n,) m, remaining error at shares of the programmed speed, and (n,) s, when the rows are then reached."""
+    when = slowed_time(time, speed)
+    smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
+    sent = smaller if ahead is None else np.ascontiguousarray(ahead.command(smaller, when))
+    error: Float = np.zeros(len(time))
+    drive(when, smaller, sent, loops, error)
+    return np.maximum(error, residual * speed), when
+
+
 def speed_plan(
     time_s: Float,
     need_m: Float | None,
@@ -219,15 +232,8 @@ def speed_plan(
     loop.arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
     loop.arm_share = 0.0 if ahead is None else ahead.arm_share
     loop.longest = _LONGEST_S / override.least * 2.0
-    error: Float = np.zeros(n)
-
-    def errors(speed: Float) -> tuple[Float, Float]:
-        when = slowed_time(time, speed)
-        smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
-        sent = smaller if ahead is None or need_m is None else np.ascontiguousarray(ahead.command(smaller, when))
-        drive(when, smaller, sent, through, error)
-        return np.maximum(error, residual * speed), when
-
+    shaped = None if need_m is None else ahead
+    errors = partial(_errors, time, need, residual, through, shaped, exponent)
     if time[-1] - time[0] > _LONGEST_S:
         raise InputError(
             "the program is too long for speeds to be planned",

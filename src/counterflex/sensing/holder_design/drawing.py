@@ -194,6 +194,10 @@ def _face(pocket: Pocket) -> int:
     return pocket.side if pocket.outer else -pocket.side
 
 
+def _brick_m(at: float, coarse: float, fine: list[tuple[float, float, float]]) -> float:
+    return min([coarse, *(edge + GROWTH * max(a - at, at - b, 0.0) for a, b, edge in fine)])
+
+
 def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, float]]) -> Float:
     """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine.
 
@@ -203,13 +207,9 @@ def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, fl
     places = np.unique(np.round(marks, 12))
     out = [float(places[0])]
     for low, high in pairwise(places.tolist()):
-
-        def size(at: float) -> float:
-            return min([coarse, *(edge + GROWTH * max(a - at, at - b, 0.0) for a, b, edge in fine)])
-
         # Planes at equal steps of the number of bricks: the integral of 1 / size.
         at = np.linspace(low, high, 201)
-        density = np.array([1.0 / size(float(v)) for v in at])
+        density = np.array([1.0 / _brick_m(float(v), coarse, fine) for v in at])
         count = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(at))])
         n = max(1, int(np.ceil(count[-1] - 1e-6)))
         out += np.interp(np.arange(1, n + 1) * count[-1] / n, count, at).tolist()

@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -275,16 +276,15 @@ class RobotServer:
         if self.timing.realtime and self._due - self._sent_at < _LATEST * self._period_s:
             self._due = self._sent_at + self._period_s  # a controller never hurries to catch up
             self.stalls += 1
-
-        def deliver(data: bytes) -> None:
-            self._unharmed |= data == telegram
-            self._send(data)
-
         if not silent:
-            self._out.put(telegram, now_s, deliver)
+            self._out.put(telegram, now_s, partial(self._deliver, telegram))
         answer = self._wait_realtime(now_s) if self.timing.realtime else self._wait_lockstep(now_s)
         if not silent:
             self.controller.answer(answer)
+
+    def _deliver(self, telegram: bytes, data: bytes) -> None:
+        self._unharmed |= data == telegram
+        self._send(data)
 
     def _send(self, data: bytes) -> None:
         with contextlib.suppress(ConnectionError):
@@ -318,28 +318,28 @@ class RobotServer:
 
     def _wait_realtime(self, now_s: float) -> bytes | None:
         datagrams: list[bytes] = []
-        begin, window = self._due - self._period_s, self._due - self._period_s + self._answer_s
-
-        def elapsed_s() -> float:
-            return now_s + max(0.0, time.perf_counter() - begin)
-
+        window = self._due - self._period_s + self._answer_s
         while (remaining := self._due - time.perf_counter()) > 0.0:
             if time.perf_counter() > window:
                 time.sleep(remaining)  # what comes now is late, and waits in the socket
                 break
-            self._out.release(elapsed_s(), self._send)
-            self._in.release(elapsed_s(), datagrams.append)
-            pending = min(self._out.due_s(), self._in.due_s()) - elapsed_s()
+            self._out.release(self._elapsed(now_s), self._send)
+            self._in.release(self._elapsed(now_s), datagrams.append)
+            pending = min(self._out.due_s(), self._in.due_s()) - self._elapsed(now_s)
             self._socket.settimeout(max(min(remaining, window - time.perf_counter(), pending), 1e-5))
             try:
                 data = self._socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
-            self._in.put(data, elapsed_s(), datagrams.append)
+            self._in.put(data, self._elapsed(now_s), datagrams.append)
         if self._answer_s >= self._period_s:
-            self._take_waiting(elapsed_s(), datagrams)
+            self._take_waiting(self._elapsed(now_s), datagrams)
         return datagrams[-1] if datagrams else None
+
+    def _elapsed(self, now_s: float) -> float:
+        """Simulated time in real time: that of the cycle's begin and what has passed since."""
+        return now_s + max(0.0, time.perf_counter() - (self._due - self._period_s))
 
     def _take_waiting(self, now_s: float, datagrams: list[bytes]) -> None:
         """What came while this process itself was held up is not late."""

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MS
@@ -63,13 +66,14 @@ class InstrumentClocks:
     link_dead_time_s: float
 
 
+def _about(rng: np.random.Generator, value: float, spread: float) -> float:
+    return float(value * math.exp(spread * rng.standard_normal()))
+
+
 def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
     """The times of a laboratory's instruments."""
     rng = laboratory.standing("clocks.setup")
-
-    def about(value: float, spread: float) -> float:
-        return float(value * math.exp(spread * rng.standard_normal()))
-
+    about = partial(_about, rng)
     feedback = Channel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
     tracker = Channel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
     tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))

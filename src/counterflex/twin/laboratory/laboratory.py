@@ -62,22 +62,22 @@ class Laboratory:
         return np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{place}").getrandbits(64)))
 
 
+def _off(rng: np.random.Generator, T: Float, length_m: float, angle_rad: float) -> Float:
+    """A pose moved by chance."""
+    out: Float = T @ pose.make(rotation.exp(angle_rad * rng.standard_normal(3)), length_m * rng.standard_normal(3))
+    return out
+
+
 def laboratory(seed: int) -> Laboratory:
     """The equipment of a seed: tracker and target off from where they are thought by 20 mm and 2 deg, 2 mm and 1 deg.
 
     ``seed``: 0, 1, 2, ...
     """
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{seed}:setup").getrandbits(64)))
-
-    def off(T: Float, length: float, angle: float) -> Float:
-        move = pose.make(rotation.exp(angle * rng.standard_normal(3)), length * rng.standard_normal(3))
-        out: Float = T @ move
-        return out
-
     return Laboratory(
         seed=seed,
-        T_base_tracker=off(NOMINAL_T_BASE_TRACKER, 20.0 * MM, 2.0 * DEG),
-        T_tcp_target=off(NOMINAL_T_TCP_TARGET, 2.0 * MM, 1.0 * DEG),
+        T_base_tracker=_off(rng, NOMINAL_T_BASE_TRACKER, 20.0 * MM, 2.0 * DEG),
+        T_tcp_target=_off(rng, NOMINAL_T_TCP_TARGET, 2.0 * MM, 1.0 * DEG),
     )
 
 

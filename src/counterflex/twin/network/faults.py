@@ -93,17 +93,28 @@ class Fault:
             raise InputError("direction of a fault", where=where, value=self.direction, limit="out or in")
         if self.direction == "in" and self.kind not in DATAGRAM_KINDS:
             raise InputError("only datagrams have a direction", where=where, value="in", limit="out")
-        if self.kind == "late" and not 0.0 < self.late_s <= _LONGEST_S:
-            raise InputError("how late is not said", where=where, value=self.late_s, limit=f"> 0 and <= {_LONGEST_S} s")
-        if self.kind == "counter" and self.step == 0:
-            raise InputError("how far the counter jumps is not said", where=where, value=0, limit="not 0")
-        if self.kind == "status" and not 0 < self.bits <= 0xFFFFFFFF:
-            raise InputError("bits of the status", where=where, value=self.bits, limit="1 .. 0xFFFFFFFF")
-        if self.kind == "offset" and (not all(map(math.isfinite, self.offset)) or not any(self.offset)):
-            raise InputError("offset of the readings", where=where, value=self.offset, limit="finite and not zero")
+        wrong, what, value, limit = self._numbers_of_kind()
+        if wrong:
+            raise InputError(what, where=where, value=value, limit=limit)
         if self.kind in ("silent", "dying", "counter") and self.share != 1.0:
             raise InputError("this fault has no share", where=where, value=self.share, limit="1")
         self.impairment()
+
+    def _numbers_of_kind(self) -> tuple[bool, str, object, str]:
+        """Whether a number that the kind needs is wrong, what it is, its value, its limit."""
+        match self.kind:
+            case "late":
+                wrong = not 0.0 < self.late_s <= _LONGEST_S
+                return wrong, "how late is not said", self.late_s, f"> 0 and <= {_LONGEST_S} s"
+            case "counter":
+                return self.step == 0, "how far the counter jumps is not said", 0, "not 0"
+            case "status":
+                return not 0 < self.bits <= 0xFFFFFFFF, "bits of the status", self.bits, "1 .. 0xFFFFFFFF"
+            case "offset":
+                wrong = not all(map(math.isfinite, self.offset)) or not any(self.offset)
+                return wrong, "offset of the readings", self.offset, "finite and not zero"
+            case _:
+                return False, "", None, ""
 
     def impairment(self) -> Impairment:
         """The fault as what chance does to datagrams; one that is lost there is one that the fault hits.

@@ -141,6 +141,10 @@ class Impairment:
         if self.first < 0 or (self.end is not None and self.end < self.first):
             raise InputError("impairment: first and end", value=(self.first, self.end), limit="0 <= first <= end")
 
+    def touches(self, n: int) -> bool:
+        """Return whether datagram ``n`` may be changed at all."""
+        return n >= self.first and (self.end is None or n < self.end)
+
 
 @dataclass(frozen=True)
 class Delivery:
@@ -227,21 +231,17 @@ class Schedule:
         made = self.impairment
         if made.dies is not None and n >= made.dies:
             return ()
-        if n < made.first or (made.end is not None and n >= made.end):
+        if not made.touches(n):
             return (Delivery(),)
         draw = self._block(n // _BLOCK)[n % _BLOCK]
-        if draw[_LOSS] < made.loss or self._in_burst(n):
-            return ()
-        if made.pattern and made.pattern[(n - made.first) % len(made.pattern)] == "0":
+        stalls = [stall for stall in made.stalls if stall.first <= n < stall.first + stall.count]
+        if self._is_lost(n, draw, stalls):
             return ()
         delay = made.delay_s + made.jitter_s * float(draw[_JITTER])
         if draw[_REORDER] < made.reorder:
             delay += made.reorder_s
-        for stall in made.stalls:
-            if stall.first <= n < stall.first + stall.count:
-                if stall.lost:
-                    return ()
-                delay += (stall.first + stall.count - n) * made.period_s
+        for stall in stalls:
+            delay += (stall.first + stall.count - n) * made.period_s
         one = Delivery(
             delay,
             float(draw[_FLIP_AT]) if draw[_FLIP] < made.flip else None,
@@ -251,3 +251,8 @@ class Schedule:
         if draw[_COPY] < made.duplicate:
             return (one, Delivery(delay + made.reorder_s * float(draw[_COPY_DELAY])))
         return (one,)
+
+    def _is_lost(self, n: int, draw: Float, stalls: list[Stall]) -> bool:
+        made, pattern = self.impairment, self.impairment.pattern or "1"
+        by_chance = draw[_LOSS] < made.loss or self._in_burst(n)
+        return by_chance or pattern[(n - made.first) % len(pattern)] == "0" or any(stall.lost for stall in stalls)

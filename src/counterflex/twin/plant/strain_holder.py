@@ -146,6 +146,12 @@ class StrainFrame:
         return out
 
 
+def _add(K: Float, a: int, b: int, k: Float) -> None:
+    """Add an element between nodes ``a`` and ``b`` to the stiffness of the frame."""
+    places = np.r_[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]
+    K[np.ix_(places, places)] += k
+
+
 def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
     s = shape
@@ -157,11 +163,6 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     K = np.zeros((6 * count, 6 * count))
     sections: list[list[tuple[float, float, float, float]]] = [[], []]
     stiffness: list[list[Float]] = [[], []]
-
-    def add(a: int, b: int, k: Float) -> None:
-        places = np.r_[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]
-        K[np.ix_(places, places)] += k
-
     for side in range(2):
         for e in range(n):
             middle = 0.5 * (z[e] + z[e + 1])
@@ -172,7 +173,7 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
             k = _element(float(z[e + 1] - z[e]), section, s.e_pa, s.poisson_ratio)
             sections[side].append(section)
             stiffness[side].append(k)
-            add(side * (n + 1) + e, side * (n + 1) + e + 1, k)
+            _add(K, side * (n + 1) + e, side * (n + 1) + e + 1, k)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # local z along the holder's x
     T = np.kron(np.eye(4), turn)
     for middle, height, at in ((base, s.base_m, 0), (ring, s.ring_m, n)):
@@ -180,7 +181,7 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
             k = _element(0.5 * s.distance_m, _rectangle(height, s.width_m[0]), s.e_pa, s.poisson_ratio)
             cheek = side * (n + 1) + at
             ends = (cheek, middle) if side == 0 else (middle, cheek)
-            add(*ends, T @ k @ T.T)
+            _add(K, *ends, T @ k @ T.T)
     load = np.zeros((6 * count, 6))
     at_ring = np.eye(6)
     at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))

@@ -10,6 +10,7 @@ import itertools
 import math
 import random
 from dataclasses import replace
+from functools import partial
 from statistics import NormalDist
 from typing import Final
 
@@ -116,14 +117,15 @@ def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTr
     )
 
 
+def _is_there(seed: int, kind: str) -> bool:
+    return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
+
+
 def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
     """A truth with the kinds that its seed has; the same where the family has none."""
     if not family.other:
         return truth
-
-    def there(kind: str) -> bool:
-        return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
-
+    there = partial(_is_there, seed)
     bodies = _with_bearings(truth.bodies, seed) if there("couplings") else truth.bodies
     other = OtherPhysics(
         gears=_gears(bodies, seed) if there("gears") else (),

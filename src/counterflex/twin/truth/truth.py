@@ -226,28 +226,35 @@ class Truth:
         names = [b.name for b in self.bodies]
         if self.sensor is not None and self.sensor.segment not in names:
             raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
-        driven = [b for b in self.bodies if b.joint is not None]
-        for gear in self.other.gears:
-            if driven[gear.axis].compliance[5] == 0.0:
-                raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
-        for coupling in self.other.couplings:
-            for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
-                body = next((b for b in self.bodies if b.name == name), None)
-                if body is None or body.compliance[direction] == 0.0:
-                    raise ModelError("coupling of the truth: no such spring", value=name)
-                if body.joint is not None and direction == 5:  # within its play it has no stiffness to be shared
-                    raise ModelError("coupling of the truth: the torsion of a gear", value=name, limit="another one")
-        if self.other.hose is not None and self.other.hose.arm_body not in names[:-1]:
-            raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
+        self._check_other()
         for region in self.regions:
-            body = next((b for b in self.bodies if b.name == region.segment), None)
-            if body is None or body.compliance[region.direction] == 0.0:
+            if not self._is_spring(region.segment, region.direction):
                 raise ModelError("elastic region of the truth: no such spring", value=region.segment)
             rising = bool(np.all(np.diff(region.angles_rad) > 0.0))
             if not rising or len(region.angles_rad) != len(region.factors) or min(region.factors) <= 0.0:
                 raise ModelError(
                     "elastic region of the truth", where=region.segment, limit="rising angles, as many factors above 0"
                 )
+
+    def _check_other(self) -> None:
+        driven = {b.name: b for b in self.bodies if b.joint is not None}
+        torsions = [b.compliance[5] for b in driven.values()]
+        for gear in self.other.gears:
+            if torsions[gear.axis] == 0.0:
+                raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
+        for coupling in self.other.couplings:
+            for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
+                if not self._is_spring(name, direction):
+                    raise ModelError("coupling of the truth: no such spring", value=name)
+                if name in driven and direction == 5:  # within its play it has no stiffness to be shared
+                    raise ModelError("coupling of the truth: the torsion of a gear", value=name, limit="another one")
+        if self.other.hose is not None and self.other.hose.arm_body not in [b.name for b in self.bodies[:-1]]:
+            raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
+
+    def _is_spring(self, name: str, direction: int) -> bool:
+        """Return whether a body yields in a direction 0..5."""
+        body = next((b for b in self.bodies if b.name == name), None)
+        return body is not None and bool(body.compliance[direction] != 0.0)
 
     def rigid_tcp(self, q: Float) -> Float:
         """Pose ``T_base_tcp`` (4, 4) of the undeformed chain at the axis angles ``q`` (6,) rad."""
