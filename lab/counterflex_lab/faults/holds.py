@@ -111,15 +111,15 @@ def _log(effort: Effort, *, holds: bool) -> Outcome:
     )
 
 
+def _broken() -> int:
+    raise OutputError("the sensor's driver failed")
+
+
 def _internal(effort: Effort) -> Outcome:
     """Reading a sensor raises what nobody has thought of."""
-
-    def broken() -> int:
-        raise OutputError("the sensor's driver failed")
-
     with _in_cut(effort) as rig:
         after = settled(rig)
-        rig.force_link.drain = broken
+        rig.force_link.drain = _broken
         rig.run(60)
     fault, stopped, trouble = after.first(State.FAULT), rig.robot.stopped, rig.session.trouble
     return after.outcome(

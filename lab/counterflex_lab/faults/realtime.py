@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -94,6 +95,16 @@ def _loop(pipe: Any, sensor: tuple[str, int], control: Any) -> None:
     pipe.send((np.array(compute[_SETTLE_CYCLES:]), tuple(names), granted.fifo))
 
 
+def _received(own: socket.socket, due: float) -> list[bytes]:
+    """Datagrams that come until then."""
+    out: list[bytes] = []
+    while (remaining := due - time.perf_counter()) > 0.0:
+        own.settimeout(remaining)
+        with contextlib.suppress(TimeoutError):
+            out.append(own.recv(65536))
+    return out
+
+
 def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, int] | None) -> None:
     """The controller's process, with the sensor; it stops and continues the loop's process by itself, on time."""
     shared: Int = np.frombuffer(control, dtype=np.int64)
@@ -127,16 +138,9 @@ def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, 
         w = reading @ np.concatenate([force, np.zeros(3)])
         for _ in range(4):
             server.send(w + rng.standard_normal(6) * [0.3, 0.3, 0.3, 0.03, 0.03, 0.03])
-        answer = None
-        while (remaining := due - time.perf_counter()) > 0.0:
-            own.settimeout(remaining)
-            try:
-                data = own.recv(65536)
-            except TimeoutError:
-                break
-            if reader.read_bytes(data) == OK and reader.counter != robot.counter:
-                stale += 1
-            answer = data
+        datagrams = _received(own, due)
+        stale += sum(reader.read_bytes(data) == OK and reader.counter != robot.counter for data in datagrams)
+        answer = datagrams[-1] if datagrams else None
         if not robot.stopped:
             robot.answer(answer)
             age = age + 1 if robot.refused else 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -84,12 +85,12 @@ class Paths(Experiment):
     def page(self, summary: Mapping[str, Any]) -> str:
         """Figures of the summary, curves of the first truth's runs."""
         case = next(iter(self.cases.values()))
+        return mandiola_report.page(summary, case, partial(_read, case))
 
-        def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
-            run_ = tracked(case.folder / f"{shape}-{variant}", case.cell(variant))
-            return run_, nearest(run_, case, shape)
 
-        return mandiola_report.page(summary, case, read)
+def _read(case: Case, shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
+    run_ = tracked(case.folder / f"{shape}-{variant}", case.cell(variant))
+    return run_, nearest(run_, case, shape)
 
 
 def _by_shape(case: Case, results: Mapping[str, Any], what: str) -> dict[str, dict[str, Any]]:

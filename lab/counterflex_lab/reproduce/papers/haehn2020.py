@@ -154,6 +154,11 @@ class ExitSignals:
     blended_acts_n: Float
 
 
+def _falling(time_s: Float) -> Float:
+    """Force that falls from 0 to :data:`FALL_S`, N."""
+    return np.asarray(FORCE_N * np.clip(1.0 - time_s / FALL_S, 0.0, 1.0))
+
+
 def exit_signals(lead_s: float = LEAD_S) -> ExitSignals:
     """Figure 3 with our filters, dead time and lag: a force that falls, measured, predicted, blended, and what acts.
 
@@ -162,27 +167,20 @@ def exit_signals(lead_s: float = LEAD_S) -> ExitSignals:
     """
     settings = _settings()
     time = np.arange(0.0, _RUN_S, PERIOD_S) - _EXIT_S
-
-    def force(at: Float) -> Float:
-        return np.asarray(FORCE_N * np.clip(1.0 - at / FALL_S, 0.0, 1.0))
-
+    force = _falling(time)
     smoother, share = Smoother(settings.smoothing, 6), 0.0
     value, out = np.zeros(6), np.zeros(6)
     value[0] = FORCE_N
     smoother.reset(value)
-    measured, blended, predicted = np.zeros_like(time), np.zeros_like(time), force(time + lead_s)
+    measured, blended, predicted = np.zeros_like(time), np.zeros_like(time), _falling(time + lead_s)
     ahead = np.zeros(6)
-    for k, now in enumerate(force(time)):
+    for k, now in enumerate(force):
         value[0], ahead[0] = now, predicted[k]
         smoother(value, out)
         share = blend(out, ahead, share, THRESHOLD_N, PERIOD_S / BLEND_S)
         measured[k], blended[k] = out[0], (1.0 - share) * out[0] + share * ahead[0]
-    late = settings.delays.correction_s
-
-    def acts(signal: Float) -> Float:
-        return np.asarray(np.interp(time - late, time, signal))
-
-    return ExitSignals(time, force(time), measured, predicted, blended, acts(measured), acts(blended))
+    acting = (np.interp(time - settings.delays.correction_s, time, signal) for signal in (measured, blended))
+    return ExitSignals(time, force, measured, predicted, blended, *acting)
 
 
 def _half_way_s(time: Float, falling: Float) -> float:
