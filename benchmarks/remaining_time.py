@@ -71,32 +71,20 @@ _RESUMED = ("campaign", "reproduce groove", "reproduce paths")
 
 @dataclass(frozen=True)
 class Told:
-    """A line of progress.
+    """A line of progress."""
 
-    Attributes:
-        time_s: When it came, since the command was started.
-        fraction: Done, 0..1.
-        left_s: Time left that it says, or None.
-    """
-
-    time_s: float
-    fraction: float
-    left_s: float | None
+    time_s: float  # when it came, since the command was started
+    fraction: float  # done, 0..1
+    left_s: float | None  # time left that it says, or None
 
 
 @dataclass(frozen=True)
 class Watched:
-    """A command that was watched.
+    """A command that was watched."""
 
-    Attributes:
-        duration_s: How long it took.
-        told: Its lines of progress, in order.
-        status: Exit status.
-    """
-
-    duration_s: float
-    told: tuple[Told, ...]
-    status: int
+    duration_s: float  # how long it took
+    told: tuple[Told, ...]  # its lines of progress, in order
+    status: int  # exit status
 
     def time_share(self, fraction: float) -> float | None:
         """Share of the time at which the bar first stood at a fraction; None where it never did before the end."""

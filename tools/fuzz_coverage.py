@@ -24,15 +24,10 @@ _CLASSES = 8
 
 @dataclass(eq=False)
 class Instrumented:
-    """A kernel with counters.
+    """A kernel with counters."""
 
-    Attributes:
-        run: The kernel; its last argument is :attr:`counts`.
-        counts: (branches,) how often each was entered, to be set to zero by whoever runs it.
-    """
-
-    run: Callable[..., Any]
-    counts: Int
+    run: Callable[..., Any]  # the kernel; its last argument is counts
+    counts: Int  # (branches,) how often each was entered, to be set to zero by whoever runs it
 
     def __post_init__(self) -> None:
         """Nothing has been reached yet."""

@@ -214,17 +214,11 @@ def undisturbed() -> Still:
 
 @dataclass(frozen=True, eq=False)
 class Pulls:
-    """Deflections of the tool by pulls; the torsion of each axis is a parameter, all else is known.
+    """Deflections of the tool by pulls; the torsion of each axis is a parameter, all else is known."""
 
-    Attributes:
-        columns: (rows, 3, 6) m per unit of compliance of each axis.
-        measured: (rows, 3) m, less what all else makes.
-        noise_m: Standard deviation.
-    """
-
-    columns: Float
-    measured: Float
-    noise_m: float
+    columns: Float  # (rows, 3, 6) m per unit of compliance of each axis
+    measured: Float  # (rows, 3) m, less what all else makes
+    noise_m: float  # standard deviation
     name: str = "pulls"
     components: tuple[str, ...] = ("x m", "y m", "z m")
 

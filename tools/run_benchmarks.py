@@ -38,21 +38,13 @@ _FEW: Final = 4
 
 
 class Ended(NamedTuple):
-    """How a run of a benchmark ended.
+    """How a run of a benchmark ended."""
 
-    Attributes:
-        file: Of the benchmark.
-        status: Exit status, or what became of it.
-        seconds: Wall time, s.
-        output: Standard output and standard error.
-        words: Options.
-    """
-
-    file: Path
-    status: int | str
-    seconds: float
-    output: str
-    words: tuple[str, ...] = benchmark_options.BRIEF
+    file: Path  # of the benchmark
+    status: int | str  # exit status, or what became of it
+    seconds: float  # wall time, s
+    output: str  # standard output and standard error
+    words: tuple[str, ...] = benchmark_options.BRIEF  # options
 
 
 def run(job: tuple[Path, tuple[str, ...]], forks: Any = None) -> Ended:

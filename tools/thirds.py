@@ -24,17 +24,11 @@ _SALT: Final = "jv"
 
 
 class Turn(NamedTuple):
-    """What is to be run at one commit.
+    """What is to be run at one commit."""
 
-    Attributes:
-        number: Of the third, from 0.
-        changed: Paths below the root of what is run besides.
-        why: What says the number.
-    """
-
-    number: int
-    changed: Collection[str] = ()
-    why: str = ""
+    number: int  # of the third, from 0
+    changed: Collection[str] = ()  # paths below the root of what is run besides
+    why: str = ""  # what says the number
 
     def takes(self, path: str) -> bool:
         """Whether a file is run.

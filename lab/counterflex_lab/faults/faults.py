@@ -28,17 +28,11 @@ _SENSOR_TEXTS: Final = {"force": "a force sensor", "both": "a force sensor and a
 
 @dataclass(frozen=True)
 class Result:
-    """One fault and what came of it.
+    """One fault and what came of it."""
 
-    Attributes:
-        scenario: What was injected.
-        outcome: What came of it.
-        seconds: How long it took.
-    """
-
-    scenario: Scenario
-    outcome: Outcome
-    seconds: float
+    scenario: Scenario  # what was injected
+    outcome: Outcome  # what came of it
+    seconds: float  # how long it took
 
 
 def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "force") -> tuple[Scenario, ...]:

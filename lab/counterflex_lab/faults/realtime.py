@@ -43,27 +43,16 @@ _COMPUTE_MAX_S: Final = 2.5e-3
 
 @dataclass(eq=False)
 class RealRun:
-    """What the controller saw, a row per cycle, and how long the loop took.
+    """What the controller saw, a row per cycle, and how long the loop took."""
 
-    Attributes:
-        age: (n,) cycles since an answer was accepted.
-        correction_m: (n, 3) in force.
-        stale: Answers that were not to the newest telegram.
-        stopped: Why the controller stopped, or empty.
-        late_s: (n,) by how much the controller itself came late.
-        compute_s: Time of each of the loop's cycles.
-        states: Of the loop, each once, in order.
-        fifo: Both had real-time priority.
-    """
-
-    age: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    correction_m: Float = field(default_factory=lambda: np.zeros((0, 3)))
-    stale: int = 0
-    stopped: str = ""
-    late_s: Float = field(default_factory=lambda: np.zeros(0))
-    compute_s: Float = field(default_factory=lambda: np.zeros(0))
-    states: tuple[str, ...] = ()
-    fifo: bool = False
+    age: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (n,) cycles since an answer was accepted
+    correction_m: Float = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in force
+    stale: int = 0  # answers that were not to the newest telegram
+    stopped: str = ""  # why the controller stopped, or empty
+    late_s: Float = field(default_factory=lambda: np.zeros(0))  # (n,) by how much the controller itself came late
+    compute_s: Float = field(default_factory=lambda: np.zeros(0))  # time of each of the loop's cycles
+    states: tuple[str, ...] = ()  # of the loop, each once, in order
+    fifo: bool = False  # both had real-time priority
 
     @property
     def step_m(self) -> float:

@@ -29,17 +29,11 @@ _COMPILES_S = 900.0
 
 @dataclass(frozen=True)
 class Sensors:
-    """Which instruments are wired.
+    """Which instruments are wired."""
 
-    Attributes:
-        force: Force sensor (Net F/T).
-        tracker: Laser tracker.
-        holder: Strain amplifiers of the instrumented holder.
-    """
-
-    force: bool = True
-    tracker: bool = False
-    holder: bool = False
+    force: bool = True  # force sensor (Net F/T)
+    tracker: bool = False  # laser tracker
+    holder: bool = False  # strain amplifiers of the instrumented holder
 
 
 def free_port(kind: socket.SocketKind) -> int:

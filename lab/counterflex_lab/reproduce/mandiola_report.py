@@ -63,21 +63,13 @@ _OBSERVER: Final = OnlineTable(force="none", tracker="observer")
 
 @dataclass(frozen=True)
 class Controller:
-    """One controller of the tracker loop on the robot of a cell file.
+    """One controller of the tracker loop on the robot of a cell file."""
 
-    Attributes:
-        loop: Its open loop.
-        integral: Ki per cycle, or None where it has none.
-        proportional: Kp, likewise.
-        margins: Of the loop.
-        plant: The robot that it was computed on.
-    """
-
-    loop: OpenLoop
-    integral: float | None
-    proportional: float | None
-    margins: Margins
-    plant: TrackerPlant
+    loop: OpenLoop  # its open loop
+    integral: float | None  # Ki per cycle, or None where it has none
+    proportional: float | None  # Kp, likewise
+    margins: Margins  # of the loop
+    plant: TrackerPlant  # the robot that it was computed on
 
 
 def open_loops(cell_file: Path) -> list[Controller]:

@@ -25,15 +25,11 @@ _COUNTS = ("cycles", "missed", "without_session", "active", "held")
 
 @dataclass(frozen=True)
 class Growth:
-    """A straight line through values.
+    """A straight line through values."""
 
-    Attributes:
-        slope: Change per unit of time.
-        standard_error: Of the slope, from the scatter about the line; values that come one after the other are taken
-            as independent, so slow waves make it too small.
-    """
-
-    slope: float
+    slope: float  # change per unit of time
+    # of the slope, from the scatter about the line; values that come one after the other are taken as independent, so
+    # slow waves make it too small
     standard_error: float
 
 

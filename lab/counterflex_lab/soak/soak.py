@@ -65,45 +65,27 @@ _PREPARE_S: Final = 60.0
 
 @dataclass(frozen=True)
 class SoakSettings:
-    """What is run.
+    """What is run."""
 
-    Attributes:
-        minutes: How long.
-        force: Mode of the table ``[online]``.
-        tracker: Likewise.
-        keep_log: Keep the run log; about 1 GB per hour.
-        onlookers: Panel and OPC UA server run beside it, each with a client that goes on reading.
-    """
-
-    minutes: float = 60.0
-    force: str = "scale"
-    tracker: str = "observer"
-    keep_log: bool = False
-    onlookers: bool = False
+    minutes: float = 60.0  # how long
+    force: str = "scale"  # mode of the table ``[online]``
+    tracker: str = "observer"  # likewise
+    keep_log: bool = False  # keep the run log; about 1 GB per hour
+    onlookers: bool = False  # panel and OPC UA server run beside it, each with a client that goes on reading
 
 
 @dataclass
 class _Watched:
-    """What a run left.
+    """What a run left."""
 
-    Attributes:
-        interrupted: It was ended early, by a signal.
-        blocks: What the simulated cell timed, minute by minute.
-        samples: Memory and load, every 5 s.
-        operator: Requests.
-        run: Summary of the recorder.
-        stolen: Share of the processors' time that the host took.
-        realtime: By process.
-        onlookers: Counts of what the clients of panel and OPC UA server got, and how the servers ended.
-    """
-
-    operator: SteadyOperator
-    interrupted: bool = False
-    blocks: list[Block] = field(default_factory=list)
-    samples: list[dict[str, float]] = field(default_factory=list)
-    run: dict[str, Any] = field(default_factory=dict)
-    stolen: float = 0.0
-    realtime: dict[str, Prepared] = field(default_factory=dict)
+    operator: SteadyOperator  # requests
+    interrupted: bool = False  # it was ended early, by a signal
+    blocks: list[Block] = field(default_factory=list)  # what the simulated cell timed, minute by minute
+    samples: list[dict[str, float]] = field(default_factory=list)  # memory and load, every 5 s
+    run: dict[str, Any] = field(default_factory=dict)  # summary of the recorder
+    stolen: float = 0.0  # share of the processors' time that the host took
+    realtime: dict[str, Prepared] = field(default_factory=dict)  # by process
+    # counts of what the clients of panel and OPC UA server got, and how the servers ended
     onlookers: dict[str, Any] = field(default_factory=dict)
 
 
@@ -236,17 +218,11 @@ def _run_settings(job: steady.SteadyJob, force: Any, tracker_port: int | None) -
 
 @dataclass(frozen=True)
 class _Looks:
-    """What is looked at every 5 s.
+    """What is looked at every 5 s."""
 
-    Attributes:
-        log: Folder of the run log.
-        pids: Processes by name.
-        onlookers: Those beside the run, if there are any.
-    """
-
-    log: Path
-    pids: dict[str, int | None]
-    onlookers: Onlookers | None
+    log: Path  # folder of the run log
+    pids: dict[str, int | None]  # processes by name
+    onlookers: Onlookers | None  # those beside the run, if there are any
 
     def sample(self) -> dict[str, float]:
         """Memory, open files and threads of each process, size of the log, counts of the clients."""

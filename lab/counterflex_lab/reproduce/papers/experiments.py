@@ -41,19 +41,12 @@ _GROOVES: Final = ("uncompensated", "force", "force_pilot_40ms", "force_pilot")
 
 @dataclass(frozen=True)
 class Options:
-    """How experiments are run.
+    """How experiments are run."""
 
-    Attributes:
-        seeds: Truth seeds.
-        level: ``identified`` or ``catalogue``: how well the loop knows the cell.
-        quick: As briefly as possible.
-        workers: Runs at a time; None is one per core.
-    """
-
-    seeds: Sequence[int]
-    level: str
-    quick: bool
-    workers: int | None
+    seeds: Sequence[int]  # truth seeds
+    level: str  # ``identified`` or ``catalogue``: how well the loop knows the cell
+    quick: bool  # as briefly as possible
+    workers: int | None  # runs at a time; None is one per core
 
 
 Run = Callable[[Path, Options, Progress], dict[str, Any]]

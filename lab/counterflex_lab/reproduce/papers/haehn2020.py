@@ -133,25 +133,15 @@ def _settings() -> OnlineSettings:
 
 @dataclass(frozen=True)
 class ExitSignals:
-    """Forces around an exit, N, at each of ``time_s``.
+    """Forces around an exit, N, at each of ``time_s``."""
 
-    Attributes:
-        time_s: From the beginning of the fall.
-        force_n: The force on the tool.
-        measured_n: Behind the filters.
-        predicted_n: As it rides in the program, with lead.
-        blended_n: What is corrected for.
-        measured_acts_n: Force whose correction has taken effect, measured force alone.
-        blended_acts_n: The same with pilot control.
-    """
-
-    time_s: Float
-    force_n: Float
-    measured_n: Float
-    predicted_n: Float
-    blended_n: Float
-    measured_acts_n: Float
-    blended_acts_n: Float
+    time_s: Float  # from the beginning of the fall
+    force_n: Float  # the force on the tool
+    measured_n: Float  # behind the filters
+    predicted_n: Float  # as it rides in the program, with lead
+    blended_n: Float  # what is corrected for
+    measured_acts_n: Float  # force whose correction has taken effect, measured force alone
+    blended_acts_n: Float  # the same with pilot control
 
 
 def _falling(time_s: Float) -> Float:

@@ -28,43 +28,28 @@ LONGEST: Final = 512
 
 @dataclass(frozen=True)
 class FrameField:
-    """One field.
+    """One field."""
 
-    Attributes:
-        kind: Of :data:`TYPES`.
-        name: Of :data:`COMPONENTS`, :data:`CHANNELS` or :data:`WORDS`.
-    """
-
-    kind: str
-    name: str
+    kind: str  # of TYPES
+    name: str  # of COMPONENTS, CHANNELS or WORDS
 
 
 @dataclass(frozen=True, eq=False)
 class FrameFormat:
     """A frame.
 
-    Attributes:
-        fields: Between header and footer, in order, packed.
-        matrix: (6, 6) N, N m per unit of a channel: ``w = matrix c``; c in the order fx .. mz or ch1 .. ch6.
-        header: First bytes.
-        footer: Last bytes.
-        little: Least significant byte first.
-        crc_from: First byte that the checksum covers; it covers all up to itself.
-        saturated_bits: Bits of the status that mean a reading beyond the range.
-        invalid_bits: Bits with which the reading means nothing.
-
     Raises:
         InputError: Fields that are unknown, repeated or missing, a frame that is too long, a matrix that is singular.
     """
 
-    fields: tuple[FrameField, ...]
-    matrix: Float
-    header: bytes = b""
-    footer: bytes = b""
-    little: bool = True
-    crc_from: int = 0
-    saturated_bits: int = 0
-    invalid_bits: int = 0
+    fields: tuple[FrameField, ...]  # between header and footer, in order, packed
+    matrix: Float  # (6, 6) N, N m per unit of a channel: ``w = matrix c``; c in the order fx .. mz or ch1 .. ch6
+    header: bytes = b""  # first bytes
+    footer: bytes = b""  # last bytes
+    little: bool = True  # least significant byte first
+    crc_from: int = 0  # first byte that the checksum covers; it covers all up to itself
+    saturated_bits: int = 0  # bits of the status that mean a reading beyond the range
+    invalid_bits: int = 0  # bits with which the reading means nothing
 
     def __post_init__(self) -> None:
         """Check that it is a frame of six components."""

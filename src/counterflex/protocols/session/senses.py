@@ -51,31 +51,19 @@ ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What an online session measures with, beside what the robot says.
+    """What an online session measures with, beside what the robot says."""
 
-    Attributes:
-        force: Force sensor, or None.
-        wrench: Its reading as process wrench; needed with ``force``.
-        tare: How its zero is taken; None: of the wrench.
-        tools: Tools of the plan, where it has several; None: one and the same.
-        inertia: Takes the inertia of the spindle out of it, or None.
-        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
-        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
-        tracker: Tracker, or None.
-        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
-        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
-    """
-
-    force: ForceSource | None = None
-    wrench: ProcessWrench | None = None
-    tare: Tare | None = None
-    tools: ToolChange | None = None
-    inertia: SpindleInertia | None = None
+    force: ForceSource | None = None  # force sensor, or None
+    wrench: ProcessWrench | None = None  # its reading as process wrench; needed with ``force``
+    tare: Tare | None = None  # how its zero is taken; None: of the wrench
+    tools: ToolChange | None = None  # tools of the plan, where it has several; None: one and the same
+    inertia: SpindleInertia | None = None  # takes the inertia of the spindle out of it, or None
+    # torque of the motor currents that the robot sends, for the estimator; None leaves them
     currents: MotorTorque | None = None
-    angles: AxisCheck | None = None
+    angles: AxisCheck | None = None  # holds the axis angles of each telegram against its poses; None: they are believed
     tracker: TrackerLink | None = None
-    T_part_tracker: Float | None = None
-    T_target_tcp: Float | None = None
+    T_part_tracker: Float | None = None  # (4, 4) tracker in the part frame; needed with ``tracker``
+    T_target_tcp: Float | None = None  # (4, 4) tool tip in the tracker's target; needed with ``tracker``
 
 
 class Senses:

@@ -45,21 +45,13 @@ _STEP_S: Final = 1.0
 
 @dataclass(frozen=True)
 class AxisDesign:
-    """A controller and what it holds.
+    """A controller and what it holds."""
 
-    Attributes:
-        gains: Of the axis.
-        margins: The worst over all robots that it was designed for.
-        radius: Largest magnitude of the closed loop's poles over them; below 1 is stable.
-        late_s: Integral of the absolute error after a step of what is wanted, per step, on the robot as known.
-        late_alone_s: The same without the controller.
-    """
-
-    gains: AxisGains
-    margins: Margins
-    radius: float
-    late_s: float
-    late_alone_s: float
+    gains: AxisGains  # of the axis
+    margins: Margins  # the worst over all robots that it was designed for
+    radius: float  # largest magnitude of the closed loop's poles over them; below 1 is stable
+    late_s: float  # integral of the absolute error after a step of what is wanted, per step, on the robot as known
+    late_alone_s: float  # the same without the controller
 
 
 def robots(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, ...]:

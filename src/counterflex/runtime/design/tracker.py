@@ -84,17 +84,11 @@ _LOWEST_HZ: Final = 1e-3
 
 @dataclass(frozen=True)
 class TrackerGains:
-    """A controller of the tracker loop.
+    """A controller of the tracker loop."""
 
-    Attributes:
-        integral: Ki per cycle.
-        proportional: Kp.
-        notch: ``b0 b1 b2 a1 a2`` of N.
-    """
-
-    integral: float
-    proportional: float = 0.0
-    notch: tuple[float, float, float, float, float] = FLAT
+    integral: float  # Ki per cycle
+    proportional: float = 0.0  # Kp
+    notch: tuple[float, float, float, float, float] = FLAT  # ``b0 b1 b2 a1 a2`` of N
 
     def response(self, frequency_hz: Float, period_s: float) -> Complex:
         """C at ``z = exp(2 pi i f T)``, (k,) complex."""
@@ -116,21 +110,13 @@ class TrackerGains:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability.
+    """How far a loop is from instability."""
 
-    Attributes:
-        crossover_hz: Where the open loop's gain falls through 1; NaN where it never is 1.
-        phase_rad: Least phase margin over all crossings; infinite without one.
-        gain: Least factor > 1 on the gains that makes it unstable.
-        sensitivity: Largest amplification of a deviation, Ms.
-        stable: All poles of the closed loop lie inside the unit circle.
-    """
-
-    crossover_hz: float
-    phase_rad: float
-    gain: float
-    sensitivity: float
-    stable: bool
+    crossover_hz: float  # where the open loop's gain falls through 1; NaN where it never is 1
+    phase_rad: float  # least phase margin over all crossings; infinite without one
+    gain: float  # least factor > 1 on the gains that makes it unstable
+    sensitivity: float  # largest amplification of a deviation, Ms
+    stable: bool  # all poles of the closed loop lie inside the unit circle
 
     @property
     def gain_db(self) -> float:
@@ -154,21 +140,13 @@ class Margins:
 
 @dataclass(frozen=True)
 class DesignGoals:
-    """Margins that a design keeps.
+    """Margins that a design keeps."""
 
-    Attributes:
-        phase_rad: Least phase margin.
-        gain: Least gain margin, a factor.
-        sensitivity: Largest Ms.
-        mode_off: Relative error of the mode's frequency, both ways, at which they still hold.
-        lag_off: Relative error of lag and delay, likewise.
-    """
-
-    phase_rad: float = 50.0 * DEG
-    gain: float = 10.0**0.5
-    sensitivity: float = 1.6
-    mode_off: float = 0.15
-    lag_off: float = 0.10
+    phase_rad: float = 50.0 * DEG  # least phase margin
+    gain: float = 10.0**0.5  # least gain margin, a factor
+    sensitivity: float = 1.6  # largest Ms
+    mode_off: float = 0.15  # relative error of the mode's frequency, both ways, at which they still hold
+    lag_off: float = 0.10  # relative error of lag and delay, likewise
 
 
 def margins_of(response: Complex, frequency_hz: Float, stable: bool) -> Margins:

@@ -148,21 +148,13 @@ def least_about(time: Float, speed: Float, before: float, after: float, out: Flo
 
 @dataclass(frozen=True, eq=False)
 class SpeedPlan:
-    """Speeds for a tolerance.
+    """Speeds for a tolerance."""
 
-    Attributes:
-        speed: (n,) share of the programmed speed.
-        error_before_m: (n,) predicted remaining error at full speed.
-        error_after_m: (n,) at these speeds.
-        time_s: (n,) when the rows are reached at these speeds.
-        extra_s: Time that it costs.
-    """
-
-    speed: Float
-    error_before_m: Float
-    error_after_m: Float
-    time_s: Float
-    extra_s: float
+    speed: Float  # (n,) share of the programmed speed
+    error_before_m: Float  # (n,) predicted remaining error at full speed
+    error_after_m: Float  # (n,) at these speeds
+    time_s: Float  # (n,) when the rows are reached at these speeds
+    extra_s: float  # time that it costs
 
 
 def slowed_time(time_s: Float, speed: Float) -> Float:

@@ -27,12 +27,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.plausibility.kernel import (
-    DOUBT_FROZEN,
-    DOUBT_JUMP,
-    DOUBT_STAMP,
-    gap_cycles,
-)
+from counterflex.runtime.plausibility.kernel import DOUBT_FROZEN, DOUBT_JUMP, DOUBT_STAMP, gap_cycles
 from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.memory import PAST_ROWS

@@ -7,12 +7,7 @@ from typing import Any, Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.estimator.deflection import (
-    currents_shown,
-    estimate_loads,
-    missing_cause,
-    sources_of,
-)
+from counterflex.runtime.estimator.deflection import currents_shown, estimate_loads, missing_cause, sources_of
 from counterflex.runtime.estimator.force import blend, learn_scale, met_share, scaled
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.primitives.causes import can_yield

@@ -9,12 +9,7 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import size_of
 from counterflex.runtime.primitives.history import SPAN, STANDS_M, row_back, stands
 from counterflex.runtime.primitives.loop_types import LOOP_TYPES
-from counterflex.runtime.state.supervisor import (
-    Cause,
-    State,
-    risen,
-    supervise,
-)
+from counterflex.runtime.state.supervisor import Cause, State, risen, supervise
 
 SESSION_S: Final = 1.0
 """How long a session of a controller may go on without a telegram, s; what comes later is another one's."""

@@ -19,22 +19,15 @@ from counterflex.sensing.strain_holder import Gauge, HolderBeam, Sight, lever, s
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
-    """A holder under load.
+    """A holder under load."""
 
-    Attributes:
-        compliance: (6, 6) m/N, rad/(N m): motion of the tool tip by a wrench about it, holder axes.
-        sensitivity: (n, 6) 1/N, 1/(N m): what each bridge shows (strain of a bar in tension) by a wrench about the
-            holder's origin.
-        strain: (n, 3) 1/N: the same by a force at the tool tip.
-        sight: What the bridges see of a force at the tool tip, for white noise of one unit each scaled by ``noise``.
-        unknowns: Of the cheeks that were solved: one where the other is its mirror image.
-    """
-
-    compliance: Float
+    compliance: Float  # (6, 6) m/N, rad/(N m): motion of the tool tip by a wrench about it, holder axes
+    # (n, 6) 1/N, 1/(N m): what each bridge shows (strain of a bar in tension) by a wrench about the holder's origin
     sensitivity: Float
-    strain: Float
+    strain: Float  # (n, 3) 1/N: the same by a force at the tool tip
+    # what the bridges see of a force at the tool tip, for white noise of one unit each scaled by ``noise``
     sight: Sight | None
-    unknowns: int
+    unknowns: int  # of the cheeks that were solved: one where the other is its mirror image
 
     @property
     def tip_m_per_n(self) -> Float:
@@ -150,18 +143,12 @@ _TRIALS = 4
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Places chosen.
+    """Places chosen."""
 
-    Attributes:
-        drawing: With its pockets.
-        plain: The holder without them, same grid.
-        trials: How often the finite elements were asked.
-    """
-
-    drawing: Drawing
-    plain: Behaviour
+    drawing: Drawing  # with its pockets
+    plain: Behaviour  # the holder without them, same grid
     cut: Behaviour
-    trials: int
+    trials: int  # how often the finite elements were asked
 
 
 def candidates(drawing: Drawing, template: Pocket) -> tuple[Pocket, ...]:

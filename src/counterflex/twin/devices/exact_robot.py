@@ -14,13 +14,9 @@ from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 
 
 class ControlledRobot(Protocol):
-    """What a controller's protocol server needs of a robot and its program.
+    """What a controller's protocol server needs of a robot and its program."""
 
-    Attributes:
-        period_s: Cycle of the controller.
-    """
-
-    period_s: float
+    period_s: float  # cycle of the controller
 
     @property
     def finished(self) -> bool:
@@ -96,17 +92,11 @@ class ExactRobot:
 
 @dataclass(frozen=True, eq=False)
 class Standstill:
-    """A program that only waits.
+    """A program that only waits."""
 
-    Attributes:
-        T_part_tcp: (4, 4) m, where the tool is.
-        q: (6,) rad, the angles that belong to it.
-        duration_s: How long it waits.
-    """
-
-    T_part_tcp: Float
-    q: Float
-    duration_s: float
+    T_part_tcp: Float  # (4, 4) m, where the tool is
+    q: Float  # (6,) rad, the angles that belong to it
+    duration_s: float  # how long it waits
 
     def __post_init__(self) -> None:
         """Check shapes and ranges."""

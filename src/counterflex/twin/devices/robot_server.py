@@ -41,53 +41,34 @@ _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are cou
 
 @dataclass(frozen=True, eq=False)
 class CycleSeen:
-    """What one cycle was.
+    """What one cycle was."""
 
-    Attributes:
-        cycle: From 0.
-        counter: Of its telegram.
-        sent: The telegram left unharmed.
-        reply_s: From sending to the answer, NaN without one.
-        refused: Why no answer was accepted, or empty.
-        late: Answers that were late or refused so far.
-        stat: 0, 1 correcting, 2 limited.
-        correction: (6,) Cartesian correction in force as the protocol has it, m and rad.
-        axes: (6,) axis correction in force, rad.
-        report: What the controller reported.
-    """
-
-    cycle: int
-    counter: int
-    sent: bool
-    reply_s: float
-    refused: str
-    late: int
-    stat: int
-    correction: Float
-    axes: Float
-    report: Report
+    cycle: int  # from 0
+    counter: int  # of its telegram
+    sent: bool  # the telegram left unharmed
+    reply_s: float  # from sending to the answer, NaN without one
+    refused: str  # why no answer was accepted, or empty
+    late: int  # answers that were late or refused so far
+    stat: int  # 0, 1 correcting, 2 limited
+    correction: Float  # (6,) Cartesian correction in force as the protocol has it, m and rad
+    axes: Float  # (6,) axis correction in force, rad
+    report: Report  # what the controller reported
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How a simulated controller keeps time, and how long it waits for what.
+    """How a simulated controller keeps time, and how long it waits for what."""
 
-    Attributes:
-        realtime: Keep real time; else lockstep.
-        wait_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not
-            wait.
-        gate_s: For which the program waits after the session began, so that everything can settle; the robot program
-            enables the correction at their end.
-        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
-        patience_s: Lockstep: how long an answer may take.
-        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
-    """
-
-    realtime: bool = False
+    realtime: bool = False  # keep real time; else lockstep
+    # how long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not wait
     wait_s: float = 60.0
+    # for which the program waits after the session began, so that everything can settle; the robot program enables the
+    # correction at their end
     gate_s: float = 0.6
+    # real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms)
     answer_s: float | None = None
-    patience_s: float = 5.0
+    patience_s: float = 5.0  # lockstep: how long an answer may take
+    # lockstep: longest time, by the controller's clock, for which the feed may be held in one piece
     most_held_s: float = 60.0
 
 

@@ -21,25 +21,15 @@ COLUMNS = ("blank", "cut", "start_x_m", "start_y_m", "start_z_m", "end_x_m", "en
 
 @dataclass(frozen=True, eq=False)
 class StraightCuts:
-    """Straight feed motions, one a row.
+    """Straight feed motions, one a row."""
 
-    Attributes:
-        blank: (n,) number of the blank.
-        cut: (n,) number of the cut that the motion belongs to.
-        start_part: (n, 3) m, tool tip at its start, part frame.
-        end_part: (n, 3) m.
-        feed_m_s: (n,) along the motion.
-        spindle_rad_s: (n,) clockwise seen from the spindle.
-        width_m: (n,) signed width: positive from the left edge of the cutter, negative from the right.
-    """
-
-    blank: Int
-    cut: Int
-    start_part: Float
-    end_part: Float
-    feed_m_s: Float
-    spindle_rad_s: Float
-    width_m: Float
+    blank: Int  # (n,) number of the blank
+    cut: Int  # (n,) number of the cut that the motion belongs to
+    start_part: Float  # (n, 3) m, tool tip at its start, part frame
+    end_part: Float  # (n, 3) m
+    feed_m_s: Float  # (n,) along the motion
+    spindle_rad_s: Float  # (n,) clockwise seen from the spindle
+    width_m: Float  # (n,) signed width: positive from the left edge of the cutter, negative from the right
 
     def __len__(self) -> int:
         """Number of motions."""

@@ -43,17 +43,11 @@ _BELOW_M: Final = 500.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class TrackedProgram:
-    """Log of the tracker.
+    """Log of the tracker."""
 
-    Attributes:
-        time_s: (n,) s, one reading for each cycle of the controller.
-        Ts_part_tcp: (n, 4, 4) m, the tool in the part frame as registered, with the noise of the readings.
-        sigma_m: Standard deviation of a position, per axis.
-    """
-
-    time_s: Float
-    Ts_part_tcp: Float
-    sigma_m: float
+    time_s: Float  # (n,) s, one reading for each cycle of the controller
+    Ts_part_tcp: Float  # (n, 4, 4) m, the tool in the part frame as registered, with the noise of the readings
+    sigma_m: float  # standard deviation of a position, per axis
 
 
 def track(

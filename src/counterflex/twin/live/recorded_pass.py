@@ -25,27 +25,16 @@ _LONGEST_LAG: Final = 50
 
 @dataclass(frozen=True, eq=False)
 class RecordedPass:
-    """What a controller and its instruments would report, over n cycles of 4 ms.
+    """What a controller and its instruments would report, over n cycles of 4 ms."""
 
-    Attributes:
-        T_part_nominal: (n, 4, 4) commanded pose.
-        T_part_actual: (n, 4, 4) pose by the encoders.
-        q_command: (n, 6) rad.
-        q_actual: (n, 6) rad.
-        w_sensor: (n, 4, 6) N, N m: readings with noise.
-        p_tracker_target: (n, 4, 3) m: readings with noise.
-        quat_wxyz: (n, 4, 4) of the same readings.
-        R_tracker_part: (3, 3) to turn a correction into the tracker's frame.
-    """
-
-    T_part_nominal: Float
-    T_part_actual: Float
-    q_command: Float
-    q_actual: Float
-    w_sensor: Float
-    p_tracker_target: Float
-    quat_wxyz: Float
-    R_tracker_part: Float
+    T_part_nominal: Float  # (n, 4, 4) commanded pose
+    T_part_actual: Float  # (n, 4, 4) pose by the encoders
+    q_command: Float  # (n, 6) rad
+    q_actual: Float  # (n, 6) rad
+    w_sensor: Float  # (n, 4, 6) N, N m: readings with noise
+    p_tracker_target: Float  # (n, 4, 3) m: readings with noise
+    quat_wxyz: Float  # (n, 4, 4) of the same readings
+    R_tracker_part: Float  # (3, 3) to turn a correction into the tracker's frame
 
     @property
     def cycles(self) -> int:

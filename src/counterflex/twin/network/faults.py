@@ -149,44 +149,26 @@ class Fault:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What arrives of a datagram.
-
-    Attributes:
-        data: Bytes.
-        late_s: After it was sent.
-        overtaken_by: Datagrams that follow it and arrive before it.
-    """
+    """What arrives of a datagram."""
 
     data: bytes
-    late_s: float = 0.0
-    overtaken_by: int = 0
+    late_s: float = 0.0  # after it was sent
+    overtaken_by: int = 0  # datagrams that follow it and arrive before it
 
 
 @dataclass(frozen=True)
 class Condition:
-    """In what condition an instrument is for one sample.
+    """In what condition an instrument is for one sample."""
 
-    Attributes:
-        silent: It sends nothing.
-        dead: It never will again.
-        saturated: Its readings are at the end of their range.
-        frozen: It repeats its last reading.
-        not_a_number: Its readings are NaN.
-        beam_broken: A tracker does not see its target.
-        bits: Set in its status.
-        offset: (3,) m or N added to its readings.
-        step: Sum of the jumps of its counter so far.
-    """
-
-    silent: bool = False
-    dead: bool = False
-    saturated: bool = False
-    frozen: bool = False
-    not_a_number: bool = False
-    beam_broken: bool = False
-    bits: int = 0
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    step: int = 0
+    silent: bool = False  # it sends nothing
+    dead: bool = False  # it never will again
+    saturated: bool = False  # its readings are at the end of their range
+    frozen: bool = False  # it repeats its last reading
+    not_a_number: bool = False  # its readings are NaN
+    beam_broken: bool = False  # a tracker does not see its target
+    bits: int = 0  # set in its status
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) m or N added to its readings
+    step: int = 0  # sum of the jumps of its counter so far
 
 
 SOUND: Final = Condition()
@@ -195,15 +177,10 @@ SOUND: Final = Condition()
 
 @dataclass(frozen=True)
 class FaultSchedule:
-    """All faults of one instrument.
+    """All faults of one instrument."""
 
-    Attributes:
-        faults: Those of datagrams act one after the other, each on what the one before has left.
-        seed: Of chance.
-    """
-
-    faults: tuple[Fault, ...] = ()
-    seed: int = 0
+    faults: tuple[Fault, ...] = ()  # those of datagrams act one after the other, each on what the one before has left
+    seed: int = 0  # of chance
     _of_datagrams: dict[str, tuple[tuple[Fault, Schedule], ...]] = field(init=False, repr=False, compare=False)
     _of_source: tuple[tuple[Fault, Schedule], ...] = field(init=False, repr=False, compare=False)
 

@@ -22,15 +22,11 @@ _DRAWS: Final = 11
 
 @dataclass(frozen=True)
 class Burst:
-    """Losses that come together (Gilbert): a good state loses nothing, a bad one everything.
+    """Losses that come together (Gilbert): a good state loses nothing, a bad one everything."""
 
-    Attributes:
-        share: Share of all datagrams that is lost in the long run, 0..1; reached while ``share <= mean / (1 + mean)``.
-        mean: Mean length of a burst, datagrams.
-    """
-
+    # share of all datagrams that is lost in the long run, 0..1; reached while ``share <= mean / (1 + mean)``
     share: float
-    mean: float
+    mean: float  # mean length of a burst, datagrams
 
     def __post_init__(self) -> None:
         """Check that such a chain exists.
@@ -60,17 +56,11 @@ class Burst:
 
 @dataclass(frozen=True)
 class Stall:
-    """A path that stands still: what is sent meanwhile comes at its end, all at once.
+    """A path that stands still: what is sent meanwhile comes at its end, all at once."""
 
-    Attributes:
-        first: Number of the first datagram held back.
-        count: How many are held back.
-        lost: They are dropped instead.
-    """
-
-    first: int
-    count: int
-    lost: bool = False
+    first: int  # number of the first datagram held back
+    count: int  # how many are held back
+    lost: bool = False  # they are dropped instead
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -84,43 +74,24 @@ class Stall:
 
 @dataclass(frozen=True)
 class Impairment:
-    """What one way of a network does to datagrams; the default does nothing.
+    """What one way of a network does to datagrams; the default does nothing."""
 
-    Attributes:
-        loss: Probability that a datagram is lost, each by itself.
-        burst: Losses in bursts, or None.
-        pattern: Repeated over the datagrams: ``1`` comes, ``0`` is lost; empty: none.
-        delay_s: Of every datagram.
-        jitter_s: Further delay, uniform from 0 to this.
-        duplicate: Probability that a datagram comes twice, the copy up to ``reorder_s`` later.
-        reorder: Probability that a datagram comes ``reorder_s`` later than it would.
-        reorder_s: See there.
-        flip: Probability that one bit of a datagram is turned over.
-        truncate: Probability that its end is missing.
-        garbage: Probability that its bytes are replaced by random ones.
-        stalls: See :class:`Stall`.
-        period_s: Time between datagrams, for stalls.
-        first: Datagrams before this one are left alone.
-        end: From this one on they are left alone again, or None.
-        dies: From this one on all are lost, or None.
-    """
-
-    loss: float = 0.0
-    burst: Burst | None = None
-    pattern: str = ""
-    delay_s: float = 0.0
-    jitter_s: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
+    loss: float = 0.0  # probability that a datagram is lost, each by itself
+    burst: Burst | None = None  # losses in bursts, or None
+    pattern: str = ""  # repeated over the datagrams: ``1`` comes, ``0`` is lost; empty: none
+    delay_s: float = 0.0  # of every datagram
+    jitter_s: float = 0.0  # further delay, uniform from 0 to this
+    duplicate: float = 0.0  # probability that a datagram comes twice, the copy up to ``reorder_s`` later
+    reorder: float = 0.0  # probability that a datagram comes ``reorder_s`` later than it would
     reorder_s: float = 6e-3
-    flip: float = 0.0
-    truncate: float = 0.0
-    garbage: float = 0.0
-    stalls: tuple[Stall, ...] = ()
-    period_s: float = 4e-3
-    first: int = 0
-    end: int | None = None
-    dies: int | None = None
+    flip: float = 0.0  # probability that one bit of a datagram is turned over
+    truncate: float = 0.0  # probability that its end is missing
+    garbage: float = 0.0  # probability that its bytes are replaced by random ones
+    stalls: tuple[Stall, ...] = ()  # see Stall
+    period_s: float = 4e-3  # time between datagrams, for stalls
+    first: int = 0  # datagrams before this one are left alone
+    end: int | None = None  # from this one on they are left alone again, or None
+    dies: int | None = None  # from this one on all are lost, or None
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -148,19 +119,12 @@ class Impairment:
 
 @dataclass(frozen=True)
 class Delivery:
-    """One copy of a datagram that arrives.
+    """One copy of a datagram that arrives."""
 
-    Attributes:
-        delay_s: After it was sent.
-        flip: Which bit is turned over, as share 0..1 of its bits; None: none.
-        keep: Share of its bytes that is left; 1: all.
-        garbage: Seed of the random bytes that replace its own; None: they are its own.
-    """
-
-    delay_s: float = 0.0
-    flip: float | None = None
-    keep: float = 1.0
-    garbage: int | None = None
+    delay_s: float = 0.0  # after it was sent
+    flip: float | None = None  # which bit is turned over, as share 0..1 of its bits; None: none
+    keep: float = 1.0  # share of its bytes that is left; 1: all
+    garbage: int | None = None  # seed of the random bytes that replace its own; None: they are its own
 
     @property
     def unchanged(self) -> bool:

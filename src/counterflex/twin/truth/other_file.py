@@ -6,16 +6,7 @@ from typing import Any, Final
 
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MRAD, MS, UM, URAD
-from counterflex.twin.truth.other import (
-    BristleFriction,
-    ControllerKind,
-    Coupling,
-    GearCurve,
-    HosePack,
-    OtherPhysics,
-    Thermal,
-    ToolOff,
-)
+from counterflex.twin.truth import other as kinds
 from counterflex.twin.truth.table import DIRECTIONS, Table, TableKey, closed, from_table, optional, to_table
 
 _GEAR: Final = (
@@ -65,7 +56,7 @@ _CONTROLLER: Final = (
 )
 
 
-def other_to_dict(other: OtherPhysics) -> dict[str, Any]:
+def other_to_dict(other: kinds.OtherPhysics) -> dict[str, Any]:
     """Tables of the kinds that are there; empty where there is none."""
     one = {"thermal": (other.thermal, _THERMAL), "hose": (other.hose, _HOSE)}
     tables: dict[str, Any] = {
@@ -79,23 +70,23 @@ def other_to_dict(other: OtherPhysics) -> dict[str, Any]:
     return {name: table for name, table in tables.items() if table}
 
 
-def other_from(top: Table) -> OtherPhysics:
+def other_from(top: Table) -> kinds.OtherPhysics:
     """Take the tables of :func:`other_to_dict` out of a truth file's.
 
     Raises FileFormatError: a key is missing, unknown or of the wrong kind. Raises ModelError: a value is out of range.
     """
-    return OtherPhysics(
-        gears=tuple(from_table(row, GearCurve, _GEAR) for row in top.rows("gears", ())),
-        frictions=tuple(from_table(row, BristleFriction, _FRICTION) for row in top.rows("frictions", ())),
+    return kinds.OtherPhysics(
+        gears=tuple(from_table(row, kinds.GearCurve, _GEAR) for row in top.rows("gears", ())),
+        frictions=tuple(from_table(row, kinds.BristleFriction, _FRICTION) for row in top.rows("frictions", ())),
         couplings=tuple(closed(row, _coupling) for row in top.rows("couplings", ())),
-        controller=optional(top, "controller", ControllerKind, _CONTROLLER),
-        thermal=optional(top, "thermal", Thermal, _THERMAL),
-        hose=optional(top, "hose", HosePack, _HOSE),
-        tools=tuple(from_table(row, ToolOff, _TOOL) for row in top.rows("tools", ())),
+        controller=optional(top, "controller", kinds.ControllerKind, _CONTROLLER),
+        thermal=optional(top, "thermal", kinds.Thermal, _THERMAL),
+        hose=optional(top, "hose", kinds.HosePack, _HOSE),
+        tools=tuple(from_table(row, kinds.ToolOff, _TOOL) for row in top.rows("tools", ())),
     )
 
 
-def _coupling_to(c: Coupling) -> dict[str, Any]:
+def _coupling_to(c: kinds.Coupling) -> dict[str, Any]:
     changing = {} if c.axis is None else {"axis": c.axis + 1, "strongest_deg": c.phase_rad / DEG}
     return {
         "bodies": list(c.bodies),
@@ -105,7 +96,7 @@ def _coupling_to(c: Coupling) -> dict[str, Any]:
     }
 
 
-def _coupling(t: Table) -> Coupling:
+def _coupling(t: Table) -> kinds.Coupling:
     bodies, directions = t.texts("bodies", 2), t.texts("directions", 2)
     for direction in directions:
         if direction not in DIRECTIONS:
@@ -113,7 +104,7 @@ def _coupling(t: Table) -> Coupling:
                 "no such direction", where=f"{t.where}: directions", value=direction, limit=" ".join(DIRECTIONS)
             )
     changing = "axis" in t
-    return Coupling(
+    return kinds.Coupling(
         bodies=(bodies[0], bodies[1]),
         directions=(DIRECTIONS.index(directions[0]), DIRECTIONS.index(directions[1])),
         share=t.number("share"),

@@ -24,19 +24,13 @@ from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
 @dataclass(frozen=True)
 class Difference:
-    """One row of the table of differences.
+    """One row of the table of differences."""
 
-    Attributes:
-        group: ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting``, ``stock`` or
-            ``other kinds``.
-        known: Value in the nominal truth, in ``unit``.
-        true: Value in the truth.
-    """
-
+    # ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting``, ``stock`` or ``other kinds``
     group: str
     name: str
-    known: float
-    true: float
+    known: float  # value in the nominal truth, in ``unit``
+    true: float  # value in the truth
     unit: str
 
 
