@@ -67,7 +67,7 @@ class Work:
 
 
 def error_mm(program: Path, cell_file: Path, known_file: Path, seed: int) -> float:
-    """What is left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
+    """Error left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
     cell = read_cell(cell_file)
     truth = truth_of(read_cell(known_file), seed, FAMILIES["wide"])
     try:

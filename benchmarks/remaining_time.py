@@ -1,4 +1,4 @@
-"""How well the progress of long commands tells the time that is left.
+"""Compare the remaining time that long commands report with the time that was left.
 
 Runs commands with a line of progress every half second on a pipe, and says of each: how long it took, at which share
 of that time the bar stood at 25, 50 and 75 %, and the time left that was told over the true one: at a quarter of the
@@ -99,7 +99,7 @@ class Watched:
         return self._ratio([item for item in self.told if item.time_s >= share * self.duration_s])
 
     def within(self) -> bool:
-        """Whether what was told is within the goal, as it was told: its rounding to whole seconds counts as error."""
+        """Return whether the reported time is within the goal; its rounding to whole seconds counts as error."""
         ratio = self.ratio_at_work()
         return ratio is None or 1.0 / GOAL <= ratio <= GOAL
 

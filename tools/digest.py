@@ -64,7 +64,7 @@ _PORTS = threading.Lock()
 
 @dataclass(frozen=True)
 class Content:
-    """What a file says."""
+    """Content of a file."""
 
     text: bytes  # everything but the numbers; names of columns where it is a table
     numbers: np.ndarray[tuple[int], np.dtype[np.float64]]  # all numbers in the order in which they stand, 1-D
@@ -81,7 +81,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Mask:
-    """What varies from run to run for a reason that is no arithmetic."""
+    """A part of the results that varies from run to run for a reason that is no arithmetic."""
 
     files: str  # pattern of the names of files
     pattern: str = ""  # text that is left out
@@ -128,7 +128,7 @@ def digest(content: Content) -> Entry:
 
 
 def masks_of(jobs: dict[str, Any]) -> list[Mask]:
-    """What varies from run to run, from the list of jobs."""
+    """Read the masks of what varies from run to run from the list of jobs."""
     return [Mask(**{**m, "columns": tuple(m.get("columns", ()))}) for m in jobs["mask"]]
 
 

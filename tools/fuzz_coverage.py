@@ -34,7 +34,7 @@ class Instrumented:
         self._reached: Bool = np.zeros((len(self.counts), _CLASSES), dtype=np.bool_)
 
     def new(self) -> bool:
-        """Whether the last run entered a branch, or as often as no run before; forgets its counts."""
+        """Return whether the last run entered a branch, or as often as no run before; forgets its counts."""
         return bool(novel(self.counts, self._reached))
 
     def signature(self) -> frozenset[tuple[int, int]]:

@@ -38,7 +38,7 @@ _FEW: Final = 4
 
 
 class Ended(NamedTuple):
-    """How a run of a benchmark ended."""
+    """End of a benchmark's run."""
 
     file: Path  # of the benchmark
     status: int | str  # exit status, or what became of it
@@ -86,7 +86,7 @@ def _named(ended: Ended) -> str:
 
 
 def failure(ended: Ended) -> str:
-    """What to print of one that failed: its last lines, then all of it."""
+    """Text to print of one that failed: its last lines, then all of it."""
     lines = ended.output.splitlines() or ["no output"]
     text = [f"FAILED {_named(ended)}: exit {ended.status}. Its last lines:", *lines[-_LAST:]]
     if len(lines) > _LAST:

@@ -88,7 +88,7 @@ class Command:
 
 @dataclass
 class Page:
-    """What is printed on a page."""
+    """Commands and outputs printed on a page."""
 
     # commands that run at the same time, by terminal; one after the other within it
     steps: list[dict[str, list[Command]]] = field(default_factory=list)
@@ -166,7 +166,7 @@ class _Terminal(threading.Thread):
 
     @property
     def waits(self) -> bool:
-        """Whether it ends by Ctrl-C alone."""
+        """Return whether it ends by Ctrl-C alone."""
         return any(command.stopped for command in self._commands)
 
     def run(self) -> None:

@@ -1,4 +1,4 @@
-"""What one seed tells about a recipe: intervals, and the truth that they should hold."""
+"""Result of one seed about a recipe: intervals, and the truth that they should hold."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Counted:
 
     @property
     def inside(self) -> bool:
-        """Whether the interval holds the truth."""
+        """Return whether the interval holds the truth."""
         return self.lower <= self.truth <= self.upper
 
 

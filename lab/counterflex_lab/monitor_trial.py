@@ -103,7 +103,7 @@ SLOT: Final = Cut()
 
 @dataclass(frozen=True)
 class Incident:
-    """What goes wrong in a trial."""
+    """An incident in a trial."""
 
     event: Event | None = None  # what it is; None is a sound cut
     at_m: float = 60.0 * MM  # where it begins, from the start of the cut
@@ -224,7 +224,7 @@ def _teeth(
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial went."""
+    """Outcome of a trial."""
 
     events: dict[Event, float]  # first place of each event from the start of the cut, m
     trend_per_m: float  # change of the ratio per metre at the end

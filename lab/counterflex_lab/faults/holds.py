@@ -1,4 +1,4 @@
-"""What must not go on uncorrected or unknown: holds that last, the log, the zero, the job: R14 to R17, R23, R32."""
+"""Holds that last, the log, the zero, the job: nothing goes on uncorrected or unknown: R14 to R17, R23, R32."""
 
 from __future__ import annotations
 

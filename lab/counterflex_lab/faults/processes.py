@@ -109,7 +109,7 @@ def _orphaned(who: str) -> Callable[[Effort], Outcome]:
 
 @dataclass
 class Killed:
-    """What came of several kills."""
+    """Outcome of several kills."""
 
     held_s: list[float] = field(default_factory=list)  # until the robot was asked to hold its feed
     ended_s: list[float] = field(default_factory=list)  # until the loop's process had ended

@@ -43,7 +43,7 @@ _COMPUTE_MAX_S: Final = 2.5e-3
 
 @dataclass(eq=False)
 class RealRun:
-    """What the controller saw, a row per cycle, and how long the loop took."""
+    """The loop as the controller saw it, a row per cycle, and its times."""
 
     age: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (n,) cycles since an answer was accepted
     correction_m: Float = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in force
@@ -193,7 +193,7 @@ def real_run(cycles: int, *, timeout: int = PATIENT, busy: int = 0, stop: tuple[
 
 
 def _message(pipe: Any) -> Any:
-    """What the other process says.
+    """Wait for a message of the other process.
 
     Raises:
         SimulationError: It does not.

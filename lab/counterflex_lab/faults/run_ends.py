@@ -1,4 +1,4 @@
-"""How ``counterflex run`` ends in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R36."""
+"""End ``counterflex run`` in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R36."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ SENSORS: Final = ("force", "both")
 
 @dataclass(frozen=True)
 class Effort:
-    """How much a scenario may take."""
+    """Effort that a scenario may take."""
 
     quick: bool = False  # a small sample instead of one that is large enough for rare events
     seed: int = 0  # of everything that is random
@@ -25,7 +25,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it."""
+    """Outcome of a scenario."""
 
     passed: bool  # the requirement holds
     happened: str  # in words: states, causes

@@ -1,4 +1,4 @@
-"""What a controller saw of the loop, cycle by cycle."""
+"""The loop as the controller sees it, cycle by cycle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def named(state: State, cause: Cause) -> str:
 
 @dataclass(eq=False)
 class Seen:
-    """What the controller saw, a row per cycle."""
+    """The loop as the controller saw it, a row per cycle."""
 
     age: list[int] = field(default_factory=list)  # (n,) cycles since an answer was accepted; 0: in this cycle
     correction_m: list[Float] = field(default_factory=list)  # (n, 3) in force, RSI's axes

@@ -29,7 +29,7 @@ _COMPILES_S = 900.0
 
 @dataclass(frozen=True)
 class Sensors:
-    """Which instruments are wired."""
+    """Instruments that are wired."""
 
     force: bool = True  # force sensor (Net F/T)
     tracker: bool = False  # laser tracker

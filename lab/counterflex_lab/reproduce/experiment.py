@@ -87,7 +87,7 @@ def judged(part: Path, _log: Path, outcome: Mapping[str, Any]) -> dict[str, Any]
 
 @dataclass(frozen=True)
 class Own:
-    """What an experiment does in a way of its own."""
+    """Parts of an experiment that differ from the others."""
 
     judge: Judge = judged  # gives the figures of a run
     answer: PathAnswer = field(default_factory=PathAnswer)  # how the controller answers corrections

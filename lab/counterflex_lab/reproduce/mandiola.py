@@ -167,7 +167,7 @@ def _judged(
 
 
 def tracked(part: Path, cell: Path) -> tracking.Tracked:
-    """What the twin recorded of a run; the angles are those of the program."""
+    """Record of a run by the twin; the angles are those of the program."""
     run_, _ = read_run(part / "run.parquet")
     upright = np.tile(np.array([0.0, 0.0, 1.0]), (len(run_.time_s), 1))
     q = simulate.controller(read_cell(cell)).joints(run_.p_part_command, upright)
@@ -221,7 +221,7 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
 
 
 def reductions(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What each controller leaves of the figures that the paper and the goals speak of, truth by truth."""
+    """Share of the paper's and the goals' figures that each controller leaves, truth by truth."""
     out = []
     for row in rows:
         v = row["variants"]

@@ -197,7 +197,7 @@ def paper_comparison(summary: Mapping[str, Any]) -> tuple[list[str], list[list[s
 
 
 def paper_lines(paper: Mapping[str, Any]) -> list[str]:
-    """What Mandiola2023 reports."""
+    """Figures that Mandiola2023 reports."""
     return [
         f"Circle of 150 mm radius at 700 mm/min: path errors reduced by {100.0 * paper['circle_reduction']:.0f} %.",
         f"Static errors {paper['static_um'][0]:g} to {paper['static_um'][1]:g} um, above {paper['moving_um']:g} um in "

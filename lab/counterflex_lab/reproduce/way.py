@@ -25,7 +25,7 @@ class Way:
     holder: bool = False  # the strain amplifiers of the holder are wired
 
     def acted(self, figures: Mapping[str, Any]) -> bool:
-        """Whether a run did what its way says: the loop corrected, or was to watch only."""
+        """Return whether a run did what its way says: the loop corrected, or was to watch only."""
         return not self.armed or "active" in figures["loop"]["states"]
 
     def counted(self, runs: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], dict[str, Any]]:

@@ -41,7 +41,7 @@ def end_processes(started: list[Any], echo: Any) -> None:
 
 
 def next_message(pipe: Any, process: BaseProcess) -> Any:
-    """What a process says next.
+    """Wait for the next message of a process.
 
     Raises:
         OutputError: It ended silently, or by what would be taken for an interruption of this process.

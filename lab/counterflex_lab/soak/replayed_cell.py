@@ -53,7 +53,7 @@ _CYCLES: Final = 2500
 
 @dataclass(frozen=True, eq=False)
 class SteadyJob:
-    """What is there."""
+    """Files of the job."""
 
     cell: Path  # cell file: its sensor and tracker as an identification without error would have found them
     rsi: Path  # ETHERNET configuration, with the tag ``State``

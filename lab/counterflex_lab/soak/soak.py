@@ -65,7 +65,7 @@ _PREPARE_S: Final = 60.0
 
 @dataclass(frozen=True)
 class SoakSettings:
-    """What is run."""
+    """Settings of a long run."""
 
     minutes: float = 60.0  # how long
     force: str = "scale"  # mode of the table ``[online]``
@@ -76,7 +76,7 @@ class SoakSettings:
 
 @dataclass
 class _Watched:
-    """What a run left."""
+    """Results of a run."""
 
     operator: SteadyOperator  # requests
     interrupted: bool = False  # it was ended early, by a signal
@@ -218,7 +218,7 @@ def _run_settings(job: steady.SteadyJob, force: Any, tracker_port: int | None) -
 
 @dataclass(frozen=True)
 class _Looks:
-    """What is looked at every 5 s."""
+    """Samples taken every 5 s."""
 
     log: Path  # folder of the run log
     pids: dict[str, int | None]  # processes by name

@@ -36,7 +36,7 @@ class AxisGains:
 
     @property
     def idle(self) -> bool:
-        """Whether it does nothing."""
+        """Return whether it does nothing."""
         return self.proportional == 0.0 and self.integral_per_s == 0.0 and self.derivative_s == 0.0
 
     def packed(self, period_s: float) -> tuple[float, float, float, float, float]:

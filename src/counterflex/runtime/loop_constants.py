@@ -150,12 +150,12 @@ def pack_limits(out: Record, settings: options.OnlineSettings) -> None:
 
 
 def _shaped(settings: options.OnlineSettings, plan: LoopPlan | None) -> bool:
-    """Whether the plan says itself what to command ahead of time."""
+    """Return whether the plan says itself what to command ahead of time."""
     return plan is not None and plan.w_ahead_part is not None and settings.pilot.lead_s is None
 
 
 def _lead(settings: options.OnlineSettings, plan: LoopPlan | None) -> float:
-    """How much ahead the plan is read, s; what says itself what to command ahead of time is read in place."""
+    """Lead at which the plan is read, s; a plan that is shaped for the delays is read in place."""
     return 0.0 if _shaped(settings, plan) else settings.lead_s
 
 

@@ -20,7 +20,7 @@ from counterflex.signals.ahead import Ahead
 
 @dataclass(frozen=True, eq=False)
 class LoopPlan:
-    """What the loop knows of the program; n rows, part frame, SI."""
+    """The program as the loop knows it; n rows, part frame, SI."""
 
     p_part: Float  # (n, 3) points as the program sends them (its correction included)
     time_s: Float  # (n,) planned time, not decreasing

@@ -95,7 +95,7 @@ def column(name: str) -> int:
 
 
 def is_whole(column: str) -> bool:
-    """Whether a column of :data:`COLUMNS` holds whole numbers only: counts, bits, states, times in ns."""
+    """Return whether a column of :data:`COLUMNS` holds whole numbers only: counts, bits, states, times in ns."""
     return column in _WHOLE or column.startswith(("flag_", "out_", "event_"))
 
 

@@ -37,7 +37,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Gap:
-    """Where records are missing."""
+    """A place at which records are missing."""
 
     after: int  # last cycle before it; 0 where the beginning is missing
     missing: int  # cycles between the records, or what is missing of the beginning
@@ -111,7 +111,7 @@ class Replay:
         self._compare(rows, answers, done)
 
     def _follows(self, cycle: int) -> bool:
-        """Whether the loop's state before this cycle is known."""
+        """Return whether the loop's state before this cycle is known."""
         before, self._cycle = self._cycle, cycle
         if cycle == 1:
             self._loop.reset()

@@ -21,7 +21,7 @@ Gain = float | tuple[float, float, float]
 
 
 class ForceMode(IntEnum):
-    """Which force the correction is computed from."""
+    """Force from which the correction is computed."""
 
     NONE = 0
     MEASURED = 1
@@ -32,7 +32,7 @@ class ForceMode(IntEnum):
 
 
 class TrackerMode(IntEnum):
-    """What is done with a tracker."""
+    """Use of a tracker."""
 
     NONE = 0
     INTEGRATOR = 1
@@ -44,7 +44,7 @@ class TrackerMode(IntEnum):
 
 
 class Lost(IntEnum):
-    """What follows where a tracker is silent, repeats itself, or is rejected, and there is a force beside it."""
+    """Reaction to a tracker that is silent, repeats itself or is rejected while there is a force beside it."""
 
     FALLBACK = 0
     """Its part of the correction stands still, force and plan go on; it is said."""
@@ -52,7 +52,7 @@ class Lost(IntEnum):
 
 
 class ForceOffset(IntEnum):
-    """What follows a step of the measured force that neither the plan nor the program's speed explains."""
+    """Reaction to a step of the measured force that neither the plan nor the program's speed explains."""
 
     TELL = 0
     """It is said; the force is used as before."""
@@ -63,7 +63,7 @@ class ForceOffset(IntEnum):
 
 
 class Output(IntEnum):
-    """How the correction is sent."""
+    """Form in which the correction is sent."""
 
     CARTESIAN = 0
     AXES = 1
@@ -81,7 +81,7 @@ class Pilot:
 
 @dataclass(frozen=True)
 class Delays:
-    """What is known of time, from identification."""
+    """Delays, from identification."""
 
     dead_s: float = 12.0 * MS  # from sending a correction until the robot begins to move
     # natural frequency of the robot's answer to a correction (second order), rad/s
@@ -100,7 +100,7 @@ class Delays:
 
     @property
     def correction_s(self) -> float:
-        """How late slow corrections act: dead time plus ``2 zeta / w0``."""
+        """Delay of slow corrections: dead time plus ``2 zeta / w0``."""
         return self.dead_s + 2.0 * self.damping / self.natural_per_s
 
 
@@ -179,12 +179,12 @@ class OnlineSettings:
 
     @property
     def blending_s(self) -> float:
-        """How late blending into the prediction is in the mean: half its time with pilot control, else nothing."""
+        """Mean delay of blending into the prediction: half its time with pilot control, else nothing."""
         return 0.5 * self.pilot.blend_s if self.force == ForceMode.PILOT else 0.0
 
     @property
     def lead_s(self) -> float:
-        """How much ahead the plan is read: as set, else what a correction needs to act, and half the blending."""
+        """Lead at which the plan is read: as set, else the delay of a correction and half the blending."""
         return self.delays.correction_s + self.blending_s if self.pilot.lead_s is None else self.pilot.lead_s
 
     def __post_init__(self) -> None:
@@ -288,7 +288,7 @@ def inertia_smoothing(settings: OnlineSettings) -> Smoothing:
 
 
 def force_delay(settings: OnlineSettings) -> float:
-    """How late the filtered force is, s."""
+    """Delay of the filtered force, s."""
     return settings.smoothing.delay_s + inertia_smoothing(settings).delay_s
 
 
@@ -306,7 +306,7 @@ def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:
 
 
 def robot_answer(settings: OnlineSettings) -> tuple[int, Float]:
-    """How the robot answers a correction, sampled: whole cycles of dead time and ``b0 b1 b2 a1 a2``.
+    """Response of the robot to a correction, sampled: whole cycles of dead time and ``b0 b1 b2 a1 a2``.
 
     Second order, ``w0^2 / (s^2 + 2 zeta w0 s + w0^2)``, bilinear transform; the part of the dead time that is no whole
     cycle is left out.

@@ -41,7 +41,7 @@ _GROOVES: Final = ("uncompensated", "force", "force_pilot_40ms", "force_pilot")
 
 @dataclass(frozen=True)
 class Options:
-    """How experiments are run."""
+    """Options of experiments."""
 
     seeds: Sequence[int]  # truth seeds
     level: str  # ``identified`` or ``catalogue``: how well the loop knows the cell
@@ -79,7 +79,7 @@ def design(folder: Path, _: Options, progress: Progress) -> dict[str, Any]:
 
 
 def design_results(bridged: Mapping[str, Any], across: Mapping[str, Any]) -> dict[str, Any]:
-    """What is stored of two designs.
+    """Results of two designs that are stored.
 
     Args:
         bridged: Summary of the drawing with several pockets.

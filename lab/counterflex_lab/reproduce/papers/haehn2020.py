@@ -86,7 +86,7 @@ def _linear_gap_mm() -> float:
 
 
 def reachable() -> float:
-    """How many of the 20 poses of section 3.1 a posture within the joint limits reaches."""
+    """Number of the 20 poses of section 3.1 that a posture within the joint limits reaches."""
     chain, q, _ = loaded_poses()
     lower, upper = np.asarray(chain.joint_limits_rad).T
     return float(np.count_nonzero(np.all((q >= lower) & (q <= upper), axis=1)[:: len(load_cases.FORCES)]))
@@ -174,7 +174,7 @@ def exit_signals(lead_s: float = LEAD_S) -> ExitSignals:
 
 
 def _half_way_s(time: Float, falling: Float) -> float:
-    """When a signal first falls below half of :data:`FORCE_N`."""
+    """Time at which a signal first falls below half of :data:`FORCE_N`."""
     k = int(np.argmax(falling < 0.5 * FORCE_N))
     above, below = falling[k - 1], falling[k]
     return float(time[k - 1] + (time[k] - time[k - 1]) * (above - 0.5 * FORCE_N) / (above - below))

@@ -85,7 +85,7 @@ def _row(table: Mapping[str, Any], data: Mapping[str, Any], name: str) -> Row:
 
 
 def stored(name: str) -> dict[str, Any] | None:
-    """What was stored of an experiment: command, commit, version and results; None where nothing is.
+    """Stored results of an experiment: command, commit, version and results; None where nothing is.
 
     Args:
         name: Of the experiment.

@@ -26,14 +26,14 @@ _EXACT: Final = 1e-9
 
 @dataclass(frozen=True)
 class Rule:
-    """Which values count as reproduced."""
+    """Rule by which a value counts as reproduced."""
 
     least: float  # smallest one, in the unit of the row; -inf where there is no limit
     most: float  # largest one; inf where there is none
     text: str  # limits and where they come from
 
     def holds(self, value: float) -> bool:
-        """Whether a value counts as reproduced."""
+        """Return whether a value counts as reproduced."""
         return self.least <= value <= self.most
 
 

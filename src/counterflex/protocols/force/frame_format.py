@@ -113,7 +113,7 @@ class FrameFormat:
         return min(int(kind.removeprefix("uint")), 32)
 
     def has(self, name: str) -> bool:
-        """Whether there is a field of this name."""
+        """Return whether there is a field of this name."""
         return any(one.name == name for one in self.fields)
 
     def rows(self, data: bytes) -> tuple[NDArray[Any], Bool]:

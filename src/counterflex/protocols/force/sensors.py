@@ -20,7 +20,7 @@ Value = float | int | str | bool
 
 @dataclass(frozen=True)
 class Opening:
-    """Where a sensor is, and what the cell file says of it."""
+    """Address of a sensor, and its settings in the cell file."""
 
     host: str  # name or address
     port: int  # UDP or TCP port

@@ -19,7 +19,7 @@ _MOST_BYTES: Final = 1 << 16
 
 @dataclass(frozen=True)
 class FrameSource:
-    """How frames are had."""
+    """Transport and requests of a sensor that sends frames."""
 
     frame: FrameFormat  # what they look like
     transport: Literal["udp", "tcp"] = "udp"  # UDP datagrams of one or several whole frames, or a TCP stream

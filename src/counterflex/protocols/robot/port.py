@@ -19,7 +19,7 @@ _NOBODY: Final = -1
 
 
 class Verdict(IntEnum):
-    """What a datagram is."""
+    """Verdict on a datagram."""
 
     MALFORMED = -1
     """No message of this protocol; its sender is not believed to be the controller."""
@@ -36,7 +36,7 @@ _MALFORMED, _OLD, _NEW, _ASTRAY = Verdict.MALFORMED, Verdict.OLD, Verdict.NEW, V
 
 @dataclass(eq=False)
 class Counters:
-    """What came, since the link was opened."""
+    """Counts of datagrams since the link was opened."""
 
     telegrams: int = 0  # good ones that were answered or could have been
     drained: int = 0  # older ones that were passed over because a newer one was there
@@ -87,7 +87,7 @@ class RobotPort:
 
     @property
     def peer(self) -> tuple[str, int] | None:
-        """Who is answered, or None before the first good telegram."""
+        """Peer that is answered, or None before the first good telegram."""
         if self._sender == _NOBODY:
             return None
         return socket.inet_ntoa((self._sender >> 16).to_bytes(4, "big")), self._sender & 0xFFFF

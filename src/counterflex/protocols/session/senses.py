@@ -51,7 +51,7 @@ ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What an online session measures with, beside what the robot says."""
+    """Sensors of an online session, beside the robot's telegrams."""
 
     force: ForceSource | None = None  # force sensor, or None
     wrench: ProcessWrench | None = None  # its reading as process wrench; needed with ``force``
@@ -129,7 +129,7 @@ class Senses:
 
     @property
     def set_back(self) -> int:
-        """How often the tracker's clock was set back."""
+        """Number of times that the tracker's clock was set back."""
         return self._arrival.set_back
 
     def fill_ages(self) -> None:
@@ -223,7 +223,7 @@ class Senses:
             self.current_age = 0
 
     def lacking(self, good_telegrams: int, cycles: int, silent_cycles: int = 0) -> int:
-        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
+        """Cause against arming: a sensor that is needed is silent, or the telegrams do not come steadily; or 0."""
         if self._needs_tracker and self.tracker_age >= self._tracker_stale:
             return _TRACKER_LOST
         if self._needs_force and self._overdue >= self._loop.settings.stale_cycles:

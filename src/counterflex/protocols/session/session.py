@@ -144,12 +144,12 @@ class OnlineSession:
 
     @property
     def set_back(self) -> int:
-        """How often the tracker's clock was set back."""
+        """Number of times that the tracker's clock was set back."""
         return self._senses.set_back
 
     @property
     def patience_s(self) -> float:
-        """How long to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
+        """Time to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
         period = self.loop.settings.period_s
         return period if self._silent_cycles else 1.5 * period
 
@@ -269,7 +269,7 @@ class OnlineSession:
         return self._publisher
 
     def _serve_requests(self) -> None:
-        """What the operator asked for, and the step has now seen."""
+        """Serve the operator's requests that the step has now taken."""
         control = self.control
         if self._result.state >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
             control[_ARM] = 0
@@ -351,7 +351,7 @@ class OnlineSession:
         )
 
     def _watch_program(self, soft: int, hard: int, now_ns: int) -> tuple[int, int]:
-        """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""
+        """Watch this side: the loop's own program, the job, the log, the other processes of the run."""
         armed, resetting = self._result.state > _ARMED, bool(self.control[_RESET])
         if self.trouble and hard == 0 and not resetting:
             hard = _INTERNAL

@@ -125,7 +125,7 @@ class StrainLink(DatagramLink):
         return int(self.received.bridges)
 
     def out_of_order(self) -> list[str]:
-        """What is wrong with bridges in the last datagram, in words: ``bridge 2 broken``."""
+        """Faults of bridges in the last datagram, in words: ``bridge 2 broken``."""
         words = []
         for k in range(self.bridges):
             if self._missing[k]:

@@ -87,5 +87,5 @@ def write_strain(sample: StrainSample) -> bytes:
 
 
 def readable(sample: StrainSample) -> bool:
-    """Whether every bridge shows a number."""
+    """Return whether every bridge shows a number."""
     return sample.status == 0 and all(math.isfinite(value) for value in sample.strain)

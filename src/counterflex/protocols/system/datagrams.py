@@ -49,7 +49,7 @@ class Inbox(Protocol):
 
 
 class Datagrams:
-    """What came to a UDP socket of IPv4.
+    """Datagrams that came to a UDP socket of IPv4.
 
     Args:
         own: The socket; made non-blocking.

@@ -16,7 +16,7 @@ _SHARED: Final = Path("/dev/shm")
 
 @dataclass(frozen=True)
 class Machine:
-    """What was found."""
+    """Properties of the machine that were found."""
 
     cores: int  # that this process may use
     governors: tuple[str, ...]  # of their clocks, each once; empty where not known

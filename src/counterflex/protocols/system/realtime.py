@@ -17,7 +17,7 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 @dataclass(frozen=True)
 class Granted:
-    """What the operating system allowed."""
+    """Rights that the operating system granted."""
 
     fifo: bool  # real-time priority
     locked: bool  # memory locked
@@ -27,14 +27,14 @@ class Granted:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What another process runs with, as the operating system says."""
+    """Priority and locked memory of another process, by the operating system."""
 
     fifo: bool  # real-time priority
     locked: bool  # memory locked, some of it at least; False where the system does not say
 
 
 def prepared(pid: int | None) -> Prepared:
-    """Whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
+    """Return whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
     fifo = locked = False
     if pid is not None and hasattr(os, "sched_getscheduler"):
         with contextlib.suppress(OSError):

@@ -91,7 +91,7 @@ class TrackerLink(DatagramLink):
 
     @property
     def time_ns(self) -> int:
-        """When the newest good pose was measured, or the mean on average, clock of the source."""
+        """Time of the newest good pose, or mean time of the mean, by the clock of the source."""
         return int(self._time[0]) if self._mean_ns < 0 else self._mean_ns
 
     @property

@@ -66,7 +66,7 @@ class Wrench:
 
     @property
     def usable(self) -> bool:
-        """Whether the numbers may be used."""
+        """Return whether the numbers may be used."""
         return not self.status & (SATURATED | INVALID)
 
 

@@ -110,7 +110,7 @@ class TrackerGains:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability."""
+    """Distance of a loop from instability."""
 
     crossover_hz: float  # where the open loop's gain falls through 1; NaN where it never is 1
     phase_rad: float  # least phase margin over all crossings; infinite without one
@@ -129,7 +129,7 @@ class Margins:
         return self.phase_rad / DEG
 
     def meets(self, goals: DesignGoals) -> bool:
-        """Whether the margins are at least those wanted."""
+        """Return whether the margins are at least those wanted."""
         return (
             self.stable
             and self.phase_rad >= goals.phase_rad

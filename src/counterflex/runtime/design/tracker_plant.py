@@ -16,7 +16,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class TrackerPlant:
-    """What the tracker sees of a correction."""
+    """Response of the tracker's deviation to a correction."""
 
     period_s: float  # t
     delay_s: float  # d

@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM, UM
 
 
 class Source(IntFlag):
-    """What the estimate of a cycle rests on."""
+    """Source of the estimate of a cycle."""
 
     NOTHING = 0
     PLAN = 1
@@ -31,7 +31,7 @@ def level(sources: int) -> str:
 
 @dataclass(frozen=True)
 class FusionTuning:
-    """How fast what is estimated may change, and what was known of it before."""
+    """Process noise of the estimator, and its prior."""
 
     factor: float = 0.25  # standard deviation of the force factors at the start
     model: float = 0.15  # of the share of the deflection that the force does not explain

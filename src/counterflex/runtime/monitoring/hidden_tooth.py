@@ -53,7 +53,7 @@ class HiddenTooth:
 
     @property
     def sentence(self) -> str:
-        """What monitoring does not look at, where, and what would show it."""
+        """Say what monitoring cannot see, where, and what would show it."""
         return f"not looked at: one broken tooth {self.where}; it shows with {self.remedy}"
 
     @property

@@ -11,7 +11,7 @@ from counterflex.core.units import UM
 
 @dataclass(frozen=True)
 class OverrideSettings:
-    """How the speed of the robot program is changed."""
+    """Settings of the speed of the robot program."""
 
     tolerance_m: float = 50.0 * UM  # remaining error across the feed above which the program is slowed down
     least: float = 0.3  # lowest share of the programmed speed

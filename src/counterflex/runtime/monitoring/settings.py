@@ -25,7 +25,7 @@ _SIEGMUND: Final = 1.166
 
 
 class Reaction(IntEnum):
-    """What an event does."""
+    """Reaction to an event."""
 
     WARN = 0
     """It is reported."""
@@ -42,7 +42,7 @@ def _reactions() -> dict[Event, Reaction]:
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """What is watched, and how surely."""
+    """Settings of the process monitor."""
 
     reaction: dict[Event, Reaction] = field(default_factory=_reactions)  # by event
     # force that spindle and tool may take in the mean over a cycle; None is not watched
@@ -124,7 +124,7 @@ class MonitorSettings:
 
     @property
     def keep(self) -> float:
-        """What a stage of the filter keeps per cycle: ``exp(-T / tau)``."""
+        """Share that a stage of the filter keeps per cycle: ``exp(-T / tau)``."""
         return math.exp(-self.period_s / self.filter_s)
 
     @property
@@ -234,7 +234,7 @@ def unwatched(
 
 
 def low_chatter_time(ring_s: float) -> float:
-    """How long slow vibration must go on before it is no ring: three times its memory, 0.6 s at the least.
+    """Time after which slow vibration is no ring any more: three times its memory, at least 0.6 s.
 
     A ring that begins A times as large as the limit is above it for ``ring_s log(A)``: for three times ``ring_s`` only
     where A is above 20.

@@ -14,7 +14,7 @@ from counterflex.runtime.state.doubts import STEP_MOST, WINDOW_MOST
 
 @dataclass(frozen=True)
 class AxisTolerance:
-    """How far axis angles and pose of a telegram may disagree."""
+    """Largest disagreement of axis angles and pose of a telegram."""
 
     # between the pose of the telegram and that of the angles, offset of the frames taken off: geometry of the
     # controller against that of the description
@@ -39,7 +39,7 @@ _SIGN_LEAST = 15
 
 @dataclass(frozen=True)
 class Plausibility:
-    """When something is not believed any more."""
+    """Limits of the plausibility tests."""
 
     least_m: float = 0.1 * MM  # correction or deviation below which nothing is judged
     answer_share: float = 0.5  # share of the correction by which the robot's reported answer may differ from it

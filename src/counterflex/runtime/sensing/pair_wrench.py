@@ -22,7 +22,7 @@ _MOMENT_S: Final = 0.1
 
 @dataclass(frozen=True)
 class PairTuning:
-    """What the filter of two sensors is told."""
+    """Settings of the filter of two sensors."""
 
     noise_n: float = 3.0  # standard deviation of the flange sensor's reading of a cycle
     zero_n: float = 1.0  # standard deviation of its zero when it has been taken

@@ -37,7 +37,7 @@ _UNTARED_N, _UNTARED_UM_M = 1000.0, 50.0
 
 @dataclass(frozen=True)
 class ObserverTuning:
-    """What the filter of an instrumented holder is told beside the holder's constants."""
+    """Settings of the filter of an instrumented holder, beside the holder's constants."""
 
     # (3,) N, standard deviation of the force's walk over one second, holder axes
     slew_n: tuple[float, float, float] = (1000.0, 1000.0, 1000.0)

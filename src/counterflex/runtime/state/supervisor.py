@@ -1,4 +1,4 @@
-"""Who lets the correction act: states, what moves between them, and what the output may do in each.
+"""States of the loop, the events that move between them, and the output allowed in each.
 
 A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
 (HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
@@ -27,7 +27,7 @@ from counterflex.runtime.state.states import State as State
 
 @dataclass(frozen=True)
 class SupervisorSettings:
-    """How long things may last, in cycles."""
+    """Longest durations of conditions, in cycles."""
 
     # longest HOLD, also in several pieces with ramps that were broken off between them, before the output is ramped
     # out, or the robot stopped that does not hold

@@ -27,7 +27,7 @@ _AHEAD = 250
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What the controller knows after a cycle."""
+    """Report of the controller after a cycle."""
 
     time_s: float  # simulated time
     T_part_nominal: Float  # (4, 4) commanded pose without correction, as the controller computes it
@@ -119,7 +119,7 @@ class CommandedMotion:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self.at >= self.cycles - 1
 
     def advance(

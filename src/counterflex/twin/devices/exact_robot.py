@@ -14,13 +14,13 @@ from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 
 
 class ControlledRobot(Protocol):
-    """What a controller's protocol server needs of a robot and its program."""
+    """Robot and program as a controller's protocol server needs them."""
 
     period_s: float  # cycle of the controller
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
 
     @property
     def cycles(self) -> int:
@@ -57,7 +57,7 @@ class ExactRobot:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self._motion.finished
 
     @property
@@ -125,7 +125,7 @@ class StandingRobot:
 
     @property
     def finished(self) -> bool:
-        """Whether it has waited long enough."""
+        """Return whether it has waited long enough."""
         return self._at >= self.cycles
 
     @property

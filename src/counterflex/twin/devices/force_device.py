@@ -14,7 +14,7 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ForceStart:
-    """What a simulated force sensor is started with."""
+    """Settings of a simulated force sensor."""
 
     host: str = "127.0.0.1"  # address that it binds; of a sensor that sends by itself, where it sends to
     port: int = 0  # UDP port; 0 takes a free one, and says of a sensor that sends by itself that nobody has named one
@@ -37,11 +37,11 @@ class ForceDevice(Protocol):
 
     @property
     def address(self) -> Address | None:
-        """Where it is asked; None: it sends by itself."""
+        """Address at which it is asked; None: it sends by itself."""
 
     @property
     def http_address(self) -> Address | None:
-        """Where a document about it is."""
+        """Address of a document about it."""
 
     def poll(self) -> None:
         """Take what was asked of it."""
@@ -50,7 +50,7 @@ class ForceDevice(Protocol):
         """Send a sample (6,) N, N m; without a time it counts samples."""
 
     def counts(self, taken: int, /) -> dict[str, int]:
-        """What left it, by name, after so many samples."""
+        """Counts of what left it, by name, after so many samples."""
 
     def close(self) -> None:
         """Free the sockets."""

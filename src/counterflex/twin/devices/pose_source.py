@@ -99,7 +99,7 @@ class NoisyPose:
 
 @dataclass(frozen=True, eq=False)
 class TrackerLog:
-    """What a tracker has measured."""
+    """Measurements of a tracker."""
 
     time_ns: tuple[int, ...]  # (n,) of its own clock, increasing
     Ts_tracker_target: Float  # (n, 4, 4) m

@@ -41,7 +41,7 @@ _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are cou
 
 @dataclass(frozen=True, eq=False)
 class CycleSeen:
-    """What one cycle was."""
+    """One cycle as the controller saw it."""
 
     cycle: int  # from 0
     counter: int  # of its telegram
@@ -57,7 +57,7 @@ class CycleSeen:
 
 @dataclass(frozen=True)
 class Timing:
-    """How a simulated controller keeps time, and how long it waits for what."""
+    """Clock of a simulated controller, and its longest waits."""
 
     realtime: bool = False  # keep real time; else lockstep
     # how long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not wait
@@ -323,7 +323,7 @@ class RobotServer:
         return now_s + max(0.0, time.perf_counter() - (self._due - self._period_s))
 
     def _take_waiting(self, now_s: float, datagrams: list[bytes]) -> None:
-        """What came while this process itself was held up is not late."""
+        """Take what came while this process itself was held up: it is not late."""
         self._socket.setblocking(False)
         while True:
             try:

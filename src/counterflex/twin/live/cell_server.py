@@ -27,7 +27,7 @@ _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instrumen
 
 @dataclass(eq=False)
 class Instruments:
-    """What is read off the cell, every millisecond."""
+    """Instruments that read the cell every millisecond."""
 
     laboratory: Laboratory  # noise, and where the tracker and its target truly are
     force_sensor: ForceSensor | None = None  # as it truly is; or None

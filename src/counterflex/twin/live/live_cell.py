@@ -33,7 +33,7 @@ CHANGE_S: Final = 2.0
 
 
 def true_answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
-    """What was asked for, with the dead time that this controller has beside it."""
+    """The response asked for, with the dead time that this controller has beside it."""
     requested = PathAnswer() if answer is None else answer
     kind = truth.other.controller
     return requested if kind is None else replace(requested, dead_s=requested.dead_s + kind.dead_cycles * cycle_s)
@@ -141,7 +141,7 @@ class LiveCell:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self.motion.finished
 
     @property
@@ -151,7 +151,7 @@ class LiveCell:
 
     @property
     def changing(self) -> bool:
-        """Whether the robot stands for a change of tools; its program takes no correction meanwhile."""
+        """Return whether the robot stands for a change of tools; its program takes no correction meanwhile."""
         return self._standing > 0
 
     def _change(self) -> None:
@@ -216,7 +216,7 @@ class LiveCell:
         )
 
     def record(self) -> Record:
-        """What was machined so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
+        """Record of the machining so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
         log = self._log
         cycles = SimulatedCycles(
             np.array(log.k, dtype=np.int64),

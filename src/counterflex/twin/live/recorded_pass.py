@@ -25,7 +25,7 @@ _LONGEST_LAG: Final = 50
 
 @dataclass(frozen=True, eq=False)
 class RecordedPass:
-    """What a controller and its instruments would report, over n cycles of 4 ms."""
+    """Reports of a controller and its instruments over n cycles of 4 ms."""
 
     T_part_nominal: Float  # (n, 4, 4) commanded pose
     T_part_actual: Float  # (n, 4, 4) pose by the encoders
@@ -38,7 +38,7 @@ class RecordedPass:
 
     @property
     def cycles(self) -> int:
-        """How many there are."""
+        """Number of cycles."""
         return len(self.q_command)
 
     def there_and_back(self, k: int) -> int:

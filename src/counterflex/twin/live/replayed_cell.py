@@ -186,7 +186,7 @@ class ReplayedCell:
         return NOT_REPORTED if self.controller.refused else self.controller.reported_state
 
     def _take_in(self) -> None:
-        """What the controller makes of its correction within a cycle."""
+        """Let the controller apply its correction for a cycle."""
         in_force = self._answer(self.controller.pose_correction())
         self._moved = self.played.R_tracker_part @ in_force[:3]
         self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))

@@ -15,7 +15,7 @@ NOT_REPORTED: Final = -1
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What was timed in a number of cycles; n of them had a telegram."""
+    """Times of a number of cycles; n of them had a telegram."""
 
     reply_s: Float  # (n,) from sending a telegram to having its answer; not-a-number where none came within the cycle
     echo_s: Float  # (n,) the same of the datagram that is only sent back

@@ -101,7 +101,7 @@ class Fault:
         self.impairment()
 
     def _numbers_of_kind(self) -> tuple[bool, str, object, str]:
-        """Whether a number that the kind needs is wrong, what it is, its value, its limit."""
+        """Check the number that the kind needs: whether it is wrong, its name, its value, its limit."""
         match self.kind:
             case "late":
                 wrong = not 0.0 < self.late_s <= _LONGEST_S
@@ -141,7 +141,7 @@ class Fault:
                 return Impairment(loss=self.share)
 
     def covers(self, index: int, time_s: float) -> bool:
-        """Whether a datagram or sample lies in the window."""
+        """Return whether a datagram or sample lies in the window."""
         if index < self.first or (self.count is not None and index >= self.first + self.count):
             return False
         return -_TICK_S <= time_s - self.from_s < self.for_s - _TICK_S
@@ -149,7 +149,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What arrives of a datagram."""
+    """One copy of a datagram that arrives."""
 
     data: bytes
     late_s: float = 0.0  # after it was sent
@@ -217,11 +217,11 @@ class FaultSchedule:
             raise InputError(f"{instrument} does not have the bridge of this fault", value=alone, limit=limit)
 
     def spares(self, direction: Direction) -> bool:
-        """Whether every datagram of a direction arrives as it was sent."""
+        """Return whether every datagram of a direction arrives as it was sent."""
         return not self._of_datagrams[direction]
 
     def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
-        """What arrives of a datagram: nothing, itself, something else, or several.
+        """Deliveries of a datagram: nothing, itself, something else, or several.
 
         Args:
             data: The datagram.

@@ -74,7 +74,7 @@ class Stall:
 
 @dataclass(frozen=True)
 class Impairment:
-    """What one way of a network does to datagrams; the default does nothing."""
+    """Impairment of one way of a network; the default does nothing."""
 
     loss: float = 0.0  # probability that a datagram is lost, each by itself
     burst: Burst | None = None  # losses in bursts, or None
@@ -145,7 +145,7 @@ class Delivery:
 
 
 class Schedule:
-    """What happens to each datagram of one way.
+    """Fate of each datagram of one way.
 
     Args:
         impairment: Settings.
@@ -185,7 +185,7 @@ class Schedule:
         return self._bad[n // _BLOCK][n % _BLOCK]
 
     def decide(self, n: int) -> tuple[Delivery, ...]:
-        """What arrives of datagram n, counted from 0 on this way: nothing, one delivery or two.
+        """Deliveries of datagram n, counted from 0 on this way: none, one or two.
 
         Raises:
             InputError: n is negative.

@@ -36,7 +36,7 @@ class Hose:
     bending_nm: float = 4.0  # moment at a right angle between exit and chord
 
     def on_tool(self, T_base_arm: Float, T_base_tool: Float, gravity_base: Float) -> tuple[Float, Float]:
-        """What it does to the tool side.
+        """Forces on the tool side.
 
         Args:
             T_base_arm: (4, 4) forearm.

@@ -193,7 +193,7 @@ class OtherPhysics:
                 )
 
     def tool(self, number: int) -> ToolOff:
-        """How a tool is off; not at all where nothing is said of it."""
+        """Deviations of a tool; zero where nothing is said of it."""
         return next((tool for tool in self.tools if tool.number == number), ToolOff(number, 0.0, 0.0))
 
     def __bool__(self) -> bool:

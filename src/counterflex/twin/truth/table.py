@@ -110,7 +110,7 @@ class Table:
 
 
 def closed(table: Table, read: Callable[[Table], T]) -> T:
-    """What ``read`` makes of a table that has no more keys than that."""
+    """Read a table with ``read``, and refuse keys that are left."""
     out = read(table)
     table.close()
     return out
