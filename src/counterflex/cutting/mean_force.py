@@ -70,17 +70,11 @@ class CutterShape(Protocol):
 
 @dataclass(frozen=True)
 class MeanForceWeights:
-    """Everything the mean-force kernels need, as small owned arrays (compiled kernels take no read-only ones).
+    """Everything the mean-force kernels need, as small owned arrays (compiled kernels take no read-only ones)."""
 
-    Attributes:
-        terms: (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi.
-        arc: (n_terms, 5, n_bins) arc integrals, see :func:`counterflex.cutting.arc_integrals.arc_table`.
-        levels: (n_levels, 10 + n_terms) edge geometry, see :func:`counterflex.cutting.arc_integrals.level_table`.
-    """
-
-    terms: Float
-    arc: Float
-    levels: Float
+    terms: Float  # (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi
+    arc: Float  # (n_terms, 5, n_bins) arc integrals, see counterflex.cutting.arc_integrals.arc_table
+    levels: Float  # (n_levels, 10 + n_terms) edge geometry, see counterflex.cutting.arc_integrals.level_table
 
     @property
     def n_bins(self) -> int:
@@ -320,15 +314,13 @@ def mean_wrenches(
             "depths_m has the wrong shape", value=depths.shape, limit=("n", weights.n_levels, weights.n_bins)
         )
     n = len(depths)
-
-    def per_segment(name: str, value: float | Float, signed: bool = False) -> Float:
-        array: Float = np.array(np.broadcast_to(as_float(name, value), (n,)))
-        if not signed and n and float(array.min()) < 0.0:
+    feeds, areas, drops = (
+        np.array(np.broadcast_to(as_float(name, value), (n,)))
+        for name, value in (("feeds_m", feeds_m), ("end_areas_m2", end_areas_m2), ("drops_m", drops_m))
+    )
+    for name, array in (("feeds_m", feeds), ("end_areas_m2", areas)):
+        if n and float(array.min()) < 0.0:
             raise InputError(f"{name} is negative", value=float(array.min()), limit=">= 0")
-        return array
-
-    feeds, areas = per_segment("feeds_m", feeds_m), per_segment("end_areas_m2", end_areas_m2)
-    drops = per_segment("drops_m", drops_m, signed=True)
     if depths.size and float(depths.min()) < 0.0:
         raise InputError("engaged depth is negative", value=float(depths.min()), limit=">= 0")
     if not depths.flags.writeable:

@@ -27,34 +27,22 @@ HEIGHTS = (0.1, 0.5, 0.9)  # of a wall
 
 @dataclass(frozen=True)
 class NominalSurface:
-    """What the undisturbed program makes: the floors and walls that deviations are measured on.
+    """What the undisturbed program makes: the floors and walls that deviations are measured on."""
 
-    Attributes:
-        stock: Before machining.
-        nominal: After the undisturbed program.
-        cutter: The tool; of several the widest.
-        floor: (ny, nx) True on machined cells that do not adjoin a wall.
-        normal_z: (ny, nx) vertical component of the floor's unit normal.
-        rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
-            that lies higher by more than half of it is not floor but the shifted wall.
-        fall_m: (ny, nx) deepest wall that drops off within ``reach_m`` of the cell, m; infinite where there is none.
-        wall_point: (m, 3) m points on nominal walls, exact (from the tool path).
-        wall_normal: (m, 2) horizontal unit normals, from the cut into the material.
-        wall_area_m2: (m,) wall area each point stands for.
-        reach_m: Wall shifts up to this are followed.
-    """
-
-    stock: HeightMap
-    nominal: HeightMap
-    cutter: Cutter
-    floor: Bool
-    normal_z: Float32
+    stock: HeightMap  # before machining
+    nominal: HeightMap  # after the undisturbed program
+    cutter: Cutter  # the tool; of several the widest
+    floor: Bool  # (ny, nx) True on machined cells that do not adjoin a wall
+    normal_z: Float32  # (ny, nx) vertical component of the floor's unit normal
+    # (ny, nx) highest wall that stands within `reach_m` of the cell, m; infinite where there is none. Floor that lies
+    # higher by more than half of it is not floor but the shifted wall
     rise_m: Float32
+    # (ny, nx) deepest wall that drops off within `reach_m` of the cell, m; infinite where there is none
     fall_m: Float32
-    wall_point: Float
-    wall_normal: Float
-    wall_area_m2: Float
-    reach_m: float
+    wall_point: Float  # (m, 3) m points on nominal walls, exact (from the tool path)
+    wall_normal: Float  # (m, 2) horizontal unit normals, from the cut into the material
+    wall_area_m2: Float  # (m,) wall area each point stands for
+    reach_m: float  # wall shifts up to this are followed
 
     @property
     def kept(self) -> Bool:
@@ -65,29 +53,20 @@ class NominalSurface:
 
 @dataclass(frozen=True)
 class SurfaceDeviation:
-    """Deviation of one machined part; m, positive = material left.
+    """Deviation of one machined part; m, positive = material left."""
 
-    Attributes:
-        floor_m: (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall stands on the floor:
-            within reach of a nominal wall, more than half its height off, or on a flank of the machined part.
-        wall_m: (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach.
-        surface: Figures over floors and walls, by area.
-        floor: Over floors.
-        wall: Over walls.
-        floor_resolution_m: Grid of the floors: one cell.
-        wall_resolution_m: Resolution of walls: exact section of the given path, so its sampling alone counts;
-            stated as 0.1 um. The height map alone would give one cell.
-        wall_lost_m2: Wall area with no result: shifted beyond the reach, or cut away from another side.
-    """
-
+    # (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall stands on the floor: within reach
+    # of a nominal wall, more than half its height off, or on a flank of the machined part
     floor_m: Float32
-    wall_m: Float
-    surface: Figures
-    floor: Figures
-    wall: Figures
-    floor_resolution_m: float
+    wall_m: Float  # (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach
+    surface: Figures  # figures over floors and walls, by area
+    floor: Figures  # over floors
+    wall: Figures  # over walls
+    floor_resolution_m: float  # grid of the floors: one cell
+    # resolution of walls: exact section of the given path, so its sampling alone counts; stated as 0.1 um. The height
+    # map alone would give one cell
     wall_resolution_m: float
-    wall_lost_m2: float
+    wall_lost_m2: float  # wall area with no result: shifted beyond the reach, or cut away from another side
 
 
 def nominal_surface(

@@ -105,7 +105,6 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
     """Motion of the tool's tip per coordinate and per motor angle in many postures.
 
     Args:
-        chain: The chain.
         q: (rows, 6) rad.
 
     Returns:

@@ -216,7 +216,6 @@ def swing(static: Float, time_s: Float, mode: Mode) -> Float:
     Args:
         static: (n, k), for example the loads on the drives if the structure passed them on at once.
         time_s: (n,) non-decreasing.
-        mode: The mode.
 
     Returns:
         (n, k) at the times of the rows.

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -205,11 +206,7 @@ def limit(
         InputError: A number is out of range.
     """
     most = as_positive("most", most)
-    T = as_positive("period_s", period_s)
-
-    def growth(factor: float) -> float:
-        return math.log(max(largest_multiplier(modes, process, T, factor, intervals), 1e-300))
-
+    growth = partial(_growth, modes, process, as_positive("period_s", period_s), intervals)
     low = most * 1.2**-_SEARCH if least is None else min(as_positive("least", least), most)
     g_low = growth(low)
     high, g_high = low, g_low
@@ -226,6 +223,10 @@ def limit(
         high = min(high * 1.2, most)
         g_high = growth(high)
     return _refined(growth, (low, g_low), (high, g_high), tolerance)
+
+
+def _growth(modes: Modes, process: Process, period_s: float, intervals: int | None, factor: float) -> float:
+    return math.log(max(largest_multiplier(modes, process, period_s, factor, intervals), 1e-300))
 
 
 def _refined(

@@ -22,21 +22,13 @@ _ROWS: Final = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of a part, some thousand to some million.
+    """Points of a part, some thousand to some million."""
 
-    Attributes:
-        points: (n, 3) m, means of the measured points in cubes of side ``pitch_m``.
-        count: (n,) how many measured points each stands for.
-        normals: (n, 3) unit normals of the surface by the neighbours, of either sign; nan where there are too few.
-        pitch_m: Side of the cubes.
-        outliers: How many measured points were left out as lone ones.
-    """
-
-    points: Float
-    count: Int
-    normals: Float
-    pitch_m: float
-    outliers: int
+    points: Float  # (n, 3) m, means of the measured points in cubes of side `pitch_m`
+    count: Int  # (n,) how many measured points each stands for
+    normals: Float  # (n, 3) unit normals of the surface by the neighbours, of either sign; nan where there are too few
+    pitch_m: float  # side of the cubes
+    outliers: int  # how many measured points were left out as lone ones
 
     def __len__(self) -> int:
         """Number of points."""

@@ -37,15 +37,10 @@ class NoPose(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose that a scan may have.
+    """A pose that a scan may have."""
 
-    Attributes:
-        T_part_scan: (4, 4) of the scan's frame in the part; its determinant is negative where the scan is mirrored.
-        score_m: Trimmed mean distance of the scan's points to the nominal part.
-    """
-
-    T_part_scan: Float
-    score_m: float
+    T_part_scan: Float  # (4, 4) of the scan's frame in the part; its determinant is negative where the scan is mirrored
+    score_m: float  # trimmed mean distance of the scan's points to the nominal part
 
 
 class Reference:

@@ -29,20 +29,14 @@ _STEP_M: Final = 1.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """Points against the nominal surface, row by row.
+    """Points against the nominal surface, row by row."""
 
-    Attributes:
-        deviation_m: (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of
-            no nominal surface within reach that looks its way.
-        normals: (n, 3) outward unit normals of the nominal surface.
-        face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.inspected_part.FACES`).
-        near: (n,) whether a nominal surface is within reach at all, whichever way it looks.
-    """
-
+    # (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of no nominal
+    # surface within reach that looks its way
     deviation_m: Float
-    normals: Float
-    face: Int
-    near: Bool
+    normals: Float  # (n, 3) outward unit normals of the nominal surface
+    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.inspected_part.FACES)
+    near: Bool  # (n,) whether a nominal surface is within reach at all, whichever way it looks
 
 
 class Shape(Protocol):
@@ -54,17 +48,11 @@ class Shape(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class NominalPart:
-    """What a program makes of a blank.
+    """What a program makes of a blank."""
 
-    Attributes:
-        surface: Floors and walls of the undisturbed part.
-        shape: Exact distances to the surface that the program makes.
-        faces: Planes of the blank.
-    """
-
-    surface: NominalSurface
-    shape: Shape
-    faces: DatumFaces
+    surface: NominalSurface  # floors and walls of the undisturbed part
+    shape: Shape  # exact distances to the surface that the program makes
+    faces: DatumFaces  # planes of the blank
 
     @property
     def stock(self) -> HeightMap:

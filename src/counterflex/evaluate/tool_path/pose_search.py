@@ -41,17 +41,11 @@ _SAME: Final = (5.0 * MM, 3.0 * DEG)
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A pose that a log may have.
+    """A pose that a log may have."""
 
-    Attributes:
-        T_path_log: (4, 4) of the log's frame in the frame of the path.
-        score_m: Mean distance of the path's feed places from the log, each at most :data:`CAP_M`.
-        share: Of the feed places that the log passes within :data:`NEAR_M`.
-    """
-
-    T_path_log: Float
-    score_m: float
-    share: float
+    T_path_log: Float  # (4, 4) of the log's frame in the frame of the path
+    score_m: float  # mean distance of the path's feed places from the log, each at most CAP_M
+    share: float  # of the feed places that the log passes within NEAR_M
 
     @property
     def fits(self) -> bool:
@@ -122,6 +116,17 @@ def searched(path: Curve, feed: Float, log: Curve, where: str) -> Place:
     raise diagnosed(path, feed, log, where, proper)
 
 
+def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
+    """Words for the unit in which a log would lie on the path, if there is one."""
+    for name, factor in UNITS.items():
+        for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
+            scaled = log.scaled(times)
+            fitting = places(path, feed, scaled) if _as_large(path, scaled) else []
+            if fitting and fitting[0].fits:
+                return text
+    return None
+
+
 def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Place] | None = None) -> InputError:
     """What is wrong with a log that does not lie on the path, as an error of one line.
 
@@ -148,18 +153,15 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
     mirrored = places(path, feed, log.mirrored())
     if mirrored and mirrored[0].fits:
         return _mirrored(proper[0] if proper else None, mirrored[0], where)
-    for name, factor in UNITS.items():
-        for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
-            scaled = log.scaled(times)
-            fitting = places(path, feed, scaled) if _as_large(path, scaled) else []
-            if fitting and fitting[0].fits:
-                return InputError(
-                    "the log is of another unit than it states",
-                    where=where,
-                    value=f"its path fits the program's if {text}",
-                    limit="lengths in mm",
-                    hint="Export it in mm",
-                )
+    text = _other_unit(path, feed, log)
+    if text is not None:
+        return InputError(
+            "the log is of another unit than it states",
+            where=where,
+            value=f"its path fits the program's if {text}",
+            limit="lengths in mm",
+            hint="Export it in mm",
+        )
     best = max(proper, key=lambda one: one.share, default=None)
     if best is not None and LEAST_SHARE <= best.share < COVERED:
         return InputError(

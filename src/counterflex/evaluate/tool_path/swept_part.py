@@ -32,30 +32,18 @@ _PLACES_M: Final = 1.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class SweptPart:
-    """What a tool leaves of the blank along a measured path; the surface itself was not measured.
+    """What a tool leaves of the blank along a measured path; the surface itself was not measured."""
 
-    Attributes:
-        part: What was to be made.
-        registration: Where the log lies in the part frame.
-        track: The measured path on the program's.
-        p_part_tcp: (n, 3) m, the undisturbed path.
-        p_part_actual: (k, 3) m, the measured path, smoothed.
-        joined: (k,) stations that continue the one before.
-        outline: (k, 2) m, radius and corner radius of the tool at each station.
-        actual: What removal along it leaves.
-        hidden: (m, 3) m, places of the program's path that were not measured.
-        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the undisturbed path.
-    """
-
-    part: NominalPart
-    registration: Registration
-    track: TrackedPath
-    p_part_tcp: Float
-    p_part_actual: Float
-    joined: Bool
-    outline: Float
-    actual: HeightMap
-    hidden: Float
+    part: NominalPart  # what was to be made
+    registration: Registration  # where the log lies in the part frame
+    track: TrackedPath  # the measured path on the program's
+    p_part_tcp: Float  # (n, 3) m, the undisturbed path
+    p_part_actual: Float  # (k, 3) m, the measured path, smoothed
+    joined: Bool  # (k,) stations that continue the one before
+    outline: Float  # (k, 2) m, radius and corner radius of the tool at each station
+    actual: HeightMap  # what removal along it leaves
+    hidden: Float  # (m, 3) m, places of the program's path that were not measured
+    # (n, 2) m, radius and corner radius of the tool at each row of the undisturbed path
     nominal_outline: Float | None = None
 
     @cached_property

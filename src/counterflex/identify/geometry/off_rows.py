@@ -53,34 +53,22 @@ _LEAST_FREE: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Rows of one dataset in the order of the file, as rows of the residuals that hold them.
-
-    Attributes:
-        block: (n,) which residuals.
-        row: (n,) which of their rows.
-    """
+    """Rows of one dataset in the order of the file, as rows of the residuals that hold them."""
 
     data: Dataset
-    block: Int
-    row: Int
+    block: Int  # (n,) which residuals
+    row: Int  # (n,) which of their rows
 
 
 @dataclass(frozen=True, eq=False)
 class OffRows:
-    """A block of consecutive rows that are all off.
-
-    Attributes:
-        rows: (k,) its rows, from 0, consecutive.
-        least_m: Error of the row that is off least, against the fit without the block.
-        most_m: The same of the row that is off most.
-        usual_m: Error that :data:`NEARLY_ALL` of the other rows stay below.
-    """
+    """A block of consecutive rows that are all off."""
 
     data: Dataset
-    rows: Int
-    least_m: float
-    most_m: float
-    usual_m: float
+    rows: Int  # (k,) its rows, from 0, consecutive
+    least_m: float  # error of the row that is off least, against the fit without the block
+    most_m: float  # the same of the row that is off most
+    usual_m: float  # error that NEARLY_ALL of the other rows stay below
 
     @property
     def share(self) -> float:

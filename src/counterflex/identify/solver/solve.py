@@ -167,15 +167,10 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class Stop:
-    """Limits at which the solver stops.
+    """Limits at which the solver stops."""
 
-    Attributes:
-        tolerance: Relative change of cost, step or gradient at which the inner solver rests.
-        evaluations: Most evaluations of one inner solve.
-    """
-
-    tolerance: float = 1e-9
-    evaluations: int = 200
+    tolerance: float = 1e-9  # relative change of cost, step or gradient at which the inner solver rests
+    evaluations: int = 200  # most evaluations of one inner solve
 
 
 def solve(

@@ -43,27 +43,16 @@ _STATION_M: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class HeldSpeed:
-    """Path speed along a path of n rows; a value of a segment stands at the row at which it ends.
+    """Path speed along a path of n rows; a value of a segment stands at the row at which it ends."""
 
-    Attributes:
-        programmed_m_s: (n,) on the segment; 0 where nothing moves.
-        mean_m_s: (n,) that the robot holds on the segment in the mean.
-        lowest_m_s: (n,) the lower one of its two ends.
-        at_m_s: (n,) at the row itself.
-        duration_s: (n,) of the segment, standstill included.
-        cause: (n,) :class:`Cause` of what is missing of the programmed speed.
-        axis: (n,) 0..5 where the cause is an axis, else -1.
-        length_m: (n,) of the segment.
-    """
-
-    programmed_m_s: Float
-    mean_m_s: Float
-    lowest_m_s: Float
-    at_m_s: Float
-    duration_s: Float
-    cause: Int
-    axis: Int
-    length_m: Float
+    programmed_m_s: Float  # (n,) on the segment; 0 where nothing moves
+    mean_m_s: Float  # (n,) that the robot holds on the segment in the mean
+    lowest_m_s: Float  # (n,) the lower one of its two ends
+    at_m_s: Float  # (n,) at the row itself
+    duration_s: Float  # (n,) of the segment, standstill included
+    cause: Int  # (n,) Cause of what is missing of the programmed speed
+    axis: Int  # (n,) 0..5 where the cause is an axis, else -1
+    length_m: Float  # (n,) of the segment
 
     def slower(self, share: float) -> Bool:
         """(n,) segments on which the robot is slower in the mean than a share of the programmed speed."""

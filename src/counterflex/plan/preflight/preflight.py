@@ -88,46 +88,27 @@ _NOT_REACHED: Final = "the start of the program is not reached"
 
 @dataclass(frozen=True, eq=False)
 class AlongPath:
-    """Curves along the first m rows of the path.
+    """Curves along the first m rows of the path."""
 
-    Attributes:
-        held: Path speed.
-        joint_speeds_rad_s: (m, 6) at the programmed feed.
-        joint_accelerations_rad_s2: (m, 6) likewise.
-        blocks: Of the path.
-        reversals: Axes that turn round in the cut.
-        cutting: (m,) segments that remove material; all at feed where none does.
-    """
-
-    held: HeldSpeed
-    joint_speeds_rad_s: Float
-    joint_accelerations_rad_s2: Float
-    blocks: Blocks
-    reversals: Sequence[Event]
-    cutting: Bool
+    held: HeldSpeed  # path speed
+    joint_speeds_rad_s: Float  # (m, 6) at the programmed feed
+    joint_accelerations_rad_s2: Float  # (m, 6) likewise
+    blocks: Blocks  # of the path
+    reversals: Sequence[Event]  # axes that turn round in the cut
+    cutting: Bool  # (m,) segments that remove material; all at feed where none does
 
 
 @dataclass(frozen=True, eq=False)
 class Preflight:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        rows: The table.
-        path: The path that was looked at: rapids have points between.
-        q: (m, 6) rad, controller angles of its first m rows: all of them where everything is reached.
-        margin_rad: (m, 6) distance of each axis to its nearer limit.
-        bodies: Coarse bodies.
-        along: Curves for a picture; None where nothing is reached.
-        bounds: What was compared with.
-    """
-
-    rows: tuple[Row, ...]
-    path: ToolPath
-    q: Float
-    margin_rad: Float
-    bodies: tuple[Body, ...]
-    along: AlongPath | None
-    bounds: Bounds
+    rows: tuple[Row, ...]  # the table
+    path: ToolPath  # the path that was looked at: rapids have points between
+    q: Float  # (m, 6) rad, controller angles of its first m rows: all of them where everything is reached
+    margin_rad: Float  # (m, 6) distance of each axis to its nearer limit
+    bodies: tuple[Body, ...]  # coarse bodies
+    along: AlongPath | None  # curves for a picture; None where nothing is reached
+    bounds: Bounds  # what was compared with
 
     @property
     def failed(self) -> bool:

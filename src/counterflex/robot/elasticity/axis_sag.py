@@ -80,15 +80,10 @@ def unit_turns(chain: ElasticChain, q: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class AxisSag:
-    """What own weight turns axes 2 and 3 by.
+    """What own weight turns axes 2 and 3 by."""
 
-    Attributes:
-        chain: The rigid chain that it acts on.
-        moments_rad: (6,) compliance times weight's first moment, rad, in the order of :data:`TERMS`.
-    """
-
-    chain: ElasticChain
-    moments_rad: Float
+    chain: ElasticChain  # the rigid chain that it acts on
+    moments_rad: Float  # (6,) compliance times weight's first moment, rad, in the order of TERMS
 
     def __post_init__(self) -> None:
         """Check the six numbers.

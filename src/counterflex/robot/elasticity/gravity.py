@@ -43,7 +43,6 @@ def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = 
     axis, so it acts on that drive's torsion alone.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         Ts_base_segment: (..., n, 4, 4) frames of the bodies where they are not those of the rigid chain at q.
 

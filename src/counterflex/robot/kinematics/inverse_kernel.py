@@ -215,36 +215,24 @@ def newton(
 
 
 class Bounds(NamedTuple):
-    """What is accepted along a path.
+    """What is accepted along a path."""
 
-    Attributes:
-        limits: (6, 2) rad.
-        enforce: Not 0: joint limits are faults.
-        sigma_floor: Smallest singular value accepted, at the points and between them.
-    """
-
-    limits: Float2
-    enforce: int
-    sigma_floor: float
+    limits: Float2  # (6, 2) rad
+    enforce: int  # not 0: joint limits are faults
+    sigma_floor: float  # smallest singular value accepted, at the points and between them
 
 
 BOUNDS: Final = bundle(Bounds)
 
 
 class Followed(NamedTuple):
-    """Results along a path.
+    """Results along a path."""
 
-    Attributes:
-        q: (n, 6) rad.
-        measures: (n, 3) joint-limit margin rad, smallest singular value since the point before, ``|sin|`` of the wrist.
-        axes: (n,) axis 0..5 nearest to its limit.
-        fault: (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold.
-    """
-
-    q: Float2
+    q: Float2  # (n, 6) rad
+    # (n, 3) joint-limit margin rad, smallest singular value since the point before, `|sin|` of the wrist
     measures: Float2
-    axes: Int1
-    fault: Float1
+    axes: Int1  # (n,) axis 0..5 nearest to its limit
+    fault: Float1  # (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold
 
 
 FOLLOWED: Final = bundle(Followed)

@@ -21,7 +21,6 @@ def seeds(chain: ElasticChain, target: Float) -> list[Float]:
     pose is pulled by 3 mm at most towards the arm's reach. Without OPW geometry evenly spread angles within limits.
 
     Args:
-        chain: The chain.
         target: (4, 4) T_base_tcp, m.
 
     Returns:
@@ -87,7 +86,6 @@ def branch_of(chain: ElasticChain, q: Float) -> str:
     axis 3, wrist by the side of axis 6 against axis 4 about axis 5.
 
     Args:
-        chain: The chain.
         q: (6,) rad.
     """
     if chain.opw is not None:
