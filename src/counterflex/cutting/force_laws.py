@@ -21,7 +21,7 @@ from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 
 @dataclass(frozen=True)
 class ValidFor:
-    """What a law is good for, and where its numbers come from."""
+    """Range of validity of a law, and the source of its numbers."""
 
     h_min_m: float  # smallest mean chip thickness in m
     h_max_m: float  # largest one in m

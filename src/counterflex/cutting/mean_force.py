@@ -46,7 +46,7 @@ N_BINS = 64
 
 
 class CutterShape(Protocol):
-    """What the force model needs to know of a cutter; ``counterflex.cutting.cutter.Cutter`` has it."""
+    """Interface of a cutter to the force model; ``counterflex.cutting.cutter.Cutter`` has it."""
 
     @property
     def diameter_m(self) -> float:

@@ -104,7 +104,7 @@ class Engagement:
 
 @dataclass(frozen=True)
 class RemovalResult:
-    """What each segment of a path removed; entry i belongs to the segment from path point i to i + 1."""
+    """Material that each segment of a path removed; entry i belongs to the segment from path point i to i + 1."""
 
     volume_m3: Float  # (n,) volume removed, m^3
     bottom_volume_m3: Float  # (n,) the part of it removed by the end face (descending moves and plunges), m^3

@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Figures:
-    """What a set of deviations comes down to."""
+    """Figures of a set of deviations."""
 
     max_m: float  # largest magnitude, m
     p997_m: float  # magnitude that 99.7 % of the length (or area) stays below, m

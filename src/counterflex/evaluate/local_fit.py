@@ -25,7 +25,7 @@ _STIFF: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """How values at places follow from measured values: ``place = smoother @ measured``."""
+    """Linear map from measured values to values at places: ``place = smoother @ measured``."""
 
     smoother: scipy.sparse.csr_matrix  # (m, n) sparse weights; rows of places without neighbours are empty
     known: Bool  # (m,) whether a place has neighbours, and in its middle

@@ -111,7 +111,7 @@ _STEP: Final = 0.25
 
 
 class Verdict(StrEnum):
-    """What a machine is good for."""
+    """Judgement of the timing of a machine."""
 
     FITS = "fits"
     """It keeps time."""
@@ -153,7 +153,7 @@ def percentiles(time_s: Float) -> Percentiles:
 
 @dataclass(frozen=True, eq=False)
 class LoopSamples:
-    """What was measured of a machine."""
+    """Measured times of a machine."""
 
     period_s: float  # cycle of the loop
     late_s: Float  # (n,) how late the loop woke up
@@ -245,7 +245,7 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
 
 
 def _slowest(late: Float, compute: Float, echo: Float) -> str:
-    """Which part of the reply is to blame, and what to do."""
+    """Slowest part of the reply, and the remedy."""
     parts = {
         "wake-up latency (take other load off the machine, allow real-time priority, switch power saving off)": late,
         "the step itself (a faster processor, or its clock is lowered)": compute,

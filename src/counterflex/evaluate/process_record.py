@@ -35,7 +35,7 @@ class ProcessEvent:
 
 @dataclass(frozen=True)
 class Wear:
-    """What the ratio of measured to predicted force did."""
+    """Trend of the ratio of measured to predicted force."""
 
     cut_m: float  # length of cut
     trend_per_m: float  # change of the ratio per metre of cut
@@ -45,7 +45,7 @@ class Wear:
 
     @property
     def known(self) -> bool:
-        """Whether the cut was long enough to tell a trend at all."""
+        """Return whether the cut was long enough to tell a trend at all."""
         return self.degrees >= 1.0
 
 
@@ -114,7 +114,7 @@ class ProcessRecord:
         self._take_events(rows)
 
     def sums(self) -> dict[str, float]:
-        """What :meth:`join` asks for, by name."""
+        """Sums that :meth:`join` uses, by name."""
         return {"slowed": self._slowed, "least_speed": self._least}
 
     def _take_events(self, rows: Float) -> tuple[ProcessEvent, ...]:

@@ -31,7 +31,7 @@ class Trend:
 
     @property
     def clear(self) -> bool:
-        """Whether the interval excludes that nothing changes."""
+        """Return whether the interval excludes that nothing changes."""
         return abs(self.slope) > self.half_width
 
 

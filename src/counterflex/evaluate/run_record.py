@@ -237,7 +237,7 @@ class RunRecord:
         self._largest_step = max(self._largest_step, float(moved.max(initial=0.0)))
 
     def _find_changes(self, rows: Float, states: Int) -> None:
-        """What changes from each record to the next."""
+        """Changes from each record to the next."""
         for k in np.flatnonzero(np.diff(states)):
             if len(self._changes) >= MOST_CHANGES:
                 break

@@ -27,7 +27,7 @@ HEIGHTS = (0.1, 0.5, 0.9)  # of a wall
 
 @dataclass(frozen=True)
 class NominalSurface:
-    """What the undisturbed program makes: the floors and walls that deviations are measured on."""
+    """Surface that the undisturbed program makes: the floors and walls that deviations are measured on."""
 
     stock: HeightMap  # before machining
     nominal: HeightMap  # after the undisturbed program
@@ -162,7 +162,7 @@ def surface_deviation(
 
 
 def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:
-    """How much higher the floor of a machined part is than nominal, (ny, nx) m.
+    """Height of the floor of a machined part above nominal, (ny, nx) m.
 
     NaN off the floors and where a shifted wall stands on the floor (:class:`SurfaceDeviation`).
 

@@ -73,7 +73,7 @@ def swept_section(
 
 
 def wall_exit(section: SweptSection, point: Float, direction: Float, inside_m: float) -> tuple[Float, Float]:
-    """How far along a ray the cut reaches, from a place inside it.
+    """Distance along a ray that the cut reaches, from a place inside it.
 
     Args:
         section: Moves of the tool.

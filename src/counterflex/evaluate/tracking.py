@@ -154,7 +154,7 @@ def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
 
 
 def reversals(q: Float, least_rad: float = 100e-6) -> list[tuple[int, int]]:
-    """Where axes turn round: rows and axes (0..5), in the order of the axes.
+    """Rows where axes turn round: rows and axes (0..5), in the order of the axes.
 
     Args:
         q: (n, k) rad.

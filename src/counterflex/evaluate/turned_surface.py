@@ -27,7 +27,7 @@ STEEP: Final = 1.5
 
 @dataclass(frozen=True, eq=False)
 class TurnedSurface:
-    """Where an undisturbed part is judged."""
+    """Places at which an undisturbed part is judged."""
 
     points: Float  # (n, 3) m, part frame
     area_m2: Float  # (n,) area that each stands for

@@ -138,7 +138,7 @@ def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float
 
 
 def places(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Int, Float]:
-    """Where on the track the tool is at each cycle.
+    """Places of the tool on the track at each cycle.
 
     Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then run
     in three phases (accelerate, hold, brake).

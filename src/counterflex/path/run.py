@@ -9,7 +9,7 @@ from counterflex.core.arrays import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a machining recorded, however it was machined; n rows, part axes, SI."""
+    """Record of a machining, simulated or measured; n rows, part axes, SI."""
 
     time_s: Float  # (n,) controller time; stretches of air may be left out
     motion: Int  # (n,) program motion

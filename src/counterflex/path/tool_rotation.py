@@ -60,7 +60,7 @@ class ToolRotation:
         return replace(self, p_part=tuple((float(x), float(y), float(z)) for x, y, z in points))
 
     def distance(self, p_part_tcp: Float) -> tuple[float, float]:
-        """How far a program is from the one that the turning was chosen for.
+        """Distance of a program from the one that the turning was chosen for.
 
         Each of ``p_part`` is looked for within :data:`NEAR_M` of its place along the path.
 

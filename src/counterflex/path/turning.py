@@ -21,7 +21,7 @@ _TURN_LEVER_M: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """How the tool turns along n motions."""
+    """Turn of the tool along n motions."""
 
     start_rad: Float  # (n, 3) rotary angles at the start of each motion
     end_rad: Float  # (n, 3) at its end

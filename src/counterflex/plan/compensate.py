@@ -303,7 +303,7 @@ def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Trial:
 
 
 def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
-    """What of a deviation changes slower than it lasts and may be corrected, shaped in time."""
+    """Return the correctable part of a deviation: without what is faster than the robot, shaped in time."""
     setting, path = loaded.inputs.setting, loaded.inputs.path
     left = deviation if setting.orientation else np.pad(deviation[:, :3], ((0, 0), (0, 3)))
     if setting.normal_only:

@@ -33,7 +33,7 @@ ROWS_PER_CALL = 2000
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What cutting a path gives, one row per path point (row i: the segment that ends there). Part axes, SI."""
+    """Forces and engagement of a cut, one row per path point (row i: the segment that ends there). Part axes, SI."""
 
     w_tcp_part: Float  # (n, 6) N, N m, mean wrench on the tool about its tip
     displacement_part: Float  # (n, 6) m, rad, displacement of the tool at the end of the row (zero when undisturbed)
@@ -167,7 +167,7 @@ def at_points(w: Float, contact: Bool) -> Float:
 
 
 def any_tilted(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter]) -> bool:
-    """Whether a feed of a path may touch the stock with the tool elsewhere than along z."""
+    """Return whether a feed of a path may touch the stock with the tool elsewhere than along z."""
     for number in np.unique(path.tool[path.kind == FEED]):
         fed = (path.kind == FEED) & (path.tool == number)
         if cuts_tilted(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter_of(int(number))):

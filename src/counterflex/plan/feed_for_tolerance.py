@@ -32,7 +32,7 @@ _POWER: Final = 0.7
 
 @dataclass(frozen=True)
 class FeedTolerance:
-    """What is asked for.
+    """Tolerance that a feed is searched for, and the bounds of the search.
 
     Raises:
         InputError: A number is out of range.
@@ -54,7 +54,7 @@ class FeedTolerance:
 
 @dataclass(frozen=True)
 class LineFeed:
-    """What became of one source line."""
+    """Feed of one source line."""
 
     line: int  # in the source
     share: float  # lowest share of its programmed feed
@@ -128,7 +128,7 @@ def _error(plan: Plan) -> Float:
 
 
 def _excess(error: Float, wish: FeedTolerance) -> float:
-    """How much a path is outside: the largest excess, and a little of all."""
+    """Excess of a path over the tolerance: the largest excess, and a little of all."""
     over = np.maximum(error - wish.tolerance_m, 0.0)
     return float(over.max(initial=0.0) + 0.1 * over.mean())
 

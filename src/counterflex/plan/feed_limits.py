@@ -39,7 +39,7 @@ _CORNER_RAD: Final = 0.35
 
 @dataclass(frozen=True)
 class LimitedLine:
-    """What became of a source line."""
+    """Feed of a source line under the limits."""
 
     line: int  # in the source
     share: float  # lowest share of its programmed feed
@@ -61,7 +61,7 @@ class LimitedFeed:
 
 
 def known(limits: ProcessLimits) -> bool:
-    """Whether any limit is known that a feed can keep."""
+    """Return whether any limit is known that a feed can keep."""
     some = (limits.power_w, limits.torque_nm, limits.force_n, limits.deflection_m, limits.acceleration_m_s2)
     bends = limits.bending_m is not None and limits.overhang_m is not None
     return (

@@ -101,7 +101,7 @@ class Setting:
         return pose.make(Rs_part_tcp, path.p_part_tcp)
 
     def relative_motion(self, path: ToolPath) -> RelativeMotion:
-        """How the tool moves relative to the part in the rows of a path when the robot's hand moves."""
+        """Motion of the tool relative to the part in the rows of a path per motion of the robot's hand."""
         if self.T_base_tcp is None:
             return tool_carried(self.T_base_part, None if self.places is None else self.Ts_base_part(path))
         return part_carried(self.T_base_tcp, self.poses_in_part(path))
@@ -185,7 +185,7 @@ class Inputs:
 
     @property
     def duration_s(self) -> float:
-        """How long the path takes, s."""
+        """Duration of the path, s."""
         return float(self.path.time_s[-1] - self.path.time_s[0]) if len(self.path) else 0.0
 
 
@@ -293,6 +293,6 @@ def feed_runs(path: ToolPath) -> Int:
 
 
 def place(path: ToolPath, line: Int, row: int) -> str:
-    """Where a row of the path is, for messages: source line and point."""
+    """Place of a row of the path, for messages: source line and point."""
     at = ", ".join(f"{value:.3f}" for value in path.p_part_tcp[row] / MM)
     return f"line {int(line[row])}, at ({at}) mm"

@@ -97,7 +97,7 @@ RIGID_HZ: Final = 30.0
 
 
 def can_move(chain: ElasticChain) -> bool:
-    """Whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
+    """Return whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
     driven = np.flatnonzero(chain.joint >= 0)
     ends = [*driven[1:], chain.n]
     heavy = all(np.any(chain.mass[a:b] > 0.0) for a, b in zip(driven, ends, strict=True))

@@ -146,7 +146,7 @@ def _driven(plan: Plan, loaded: static_correction.LoadedRobot, displacement_m: F
 
 
 def unsure(plan: Plan, loaded: static_correction.LoadedRobot, further_m: Float) -> Float:
-    """What the tool may do other than a further correction asks for, as patterns of one standard deviation each.
+    """Uncertain parts of the response to a further correction, as patterns of one standard deviation each.
 
     Axes that turn back are held by friction and play until their integrators have answered: the tool follows earlier or
     later than the lead counts on, by :data:`DELAY_S` and in the entry along the plan's own correction by

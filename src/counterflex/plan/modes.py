@@ -204,7 +204,7 @@ def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How well the constants of a chain are known: standard deviations of their logarithms."""
+    """Uncertainty of the constants of a chain: standard deviations of their logarithms."""
 
     stiffness: Float  # (n,) of each coordinate
     mass: Float  # (bodies,) of each mass, independent

@@ -51,7 +51,7 @@ def arm_share(chain: ElasticChain, q: Float, w_base: Float) -> float:
 
 
 def arrival(p_part: Float, time_s: Float, deflection_part: Float) -> Float:
-    """When a tool that the force pushes back along the feed comes to the points of a program.
+    """Times at which a tool that the force pushes back along the feed reaches the points of a program.
 
     ``t - d . u / v`` with u the direction and v the speed of the feed: at 25 mm/s a force that bends the robot by 0.4
     mm against the feed makes the tool leave 16 ms late, unless the deflection along the feed is corrected too.

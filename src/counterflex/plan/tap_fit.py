@@ -48,7 +48,7 @@ class Tap:
 
 @dataclass(frozen=True, eq=False)
 class MassFit:
-    """What a tap test says of a chain."""
+    """Masses, stiffness and damping of a chain by a tap test."""
 
     bodies: Int  # (k,) bodies of the chain that have a mass
     factor: Float  # (k,) on their masses

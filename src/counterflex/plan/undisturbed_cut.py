@@ -97,7 +97,7 @@ _CONTACT_M3 = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class UndisturbedCut:
-    """What the tool meets where it runs along the nominal path."""
+    """Forces and engagement of a tool that runs along the nominal path."""
 
     cut: Cut  # engagement, chips and force of each row
     contact: Bool  # (n,) rows at feed that take material

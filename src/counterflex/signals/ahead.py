@@ -30,7 +30,7 @@ class Ahead:
             raise InputError("share of the arm in the deflection", value=self.arm_share, limit="0 .. 1")
 
     def command(self, requested: Float, time_s: Float, moved: Float | float = 0.0) -> Float:
-        """What to command, see :func:`counterflex.signals.preview.command_for`.
+        """Command of the next cycle, see :func:`counterflex.signals.preview.command_for`.
 
         Args:
             requested: (n, k) deflection, or force, that would be there if nothing swung.

@@ -51,7 +51,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Shaping:
-    """How a command is shaped in time."""
+    """Shaping of a command in time."""
 
     # tau of command_for: motion faster than this is given up for a gentle command; 0 leaves modes out and asks for the
     # wanted motion as it is

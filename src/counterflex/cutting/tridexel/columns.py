@@ -170,7 +170,7 @@ def motions_of(p_part_tcp: Float, axis_part: Float, engaged_m: float = ENGAGED_M
 
 
 def _waists(tips: Float, axes: Float, theta: Float, engaged_m: float) -> Float:
-    """How deep columns may lie in the waist of each segment's sweep, m: of its flank, or amid its end face.
+    """Largest depth of columns in the waist of each segment's sweep, m: of its flank, or amid its end face.
 
     Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower
     by ``l h / (l + h)``.

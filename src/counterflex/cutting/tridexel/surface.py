@@ -22,7 +22,7 @@ LIMIT_POINTS: Final = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Where the lines of the lattice leave the material, and a closed mesh between them."""
+    """Points where the lines of the lattice leave the material, and a closed mesh between them."""
 
     points: Float  # (c, 3) m, part frame: exact ends of material on the lines
     along: Int  # (c,) 0, 1 or 2: along which axis the line of each runs

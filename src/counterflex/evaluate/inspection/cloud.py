@@ -90,7 +90,7 @@ def _merged(key: Int, value: Float) -> tuple[Int, Float]:
 
 
 def crowded(points: Float, pitch: float) -> Bool:
-    """Which points (n, 3) have neighbours like the others; all of a cloud too thin to tell.
+    """Mark points (n, 3) that have neighbours like the others; all of a cloud too thin to tell.
 
     The neighbours of a point are the points in its cube and in the 26 about it; the side of the cubes is five times
     the distance of the points, or the pitch if that is larger. Any unit.

@@ -131,7 +131,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: floa
 
 
 def _extent(points: Float, axes: Float) -> str:
-    """What all but a few points (n, 3) take up along their main axes."""
+    """Extent of all but a few points (n, 3) along their main axes."""
     ends = np.percentile(points @ axes.T, [0.3, 99.7], axis=0)
     return " x ".join(f"{v / MM:.0f}" for v in sorted(ends[1] - ends[0], reverse=True)) + " mm"
 

@@ -41,7 +41,7 @@ class DatumFaces:
         return normal, float(normal @ corner)
 
     def on(self, name: str, points: Float, *, edges: bool = False) -> Bool:
-        """Whether the feet of points lie on the free part of a face.
+        """Return whether the feet of points lie on the free part of a face.
 
         Args:
             name: Of the face.

@@ -40,7 +40,7 @@ class Nearest:
 
 
 class Shape(Protocol):
-    """What was to be made: distances to the machined surface."""
+    """Machined surface of the nominal part: distances to it."""
 
     def distance(self, points_part: Float) -> Float:
         """(n,) m, signed distance of points (n, 3) to it, positive inside the material; nan out of reach."""
@@ -48,7 +48,7 @@ class Shape(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class NominalPart:
-    """What a program makes of a blank."""
+    """Part that a program makes of a blank."""
 
     surface: NominalSurface  # floors and walls of the undisturbed part
     shape: Shape  # exact distances to the surface that the program makes
@@ -124,7 +124,7 @@ class NominalPart:
         return deviation, normals
 
     def _was_material(self, foot: Float) -> Bool:
-        """Whether feet of points lie in the blank, off its edges."""
+        """Return whether feet of points lie in the blank, off its edges."""
         margin = 0.3 * MM
         inset = np.array([margin, margin, 0.0])
         low, high = self.faces.low + inset, self.faces.high - inset
@@ -160,7 +160,7 @@ class NominalPart:
 
 
 def _agree(measured_normals: Float, normals: Float) -> Bool:
-    """Whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
+    """Return whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
     out: Bool = np.abs(np.einsum("nk,nk->n", measured_normals, normals)) > FACING  # nan agrees with nothing
     return out
 

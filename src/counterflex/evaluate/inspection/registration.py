@@ -194,7 +194,7 @@ def _on_faces(
     middle: Float,
     ball_radius_m: float,
 ) -> tuple[Int, Float]:
-    """Which of the faces each point is on, -1 for none, and how far it is off that plane.
+    """Face that each point is on, -1 for none, and its distance from that plane.
 
     On a face are points within its ``gate`` of its ``middle``, the distance that its points have from the plane.
     """

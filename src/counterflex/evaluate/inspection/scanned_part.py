@@ -257,7 +257,7 @@ def scanned_part(
 
 
 def _agreeing(foot: Float, deviation: Float, noise: float) -> Bool:
-    """Which points agree with their neighbours: off from the median of eight by at most eight times the noise."""
+    """Mark points that agree with their neighbours: off from the median of eight by at most eight times the noise."""
     if len(foot) < 50 or noise == 0.0:
         return np.ones(len(foot), np.bool_)
     _, near = scipy.spatial.cKDTree(foot).query(foot, k=_NEAR + 1)

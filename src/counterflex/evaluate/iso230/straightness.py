@@ -67,7 +67,7 @@ def straightness(p: Float) -> Straightness:
 
 
 def _rest(x: Float, y: Float) -> Float:
-    """What a least-squares line leaves."""
+    """Residuals of a least-squares line."""
     a = np.column_stack([np.ones(len(x)), x - x.mean()])
     out: Float = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
     return out

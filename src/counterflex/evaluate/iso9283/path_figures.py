@@ -154,7 +154,7 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
 
 
 def crossings(cycle: Cycle, s: Float, p_plane: Float, normal: Float) -> Float:
-    """Where an attained path crosses planes: (m, 3) m, NaN where it does not.
+    """Points where an attained path crosses planes: (m, 3) m, NaN where it does not.
 
     Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
 

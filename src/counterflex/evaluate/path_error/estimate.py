@@ -157,7 +157,7 @@ def _believed(
     scatter: Float,
     inflation: float,
 ) -> PathError:
-    """What is likelier with an error than without, run by run."""
+    """Mark runs that are likelier with an error than without."""
     draws = band_solver.values_of(done.draws(_DRAWS, _SEED))
     sigma = np.hypot(np.std(draws, axis=0), _TIE_M)
     mean = band_solver.values_of(done.mean)

@@ -44,7 +44,7 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """How well some causes together explain the deviations."""
+    """Evidence that some causes together explain the deviations."""
 
     name: str  # the causes
     factors: tuple[str, ...]  # (q,) names

@@ -74,7 +74,7 @@ class MeasuredError:
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """What all parts together say."""
+    """Error that all parts together show."""
 
     total_m: Float  # (n, 3) m, displacement that the next program has to take back
     sigma_m: Float  # (n, 3) m, its standard deviation

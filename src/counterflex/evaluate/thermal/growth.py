@@ -82,7 +82,7 @@ class Touches:
 
 @dataclass(frozen=True, eq=False)
 class GrowthModel:
-    """What is believed of a machine before the first touch."""
+    """Prior of the thermal growth of a machine, before the first touch."""
 
     reference_rad_s: float = 12_000.0 * 2.0 * math.pi / 60.0  # speed at which A holds
     end_m: float = 0.0  # expected A
@@ -117,7 +117,7 @@ class GrowthModel:
 
 @dataclass(frozen=True, eq=False)
 class GrowthCourse:
-    """What the touches say, one row per touch."""
+    """Estimate of the growth, one row per touch."""
 
     growth_m: Float  # (n,) of the spindle along the tool axis, longer is positive
     growth_sigma_m: Float

@@ -54,7 +54,7 @@ class Place:
 
 
 def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> Place:
-    """How well a log in a given pose follows the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
+    """Score of a log in a given pose against the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
     rows = np.flatnonzero(feed > 0.5)
     distance, _ = _nearest(path, rows, log, _tree(log), T_path_log)
     capped = np.minimum(distance, CAP_M)
@@ -128,7 +128,7 @@ def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
 
 
 def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Place] | None = None) -> InputError:
-    """What is wrong with a log that does not lie on the path, as an error of one line.
+    """Diagnose a log that does not lie on the path, as an error of one line.
 
     Args:
         path: Of the program.
@@ -183,7 +183,7 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
 
 
 def _as_large(path: Curve, log: Curve) -> bool:
-    """Whether a log is about as large as the path, or larger: it may hold an approach."""
+    """Return whether a log is about as large as the path, or larger: it may hold an approach."""
     size, other = (float(np.linalg.norm(np.ptp(one.points, axis=0))) for one in (path, log))
     return 0.9 * size < other < 5.0 * size
 
@@ -253,7 +253,7 @@ def _cross(v: Float) -> Float:
 
 
 def _differs(a: Place, b: Place, middle: Float) -> bool:
-    """Whether two poses are not the same for a log about a point (3,)."""
+    """Return whether two poses are not the same for a log about a point (3,)."""
     shift = float(
         np.linalg.norm(pose.transform(a.T_path_log, middle[None]) - pose.transform(b.T_path_log, middle[None]))
     )

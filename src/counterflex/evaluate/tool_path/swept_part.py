@@ -32,7 +32,7 @@ _PLACES_M: Final = 1.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class SweptPart:
-    """What a tool leaves of the blank along a measured path; the surface itself was not measured."""
+    """Part that a tool leaves of the blank along a measured path; the surface itself was not measured."""
 
     part: NominalPart  # what was to be made
     registration: Registration  # where the log lies in the part frame
@@ -61,7 +61,7 @@ class SweptPart:
         return scipy.spatial.cKDTree(self.hidden[:, :2]) if len(self.hidden) else None
 
     def _shown(self, xy: Float) -> Bool:
-        """Whether places (n, 2) are out of reach of what was not measured."""
+        """Return whether places (n, 2) are out of reach of what was not measured."""
         out = np.ones(len(xy), np.bool_)
         tree = self._hidden
         if tree is not None:
@@ -202,7 +202,7 @@ def swept_part(
 
 
 def surfaces_made(part: NominalPart, track: TrackedPath, radius_m: Float) -> tuple[Bool, Bool, Bool]:
-    """Which surfaces of the finished part each station makes: floor below it, wall on its left, wall on its right.
+    """Mark the surfaces of the finished part that each station makes: floor, wall on its left, wall on its right.
 
     Args:
         part: What was to be made.

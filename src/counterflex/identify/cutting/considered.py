@@ -164,7 +164,7 @@ class Runout:
 
 
 def fast_enough(time_s: Float, spindle_rad_s: float, flutes: int) -> bool:
-    """Whether a stretch shows single teeth: :data:`SAMPLES_PER_TOOTH` samples each, over :data:`LEAST_TURNS` turns."""
+    """Return whether single teeth show: :data:`SAMPLES_PER_TOOTH` samples of each over :data:`LEAST_TURNS` turns."""
     if len(time_s) < 2:
         return False
     turns = float(np.ptp(time_s)) * spindle_rad_s / (2.0 * math.pi)

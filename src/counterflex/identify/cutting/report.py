@@ -271,7 +271,7 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
 
 
 def _shared(chosen: Chosen, shared: Shared) -> list[str]:
-    """What all cuts share, with what it was taken to be, and how to get rid of the largest part."""
+    """Errors that all cuts share, their assumed sizes, and how to get rid of the largest part."""
     out = [
         f"In the standard deviations because all cuts share it: force sensor ({shared.sensor.text}), wear "
         f"({100 * shared.wear:.2g} % more force at the last piece), runout ({shared.runout_m / UM:.2g} um, "

@@ -34,7 +34,7 @@ WIDTH_SIGMA_M: Final = 50.0 * UM
 
 
 def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Parameters:
-    """What changes depth and width beside the force: how much higher each blank is, and how much the tool yielded.
+    """Parameters of depth and width: height of each blank above nominal, and deflection of the tool.
 
     ``top_sigma_m``: Standard deviation of the stated top of a blank.
 
@@ -126,7 +126,7 @@ class SlotResiduals:
         return out
 
     def _thrust_sigma(self, cuts: ArcCuts) -> Float:
-        """What is not known of the thrust of an end face that sinks a little: chips far thinner than any tested."""
+        """Standard deviation of the thrust of an end face that sinks a little: chips far thinner than any tested."""
         drop, spread = np.maximum(self.pieces.drop_tooth_m, 0.0), self.pieces.drop_sigma_m
         thrust, more = self._thrust(cuts, drop), self._thrust(cuts, drop + spread)
         out: Float = np.hypot(THRUST_SHARE * thrust, more - thrust)

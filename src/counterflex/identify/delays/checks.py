@@ -18,7 +18,7 @@ PPM = 1e-6
 
 
 def changes(estimates: Sequence[Delay]) -> list[TableValues]:
-    """What goes into ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
+    """Values of ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
     best: dict[str, Delay] = {}
     for delay in estimates:
         name = delay.pair.name

@@ -66,7 +66,7 @@ class Pair:
     inertia: bool = False
     extras: tuple[Extra, ...] = ()  # further known signals
     delay_s: float = 0.0  # known before, s
-    lag: bool = False  # A lag large enough to be told from a dead time is to be expected
+    lag: bool = False  # a lag large enough to be told from a dead time is to be expected
 
     @property
     def same_clock(self) -> bool:

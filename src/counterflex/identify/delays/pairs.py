@@ -35,7 +35,7 @@ class Following:
     derivative: int = 0
     components: int = 0  # how many components of the answer take part; 0 is all
     inertia: bool = False
-    lag: bool = False  # A lag large enough to be told from a dead time is to be expected
+    lag: bool = False  # a lag large enough to be told from a dead time is to be expected
     requested: bool = False  # only looked for when it is asked for by name
 
 

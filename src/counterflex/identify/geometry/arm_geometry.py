@@ -119,7 +119,7 @@ class ArmGeometry:
         return self._frames(x).T.copy()
 
     def moved(self, x: Float) -> tuple[Float, Int, Float]:
-        """What the parameters move.
+        """Poses of the tool and their derivatives by the parameters.
 
         ``x``: (p,) values of all parameters, SI.
 
@@ -229,7 +229,7 @@ class ArmGeometry:
         return _Frames(drives, ends, T_last, T_last @ step[TCP] if TCP in step else T_last, moves)
 
     def _bent(self, x: Float) -> dict[int, Float]:
-        """What sag turns and shifts (m, 4, 4), by segment that yields."""
+        """Displacements (m, 4, 4) by sag, by segment that yields."""
         delta = self._sag(x)
         if delta is None:
             return {}

@@ -138,7 +138,7 @@ def sag_of(chain: ElasticChain, requested: str) -> Sag:
 
 
 def sag_as_known(chain: ElasticChain) -> Sag:
-    """How own weight is treated where nothing that is not known may be added to the parameters."""
+    """Model of own weight for uses where the sag adds no parameters."""
     how = sag_of(chain, "auto")
     if how == "axes":  # what hangs on the flange may have a mass all the same
         return "cell" if np.any(chain.mass > 0.0) and np.any(chain.compliance > 0.0) else "off"

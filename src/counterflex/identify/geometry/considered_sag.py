@@ -41,7 +41,7 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[Residuals], compliance: float, 
 
 
 def sag_moved(blocks: Sequence[Residuals], x: Float, share: float, bearing_m: float) -> list[Float]:
-    """What one standard deviation of each thing known of the sag moves the measured values by.
+    """Changes of the measured values by one standard deviation of each quantity that the sag depends on.
 
     Args:
         blocks: Residuals, those with an arm that sags and others.

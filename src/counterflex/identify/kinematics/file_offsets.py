@@ -151,7 +151,7 @@ def _target_of(seen: Sequence[_Seen]) -> tuple[Float, HandEye]:
 
 @dataclass(frozen=True, eq=False)
 class _Agreement:
-    """What the other files say about one of a file's two frames."""
+    """Judgement of the other files on one of a file's two frames."""
 
     of_others: Float | None  # (4, 4) the frame that they agree on; None where nobody shares it
     own: HandEye  # the frame that the file itself would have

@@ -162,7 +162,7 @@ def _setup_of(
 def _without_off_rows(
     setup: Setup, fit: Fit, inputs: Inputs, notes: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Inputs | None]:
-    """What is said, and the inputs without consecutive rows that are all off; None where nothing is left out."""
+    """Remarks, and the inputs without consecutive rows that are all off; None where nothing is left out."""
     off = [
         *off_rows(setup.parameters.with_fixed(setup.local), setup.blocks, fit, sessions(inputs.data, setup.blocks)),
         *off_rows_of_unseen(setup.unseen, fit, sessions(inputs.holdout, setup.unseen)),
@@ -308,7 +308,7 @@ def _rejected(orders: Harmonics, with_orders: HeldOut, without: HeldOut) -> str:
 
 
 def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
-    """What stands in the cell file for the lost motion of each axis that has some."""
+    """Entries of the cell file for the lost motion of each axis that has some."""
     lay, x, chain = setup.model.layout, fit.values, setup.model.chain
     out = {}
     for axis, place in sorted(lay.lost.items()):

@@ -154,12 +154,12 @@ def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Sessi
 
 
 def station_of(d: Dataset) -> str:
-    """What the data call the place of their tracker; empty is that of the cell."""
+    """Name that the data give the place of their tracker; empty is that of the cell."""
     return str(d.settings.get("tracker", ""))
 
 
 def tool_of(d: Dataset, number: str = "") -> str:
-    """What the data call their target, or its number; empty is that of the cell."""
+    """Name that the data give their target, or its number; empty is that of the cell."""
     return str(d.settings.get("target", number))
 
 

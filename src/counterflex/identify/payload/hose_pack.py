@@ -131,7 +131,7 @@ def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints
 def trials_of(
     blocks: Sequence[residuals.SensorReadings], degrees: Sequence[int], frames: Sequence[str], *, forced: bool
 ) -> dict[str, float]:
-    """What :func:`choose_rest` tries on these readings, by name, with what it costs against a fit without a rest.
+    """Trials of :func:`choose_rest` on these readings, by name, with their cost relative to a fit without a rest.
 
     ``forced``: A rest is wanted whether it helps or not.
     """

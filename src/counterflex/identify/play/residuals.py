@@ -127,7 +127,7 @@ LARGE_RAD = 50.0 * MRAD
 
 @dataclass(frozen=True)
 class PlayPlaces:
-    """Where the parameters of an axis stand: compliance, half band, friction and slip per element, delay or -1."""
+    """Places of the parameters of an axis: compliance, half band, friction and slip per element, delay or -1."""
 
     compliance: int
     half_band: int
@@ -178,7 +178,7 @@ class ReversalResiduals:
 
     @property
     def large(self) -> bool:
-        """Whether elastic torsion is seen."""
+        """Return whether elastic torsion is seen."""
         return self.by == "encoder" and len(self.q) > 0 and float(np.ptp(self.q)) > LARGE_RAD
 
     def evaluate(self, x: Float) -> Float:

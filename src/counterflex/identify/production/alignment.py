@@ -172,7 +172,7 @@ def aligned(run: RunRecord, plan: PlannedCut) -> Aligned:
 
 
 def _widened(count: int) -> float:
-    """How much wider one standard deviation is that is known from a few values only."""
+    """Factor on a standard deviation that was estimated from a few values only."""
     return float(scipy.stats.t.ppf(0.8413, count - 1))
 
 

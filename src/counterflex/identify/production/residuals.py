@@ -35,7 +35,7 @@ DEPTH_SIGMA_M: Final = 30.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Which unknowns of the geometry each stretch has; indices into the parameters behind the law."""
+    """Unknowns of the geometry of each stretch; indices into the parameters behind the law."""
 
     top: Int  # (n,) place of its top
     left: Int  # (n,) place of its left bound, -1 where the work has none

@@ -40,7 +40,7 @@ def coupled_by(
     at: Callable[[Float], Float],
     acts: Bool | None = None,
 ) -> Float:
-    """How one standard deviation of each coupling moves the tool.
+    """Displacements of the tool by one standard deviation of each coupling.
 
     ``d = k sqrt(c_a c_b) (J_a (J_b^T w) + J_b (J_a^T w))`` for each two directions a, b of an element, k
     :data:`COUPLING`.

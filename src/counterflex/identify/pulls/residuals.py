@@ -72,7 +72,7 @@ def misplaced_by(
     at: Callable[[Float], Float],
     acts: Bool | None = None,
 ) -> Float:
-    """How one standard deviation of where each element turns moves the tool, the same misplacement in all rows.
+    """Displacements of the tool by one standard deviation of the place where each element turns, alike in all rows.
 
     With the axes a_k of the rotations of an element at p + b, ``d(c_k J_k J_k^T w) / db`` for b along each axis of the
     element: ``c_k ((b x a_k) (J_k^T w) + J_k (b x a_k)^T f)``, summed over its rotations.

@@ -181,7 +181,7 @@ def _lever(p: Float, q: Float, place: str) -> tuple[float, Float]:
 
 
 def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
-    """What the motor's torque says of a slow motion: the torque that holds the weight, and dry friction.
+    """Estimate from the motor's torque in a slow motion the torque that holds the weight, and dry friction.
 
     Least squares of ``tau = t_0 + k (q - mean q) + t_1 sgn(dq/dt)`` where the axis moves and has left its last turn
     behind: while the gear crosses its play and friction turns round, the motor carries a part of the friction only, and

@@ -210,7 +210,7 @@ def shaped_like(
 
 
 def elements(result: PiecewiseSearch | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
-    """What a plan can use of the regions kept: those over an angle; a compliance that changes with load is its mean."""
+    """Regions that a plan can use: those over an angle; a compliance that changes with load is its mean."""
     regions = () if result is None else result.regions
     return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
 

@@ -229,7 +229,7 @@ def _share(options: Mapping[str, Any], name: str) -> float:
 
 
 def _unrest(d: Dataset, block: Residuals, x: Float) -> Float:
-    """What :func:`.considered.unrest` says of a dataset whose rounds are all in its block."""
+    """Result of :func:`.considered.unrest` for a dataset whose rounds are all in its block."""
     if not isinstance(block, FiducialResiduals) or len(block.group) < len(d):
         return np.zeros((len(block.group), len(block.components), 0))
     p = d.channel("p_tracker_fiducial")

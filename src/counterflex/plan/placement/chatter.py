@@ -39,7 +39,7 @@ DIRECTIONS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Feeding:
-    """What the cut does to a swing at k points of a thinned path."""
+    """Effect of the cut on a swing at k points of a thinned path."""
 
     rows: Int  # (k,) rows of the thinned path, rising
     A_part: Float  # (k, 3, 3) N/m mean directional matrices at the depth that is cut, part axes
@@ -69,7 +69,7 @@ class Feeding:
 
 
 def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw) -> Feeding:
-    """What feeds swings along a thinned path.
+    """Compute the effect of the cut on swings along a thinned path.
 
     ``rows``: (m,) rows of the whole path that the thinned one has, rising. ``setting``: tools; a mode of a tap test;
     damping.

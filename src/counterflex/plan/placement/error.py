@@ -42,7 +42,7 @@ STEPS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class ErrorLeft:
-    """What is needed of a program to tell the error in any posture."""
+    """Data of a program from which the error in any posture follows."""
 
     loose: ElasticChain  # the chain with the lost motion of its axes
     rows: Int  # (k,) rows of the thinned path with the largest steps of the force

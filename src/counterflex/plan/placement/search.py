@@ -27,7 +27,7 @@ search back to where the part can be reached."""
 
 @dataclass(frozen=True)
 class Region:
-    """Where the part may stand."""
+    """Bounds of the pose of the part."""
 
     # (4 + k,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base at zero of
     # its external axes; least rotation about z; least values of k external axes, m or rad
@@ -37,7 +37,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Where a candidate puts things, as the robot sees them."""
+    """Poses that a candidate gives, relative to the robot."""
 
     # (4, 4) in the robot base: frame of the program, or tool frame of the spindle where the robot holds the part
     T_base_standing: Float
@@ -74,7 +74,7 @@ class Judged:
         return Judged(self.places, kept, limit)
 
     def refusals(self) -> dict[str, int]:
-        """How many candidates each constraint refused, the most first."""
+        """Number of candidates that each constraint refused, the most first."""
         reasons = [candidate.refused for candidate in self.candidates if candidate.refused]
         return {reason: reasons.count(reason) for reason in sorted(set(reasons), key=reasons.count, reverse=True)}
 
@@ -168,7 +168,7 @@ def _judge(
 
 
 def _cost(candidate: Candidate) -> float:
-    """What differential evolution compares: error, then chatter, then what refuses a candidate."""
+    """Cost for differential evolution: error, then chatter, then what refuses a candidate."""
     if candidate.refused:
         return _REFUSED * (2.0 - candidate.passed)
     if candidate.least_damping < 0.0:

@@ -34,7 +34,7 @@ SURVEY, WAY, JUDGEMENT = "trying every posture", "finding the way", "comparing"
 
 @dataclass(frozen=True)
 class Freedom:
-    """What may be chosen."""
+    """Freedoms of the choice of a posture."""
 
     rotations: int = ROTATIONS  # rotations about the tool axis that are tried, evenly over a turn
     rate_rad_s: float = 0.0  # how fast the tool may turn about its axis in the cut; 0: it stays as it is

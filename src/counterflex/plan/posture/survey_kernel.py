@@ -48,7 +48,7 @@ class Points(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """What is tried at each point, and what the robot can do."""
+    """Candidates at each point, and limits of the robot."""
 
     arms: Annotated[Records, (ARM,)]  # (1,) ARM geometry
     cosine: Float1  # (r,) of the rotations about the tool axis
@@ -58,7 +58,7 @@ class Grid(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """What is found; m edges between m + 1 stations."""
+    """Costs of all postures; m edges between m + 1 stations."""
 
     # (m, r, 8) m^(POWER + 1): sum of `weight size^POWER` as far as it belongs to the rotation at the edge's beginning;
     # infinite where the edge cannot be run there
@@ -76,7 +76,7 @@ _SURVEY = bundle(Survey)
 
 @kernel("int64(Arm, Grid, float64[::1])", Arm=ARM, Grid=_GRID)
 def within(arm: Record, grid: Grid, q: Float) -> int:
-    """What a posture fails by; its axes are turned into their limits where a full turn does that.
+    """Code of the limit that a posture breaks; its axes are turned into their limits where a full turn does that.
 
     Args:
         arm: Geometry.

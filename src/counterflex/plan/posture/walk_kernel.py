@@ -39,7 +39,7 @@ class Edges(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What is allowed, and what it costs."""
+    """Limits and costs of a way through the postures."""
 
     limits: Float2  # (6, 2) rad
     speed: Float1  # (6,) rad/s

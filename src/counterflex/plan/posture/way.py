@@ -27,7 +27,7 @@ data sheets of the series RV-E, RV-N and RV-C: lost motion and backlash 1 arc.mi
 
 @dataclass(frozen=True)
 class Weights:
-    """What a posture costs beside its deflection, in shares of the least cost of the deflection; without unit."""
+    """Costs of a posture beside its deflection, in shares of the least cost of the deflection; without unit."""
 
     turning: float = 0.02  # A full turn about the tool axis
     winding: float = 0.02  # axes 4 and 6 at the end of their ranges all along

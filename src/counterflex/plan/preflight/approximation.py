@@ -96,7 +96,7 @@ def corners_of(path: ToolPath, blocks: Blocks, approximation_m: Float, blending_
 
 
 def approximation_rows(corners: Corners, cutting: Bool, bounds: Bounds) -> list[Row]:
-    """Whether the approximation fits between the points, and what it leaves of the corners.
+    """Return whether the approximation fits between the points, and what it leaves of the corners.
 
     Args:
         corners: Of the path.

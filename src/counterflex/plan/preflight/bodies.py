@@ -73,7 +73,7 @@ class Body:
 
     @property
     def link(self) -> int:
-        """How many axes move it: 0 is fixed, 6 is carried by the flange."""
+        """Number of axes that move it: 0 is fixed, 6 is carried by the flange."""
         return _LINK[self.frame]
 
 
@@ -163,7 +163,7 @@ def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Body]:
 
 
 def joint_offsets(chain: ElasticChain) -> list[Float]:
-    """Where the frame of the next axis stands in the frame of each body: base, axis 1 ... axis 6 (there the flange).
+    """Place of the frame of the next axis in the frame of each body: base, axis 1 ... axis 6 (there the flange).
 
     These places do not depend on the joint angles: an axis turns about its own origin.
 
@@ -326,7 +326,7 @@ def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable
 
 
 def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Which bodies are compared, by their index.
+    """Pairs of bodies that are compared, by their index.
 
     Whatever an axis moves is compared with the surroundings, but a tool not with the stock, which it cuts (that rapids
     cut is another check). What the flange carries is compared with foot, column, link arm, elbow and forearm. Links

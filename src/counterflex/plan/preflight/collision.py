@@ -180,7 +180,7 @@ def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Stand
 
 
 def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
-    """What pairs of bodies are surely apart: the core of one (axis or box) against the sphere around the other.
+    """Lower bounds of distances of pairs of bodies: core of one (axis or box) against the sphere around the other.
 
     Args:
         bodies: k bodies.

@@ -24,7 +24,7 @@ from counterflex.plan.preflight.spacing import Blocks, reached_feed
 
 
 class Cause(IntEnum):
-    """What a path speed is limited by."""
+    """Cause that limits a path speed."""
 
     PROGRAMMED = 0
     JOINT_SPEED = 1

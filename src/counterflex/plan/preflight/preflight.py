@@ -100,7 +100,7 @@ class AlongPath:
 
 @dataclass(frozen=True, eq=False)
 class Preflight:
-    """What was found."""
+    """Result of all checks."""
 
     rows: tuple[Row, ...]  # the table
     path: ToolPath  # the path that was looked at: rapids have points between
@@ -215,7 +215,7 @@ def _at(row: Row, out: Swung) -> Row:
 
 
 def _reason(setting: Setting, path: ToolPath) -> ReachError | None:
-    """Why a path is not reached, as planning says it: a singularity has its name, which a search that fails has not."""
+    """Reason of planning that a path is not reached: a singularity has its name, which a search that fails has not."""
     try:
         joint_angles(path, setting, enforce_limits=False)
     except ReachError as fault:
@@ -224,7 +224,7 @@ def _reason(setting: Setting, path: ToolPath) -> ReachError | None:
 
 
 def _unreached(fault: ReachError, stop: int, reserve: Float | None) -> Row:
-    """Why the path ends there; the arm that is stretched before it is out of reach is said to be so."""
+    """Reason that the path ends there; the arm that is stretched before it is out of reach is said to be so."""
     text = fault.what if fault.value is None else f"{fault.what}, {fault.value}"
     if fault.limit is not None:
         text += f" (expected {fault.limit})"

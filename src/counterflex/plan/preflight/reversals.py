@@ -34,7 +34,7 @@ class Event:
 
 
 def turning_points(angle: Float, least_rad: float = LEAST_RAD) -> Int:
-    """Where one axis turns round, and where it has gone back by ``least_rad``.
+    """Rows where one axis turns round, and where it has gone back by ``least_rad``.
 
     A turn is an extremum that the axis leaves again by at least ``least_rad`` after having come to it by as much.
 

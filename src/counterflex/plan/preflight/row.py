@@ -36,7 +36,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What the checks compare with; None is not known."""
+    """Limits that the checks compare with; None is not known."""
 
     joint_margin_rad: float  # least distance to a joint limit
     wrist_rad: float  # least angle between axes 4 and 6

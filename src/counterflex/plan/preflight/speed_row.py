@@ -55,13 +55,13 @@ def slower(held: HeldSpeed) -> Bool:
 
 
 def words(cause: int, axis: int) -> str:
-    """What limits the speed, in words."""
+    """Cause that limits the speed, in words."""
     return _WORDS[Cause(cause)].format(axis + 1)
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedInCut:
-    """How the path speed is held in the cut."""
+    """Part of the cut on which the robot is slower than programmed, and its causes."""
 
     cut_m: float  # way that counts
     slower_m: float  # on which of it the robot is slower than programmed
@@ -79,7 +79,7 @@ class SpeedInCut:
 
 
 def speed_in_cut(held: HeldSpeed, cutting: Bool) -> SpeedInCut | None:
-    """How the path speed is held; None where nothing is cut.
+    """Compare path speed and feed in the cut; None where nothing is cut.
 
     Args:
         held: Along the path.

@@ -43,7 +43,7 @@ that quantile of :data:`_DRAWS` draws is 4 %, and what is not drawn (entry, exit
 
 @dataclass(frozen=True)
 class Doubt:
-    """What is not known, as standard deviations of logarithms (0.3 is 30 %)."""
+    """Uncertainties, as standard deviations of logarithms (0.3 is 30 %)."""
 
     force_common_sigma: float = 0.0  # of all force constants together
     force_each_sigma: float = 0.0  # of the cutting, radial and axial constants separately
@@ -62,7 +62,7 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and against what the cut is made. Part axes are those whose z is the tool axis in the place."""
+    """Place of a cut: stiffness and frames. Part axes are those whose z is the tool axis in the place."""
 
     chain: ElasticChain  # the robot
     q: Float  # (6,) rad
@@ -141,7 +141,7 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Demands:
-    """What is asked of a choice beside the limits of the process."""
+    """Demands on a choice beside the limits of the process."""
 
     slowest_s_per_m: float | None = None  # longest time for a metre of wall; None is any
     allowance_m: float | None = None  # least radial width: roughing is off by so much; None is any
@@ -182,7 +182,7 @@ def outcomes(
     doubt: Doubt,
     demands: Demands,
 ) -> Choices:
-    """What each choice leads to.
+    """Predict the outcome of each choice.
 
     Args:
         cuts: (n) the cuts.

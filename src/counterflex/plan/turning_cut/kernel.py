@@ -47,7 +47,7 @@ TURNING_STATE: Final = record(
 
 
 class TurningTool(NamedTuple):
-    """What cuts: cutter and weights of its mean force, and working space for them."""
+    """Tool of a cut: cutter and weights of its mean force, and working space for them."""
 
     flutes: float
     space: StepSpace
@@ -232,7 +232,7 @@ def _descent(p_command: Float, axis: Float, i: int) -> float:
 
 @kernel()
 def _moves(ends: Float) -> bool:
-    """Whether tip or axis differ between start and end of a step."""
+    """Return whether tip or axis differ between start and end of a step."""
     change = 0.0
     for k in range(3):
         change += abs(ends[0, k] - ends[2, k]) + abs(ends[1, k] - ends[3, k])

@@ -141,7 +141,7 @@ def deflection(
 
 
 def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
-    """What each segment contributes to the linear deflection; the sum over segments is ``C(q) w``.
+    """Contribution of each segment to the linear deflection; the sum over segments is ``C(q) w``.
 
     Args:
         q: (..., 6) rad.
@@ -162,7 +162,7 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
 def linear_gap(
     chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False, equilibrium: bool = False
 ) -> Float:
-    """How far the two forms differ: nonlinear deflection minus ``C(q) w``.
+    """Difference of the two forms: nonlinear deflection minus ``C(q) w``.
 
     Args:
         q: (..., 6) rad.

@@ -48,7 +48,7 @@ class DriveErrors:
     sag: AxisSag | None = None  # what own weight turns axes 2 and 3 by, where masses are not known; or None
 
     def __bool__(self) -> bool:
-        """Whether links are anywhere else than the controller shows."""
+        """Return whether links are anywhere else than the controller shows."""
         return bool(self.terms) or self.sag is not None
 
     def __post_init__(self) -> None:

@@ -69,7 +69,7 @@ def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = 
 
 
 def sag(chain: ElasticChain, q: Float, *, equilibrium: bool = True) -> Float:
-    """How far own weight and payload move the TCP: unloaded pose with weight minus weightless pose.
+    """Displacement of the TCP by own weight and payload: unloaded pose with weight minus weightless pose.
 
     Args:
         chain: The chain; its masses, gravity and counterbalance.

@@ -215,7 +215,7 @@ def newton(
 
 
 class Bounds(NamedTuple):
-    """What is accepted along a path."""
+    """Limits that a path is accepted within."""
 
     limits: Float2  # (6, 2) rad
     enforce: int  # not 0: joint limits are faults

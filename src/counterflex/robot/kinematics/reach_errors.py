@@ -15,7 +15,7 @@ _MOVE = "Move the part closer to the robot, or away from its foot"
 
 
 def beyond(chain: ElasticChain, T_base_tcp: Float) -> float | None:
-    """How far the wrist centre lies beyond the arm's reach on its better side (rigid OPW geometry).
+    """Distance of the wrist centre beyond the arm's reach on its better side (rigid OPW geometry).
 
     Args:
         T_base_tcp: (4, 4) m.

@@ -52,7 +52,7 @@ class _Table(BaseModel):
 
 
 class Provenance(_Table):
-    """Where a group of numbers comes from, how far to trust it, and what an assumption in it may change."""
+    """Source of a group of numbers, its reliability, and the effect of an assumption in it."""
 
     status: Status
     source: str
@@ -120,7 +120,7 @@ class _Counterbalance(_Table):
 
 
 class CatalogEntry(_Table):
-    """What a catalogue file holds, as written there (mm, deg, kg, urad/kN m); :func:`load` turns it into a robot."""
+    """Content of a catalogue file, as written there (mm, deg, kg, urad/kN m); :func:`load` turns it into a robot."""
 
     format: Literal["counterflex-robot"]
     version: Literal[1]

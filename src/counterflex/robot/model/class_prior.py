@@ -57,7 +57,7 @@ class PublishedStiffness:
 
 @dataclass(frozen=True)
 class ClassPrior:
-    """What is to be expected of a robot of a class."""
+    """Prior of the stiffness of a robot of a class."""
 
     payload_kg: float  # rated payload
     reach_m: float

@@ -38,7 +38,7 @@ _NO_BETWEEN: Final = (
 
 
 class Shape(Protocol):
-    """What of :class:`~counterflex.robot.model.description.Opw` decides how axes are counted."""
+    """Part of :class:`~counterflex.robot.model.description.Opw` that decides how axes are counted."""
 
     @property
     def signs(self) -> tuple[int, ...]:

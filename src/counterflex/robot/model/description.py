@@ -129,7 +129,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class EndEffector:
-    """What hangs on the flange: sensor, holder, spindle, tool."""
+    """Chain behind the flange: sensor, holder, spindle, tool."""
 
     segments: tuple[Segment, ...]  # from the flange outward; the first `T_prev_seg` is given in the flange frame
     T_last_tcp: Float  # (4, 4) tool centre point in the last segment's frame (in the flange where there is no segment)

@@ -183,7 +183,7 @@ def nearest_turn(q: Float, near: Float, limits_rad: Float) -> Float:
 
 
 def extension(opw: Opw, Ts_base_flange: Float, *, back: bool = False) -> Float:
-    """How far the wrist centre lies inside the arm's reach.
+    """Distance of the wrist centre from the border of the arm's reach, positive inside.
 
     With d the distance of the wrist centre from axis 2 in the arm's plane and ``k = hypot(a2, c3)``:
     ``min(c2 + k - d, d - |c2 - k|)``. Zero is the stretched or folded elbow, negative out of reach.

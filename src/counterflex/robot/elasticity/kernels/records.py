@@ -106,7 +106,7 @@ joint step (6 each), undeflected pose (12).
 
 
 class Elastic(NamedTuple):
-    """What an online step works with: the chain, its results and its work arrays."""
+    """Arrays of an online step: the chain, its results and its work arrays."""
 
     chain: Compact  # compact chain
     results: Annotated[Records, (STEP,)]  # (1,) STEP, written
