@@ -141,10 +141,8 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
 
 @kernel("float64(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
 def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Float, level: Float, out: Float) -> float:
-    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``.
-
-    Returns the horizontal area over which it cuts by descending.
-    """
+    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``."""
+    # Returns the horizontal area over which it cuts by descending.
     sin_k, cos_k, radius, z0 = level[0], level[1], level[3], level[4]
     longest = 4.0 * (level[5] - z0) / sin_k  # bounds the noise of a climbing level that just loses contact
     width = math.pi / row.size

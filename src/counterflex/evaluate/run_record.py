@@ -318,11 +318,7 @@ def _numbers(values: Float, count: int, what: str) -> Int:
 
 
 def _of_length(values: Sequence[float], count: int, what: str) -> Float:
-    """Sums by number, as many as there are kinds today, or fewer where older code wrote them.
-
-    Raises:
-        InputError: More than there are.
-    """
+    """Sums by number, as many as there are kinds today, or fewer where older code wrote them."""
     if len(values) > count:
         raise InputError(f"sums of more kinds of {what} than there are", value=len(values), limit=count)
     out: Float = np.zeros(count)

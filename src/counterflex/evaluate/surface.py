@@ -183,12 +183,10 @@ def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:
 
 
 def _material_above(actual: HeightMap, surface: NominalSurface, section: SweptSection) -> Float:
-    """Height of the machined surface above each wall point, on the side of the cut, m; infinite under the blank's face.
-
-    Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
-    wall beside it. Machined is what the tool has been right above: the face of the real blank may lie lower than that
-    of the nominal one, so that a cell which is lower than the nominal blank need not have been cut.
-    """
+    """Height of the machined surface above each wall point, on the side of the cut, m; inf under the blank's face."""
+    # Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
+    # wall beside it. Machined is what the tool has been right above: the face of the real blank may lie lower than that
+    # of the nominal one, so that a cell which is lower than the nominal blank need not have been cut.
     ny, nx = actual.z.shape
     side = surface.wall_point[:, :2] - actual.cell_m * surface.wall_normal
     i = np.clip(np.rint((side[:, 0] - actual.x0_m) / actual.cell_m).astype(np.int64), 0, nx - 1)

@@ -151,10 +151,8 @@ def _steps(places: ExternalPlaces, number: int, speed_m_s: float) -> tuple[int, 
 
 
 def _stretched(path: ToolPath, begin: int, last: int, steps: int, time_s: float) -> ToolPath:
-    """Rows between two rows with the place going on by one, then all that follow.
-
-    Where both rows are the same the tool stands; else it goes on along the rows between them.
-    """
+    """Rows between two rows with the place going on by one, then all that follow."""
+    # Where both rows are the same the tool stands; else it goes on along the rows between them.
     n = len(path)
     stands = begin == last
     pieces = steps if stands else max(1, -(-steps // (last - begin)))

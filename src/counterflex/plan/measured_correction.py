@@ -126,15 +126,8 @@ def _measured(plan: Plan) -> Float:
 
 
 def _driven(plan: Plan, loaded: static_correction.LoadedRobot, displacement_m: Float) -> Float:
-    """The part of a displacement along what the plan's own correction drives the tool by in each run.
-
-    None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
-
-    ``displacement_m``: (n, 3) m.
-
-    Returns:
-        (n, 3) m.
-    """
+    """The part of a displacement along what the plan's own correction drives the tool by in each run."""
+    # None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
     run, contact, out = loaded.feed_run, loaded.cut.contact, np.zeros_like(displacement_m)
     if plan.measured_part is not None:
         return out

@@ -152,10 +152,8 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
 
 
 def _held(inputs: Inputs, deflection_part: Float, near: Bool) -> Int:
-    """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back.
-
-    The rapid then starts from the corrected end of the cut.
-    """
+    """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back."""
+    # The rapid then starts from the corrected end of the cut.
     stop = np.flatnonzero(settling_rows(inputs.path))
     bent = np.linalg.norm(deflection_part[stop - 1, :3], axis=1)
     out: Int = stop[near[stop - 1] & (bent <= inputs.setting.swing_m)]

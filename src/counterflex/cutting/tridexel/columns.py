@@ -170,11 +170,9 @@ def motions_of(p_part_tcp: Float, axis_part: Float, engaged_m: float = ENGAGED_M
 
 
 def _waists(tips: Float, axes: Float, theta: Float, engaged_m: float) -> Float:
-    """Largest depth of columns in the waist of each segment's sweep, m: of its flank, or amid its end face.
-
-    Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower
-    by ``l h / (l + h)``.
-    """
+    """Largest depth of columns in the waist of each segment's sweep, m: of its flank, or amid its end face."""
+    # Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower
+    # by `l h / (l + h)`.
     a, b, step = axes[:-1], axes[1:], np.diff(tips, axis=0)
     turn = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-300)
     aside, along = np.sum(step * turn, axis=1), 0.5 * np.sum(step * (a + b), axis=1)

@@ -145,10 +145,8 @@ class CutLog:
 
 
 def _joined(motions: Float) -> tuple[Float, Int]:
-    """Motions of one axis that follow one another in one straight line as one, and where each of these begins.
-
-    Motions that stand still are left out.
-    """
+    """Motions of one axis that follow one another in one straight line as one, and where each of these begins."""
+    # Motions that stand still are left out.
     turns = np.any(motions[:, 9:] != 0.0, axis=1)
     moves = np.any(motions[:, 3:6] != 0.0, axis=1) | turns
     moves |= np.any(np.diff(motions[:, 6:9], axis=0, prepend=np.nan) != 0.0, axis=1)

@@ -336,10 +336,8 @@ def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, fille
 
 @kernel()
 def _least_possible(x: float, y: float, z: float, motion: Float, shape: Float) -> float:
-    """Lower bound of the distance of a point (from the tip's start) to a sweep: that in the middle, less the way.
-
-    In the tool's frame a point goes by at most ``(|v| + turn |p - tip|) / 2`` from there to either end.
-    """
+    """Lower bound of the distance of a point (from the tip's start) to a sweep: that in the middle, less the way."""
+    # In the tool's frame a point goes by at most `(|v| + turn |p - tip|) / 2` from there to either end.
     way = math.sqrt(motion[3] * motion[3] + motion[4] * motion[4] + motion[5] * motion[5])
     turn = math.sqrt(motion[9] * motion[9] + motion[10] * motion[10] + motion[11] * motion[11])
     away = math.sqrt(x * x + y * y + z * z) + way

@@ -93,10 +93,8 @@ def _edges() -> tuple[tuple[int, int], ...]:
 
 
 def _joined_on_faces(crossed: Sequence[int], inside: Sequence[bool]) -> Iterator[tuple[int, int]]:
-    """Pairs of crossed edges that one piece of the surface joins across a face of the cube.
-
-    A face with four crossed edges is ambiguous: the pairs about its filled corners are joined, in both cubes alike.
-    """
+    """Pairs of crossed edges that one piece of the surface joins across a face of the cube."""
+    # A face with four crossed edges is ambiguous: the pairs about its filled corners are joined, in both cubes alike.
     edges = _edges()
     for axis, side in itertools.product(range(3), (0, 1)):
         face = [c for c, corner in enumerate(_CORNERS) if corner[axis] == side]
@@ -109,10 +107,8 @@ def _joined_on_faces(crossed: Sequence[int], inside: Sequence[bool]) -> Iterator
 
 @cache
 def _pieces() -> Int:
-    """(8192, 12) which piece of the surface crosses each edge of a cube.
-
-    By twice the crossed edges (bits), plus one where the lower end of the first of them is filled.
-    """
+    """(8192, 12) which piece of the surface crosses each edge of a cube."""
+    # By twice the crossed edges (bits), plus one where the lower end of the first of them is filled.
     edges, out = _edges(), np.zeros((2 << 12, 12), np.int64)
     for filled in range(1, 255):
         inside = [bool(filled >> c & 1) for c in range(8)]

@@ -60,10 +60,8 @@ def _offset(point: Float, t: Real, sigma: Real, m: Sweep, top: Real) -> tuple[Re
 
 @kernel()
 def _least(point: Float, t: Real, m: Sweep, top: Real) -> tuple[Real, Real]:
-    """Least of the distance over the motion at t, and how it changes with t.
-
-    At an edge the distance has two slopes; that of the least is their mean for which it does not change with sigma.
-    """
+    """Least of the distance over the motion at t, and how it changes with t."""
+    # At an edge the distance has two slopes; that of the least is their mean for which it does not change with sigma.
     low, high = -0.5, 0.5
     best, slope, grows_low = _offset(point, t, low, m, top)
     off, slope_high, grows_high = _offset(point, t, high, m, top)

@@ -117,10 +117,8 @@ def crowded(points: Float, pitch: float) -> Bool:
 
 
 def _on_surface(neighbours: Int) -> float:
-    """Neighbours of a point of the surface: the median, each point weighing as the square of how many it has.
-
-    Where a million outliers fill the space about four hundred thousand points of a part, the plain median is theirs.
-    """
+    """Neighbours of a point of the surface: the median, each point weighing as the square of how many it has."""
+    # Where a million outliers fill the space about four hundred thousand points of a part, the plain median is theirs.
     number = np.sort(neighbours)
     weight = np.cumsum(number.astype(np.float64) ** 2)
     return float(number[np.searchsorted(weight, 0.5 * weight[-1])])

@@ -194,10 +194,8 @@ def _on_faces(
     middle: Float,
     ball_radius_m: float,
 ) -> tuple[Int, Float]:
-    """Face that each point is on, -1 for none, and its distance from that plane.
-
-    On a face are points within its ``gate`` of its ``middle``, the distance that its points have from the plane.
-    """
+    """Face that each point is on, -1 for none, and its distance from that plane."""
+    # On a face are points within its `gate` of its `middle`, the distance that its points have from the plane.
     face = np.full(len(p), -1)
     nearest = np.full(len(p), np.inf)
     for k, name in enumerate(names):

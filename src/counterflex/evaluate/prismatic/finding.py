@@ -161,11 +161,9 @@ def _foot(wall: WallSegment, surface: NominalSurface, labels: Int) -> int:
 def _pairs(
     walls: Sequence[WallSegment], region: Sequence[int], used: set[int], facing: bool
 ) -> list[tuple[int, WallPair]]:
-    """Pairs of parallel walls at one floor, with the floor.
-
-    Of several that face a wall the furthest counts, because islands stand between the walls of a pocket; of several
-    behind it the nearest.
-    """
+    """Pairs of parallel walls at one floor, with the floor."""
+    # Of several that face a wall the furthest counts, because islands stand between the walls of a pocket; of several
+    # behind it the nearest.
     sized = []
     for a, first in enumerate(walls):
         for b in range(a + 1, len(walls)):

@@ -102,12 +102,9 @@ def smoothed(
 
 
 def _windows(y: Float, noise: Float, spacing: float, n: int) -> tuple[Float, Float]:
-    """Mean and variance at the stations of windows (m, n), each with its own noise (m,), over all sizes and lengths.
-
-    With V = K + noise^2 I and Q orthogonal to every straight line, the best estimate is
-    ``y - noise^2 Q (Q' V Q)^-1 Q' y`` and its covariance ``noise^2 (I - noise^2 Q (Q' V Q)^-1 Q')``; the likelihood
-    is that of ``Q' y``.
-    """
+    """Mean and variance at the stations of windows (m, n), each with its own noise (m,), over all sizes and lengths."""
+    # With V = K + noise^2 I and Q orthogonal to every straight line, the best estimate is `y - noise^2 Q (Q' V Q)^-1 Q'
+    # y` and its covariance `noise^2 (I - noise^2 Q (Q' V Q)^-1 Q')`; the likelihood is that of `Q' y`.
     scale = noise[:, None]
     bases = [_basis(n, spacing, float(length)) for length in _LENGTHS]
     likely = np.empty((len(bases), len(_SIZES), len(y)))
@@ -297,10 +294,8 @@ def _with(raw: PathDeviation, even: Float, readings: ToolReadings, feed: Bool) -
 
 
 def _ahead(path: ToolPath, raw: PathDeviation, S: Float, row: Int) -> Float:
-    """(k,) m, progress ahead of the program's clock; what the clocks differ by is taken away by stretch of feed motion.
-
-    The time by the program of the place, less the time of the log, times the programmed feed.
-    """
+    """(k,) m, progress ahead of the program's clock, less the difference of the clocks by stretch of feed motion."""
+    # The time by the program of the place, less the time of the log, times the programmed feed.
     feed = np.asarray(path.kind)[row] == FEED
     ahead = np.interp(raw.length_m, S, path.time_s) - raw.time_s
     edges = np.flatnonzero(raw.broken[1:] | (feed[1:] != feed[:-1])) + 1

@@ -119,10 +119,8 @@ def _best(
     seed: int,
     trials: int,
 ) -> HandEye:
-    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best.
-
-    ``quick`` takes the rows (t, sample) of many samples, all others the rows of one.
-    """
+    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
+    # `quick` takes the rows (t, sample) of many samples, all others the rows of one.
     Z, X = fit(np.ones(count, dtype=np.bool_))
     best = error(Z, X)
     rng = np.random.default_rng(seed)

@@ -271,10 +271,8 @@ def _lengths(n: int) -> list[int]:
 
 
 def _run(error: Float, window: Int | None = None) -> Int | None:
-    """The longest run of rows that are off, about a window where one is given; None where there is none.
-
-    Rows are off beyond :data:`FAR` times what :data:`NEARLY_ALL` of the rest stay below, the rest being all others.
-    """
+    """The longest run of rows that are off, about a window where one is given; None where there is none."""
+    # Rows are off beyond FAR times what NEARLY_ALL of the rest stay below, the rest being all others.
     usual = float(np.median(error if window is None else np.delete(error, window)))
     off = error > _SUSPECT * usual
     best: Int | None = None

@@ -159,10 +159,8 @@ def check_tracker_data(
 
 
 def _check_reach(cell: CellModel, d: Dataset) -> None:
-    """Refuse poses of the flange that this robot cannot take: they are in another unit.
-
-    Raises InputError: the farthest is beyond the robot's length, or hardly away from its foot.
-    """
+    """Refuse poses of the flange that this robot cannot take: they are in another unit."""
+    # The farthest is then beyond the robot's length, or hardly away from its foot.
     length = float(np.sum(np.linalg.norm(cell.nominal_chain.fixed[:, :3, 3], axis=1)))
     farthest = float(np.max(np.linalg.norm(d.values("p_base_flange"), axis=1)))
     if not _NEAREST * length <= farthest <= _FARTHEST * length:

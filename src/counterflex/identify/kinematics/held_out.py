@@ -279,10 +279,8 @@ def _refitted_errors(
     own: Sequence[Sequence[str]],
     progress: Progress,
 ) -> HeldOut:
-    """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these.
-
-    Raises InputError: a part is too small to find its frames from and to be judged as well.
-    """
+    """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these."""
+    # A part has to be large enough to find its frames from and to be judged as well.
     scores = []
     for part, local in enumerate(own):
         rest = [b.subset(parts[i] != part) if i in parts else b for i, b in enumerate(blocks)]

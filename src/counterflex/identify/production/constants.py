@@ -252,11 +252,9 @@ def _folds(block: ProductionResiduals, run: Int, seed: int) -> Folds:
 
 
 def _difference(fit: Fit, shared: Float) -> Difference:
-    """Data alone against the stated values: the prior is taken out of the fit again.
-
-    ``C_d = (P^-1 - 1)^-1 + G``, ``x_d - x_0 = (P^-1 - 1)^-1 P^-1 (x - x_0)`` in units of the priors, for the constants
-    with all else eliminated; ``T = (x_d - x_0)^T C_d^-1 (x_d - x_0)`` is chi square.
-    """
+    """Data alone against the stated values: the prior is taken out of the fit again."""
+    # `C_d = (P^-1 - 1)^-1 + G`, `x_d - x_0 = (P^-1 - 1)^-1 P^-1 (x - x_0)` in units of the priors, for the constants
+    # with all else eliminated; `T = (x_d - x_0)^T C_d^-1 (x_d - x_0)` is chi square.
     law = fit.free_index < LAW
     count = int(np.sum(law))
     u = fit.parameters.coordinates(fit.values)[fit.free_index][law]

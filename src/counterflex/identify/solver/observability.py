@@ -137,10 +137,8 @@ def _echelon(basis: Float) -> tuple[Float, Int]:
 
 
 def _partners(direction: Float, lead: int, reach: Float, known: bool) -> list[int]:
-    """Parameters that can replace the one that a direction is about, by their part in the measured values.
-
-    None where the parameter itself moves nothing that could be seen.
-    """
+    """Parameters that can replace the one that a direction is about, by their part in the measured values."""
+    # None where the parameter itself moves nothing that could be seen.
     effect = np.abs(direction) * reach
     if effect[lead] < (_BLIND * abs(direction[lead]) if known else 0.0) or effect[lead] == 0.0:
         return []

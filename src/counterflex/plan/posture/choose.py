@@ -127,10 +127,8 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
 
 
 def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
-    """The best way on which no bodies come too close and no axis has to accelerate beyond its drive.
-
-    ``blocked`` learns of the postures left out for that.
-    """
+    """The best way on which no bodies come too close and no axis has to accelerate beyond its drive."""
+    # `blocked` learns of the postures left out for that.
     cut, robot, around = task.cut, task.robot, task.around
     steps = allowed_steps(
         in_contact(cut, rows), np.diff(cut.time_s[rows]), freedom.step_rad, freedom.rate_rad_s, freedom.air_rate_rad_s

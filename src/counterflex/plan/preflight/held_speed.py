@@ -183,15 +183,8 @@ def _round(segment: _Speeds, station: Float, along: Float, k: int, distance_m: f
 
 
 def _driven(node_m_s: Float, gain: Float) -> tuple[Float, Int]:
-    """Speeds that are reached and braked from: ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards.
-
-    Args:
-        node_m_s: (m + 1,) largest speeds.
-        gain: (m,) ``2 a L`` of the segments between.
-
-    Returns:
-        (m + 1,) m/s, and of which node each is a consequence.
-    """
+    """Speeds that are reached and braked from: ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards."""
+    # Returned beside the speeds: of which node each is a consequence.
     forward, source = _reached(node_m_s**2, gain)
     backward, later = _reached(forward[::-1], gain[::-1])
     later = len(node_m_s) - 1 - later[::-1]

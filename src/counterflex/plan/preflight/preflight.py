@@ -254,10 +254,8 @@ def _along(
     path: ToolPath, q: Float, swung_path: Swung, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
-    """Curves along the rows that are reached.
-
-    Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
-    """
+    """Curves along the rows that are reached."""
+    # Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
     setting = swung_path.setting
     q = setting.controller_chain.axes.shown(q)
     speeds = np.where((swung_path.made[: len(path)] | moving(path))[:, None], 0.0, joint_checks.joint_speeds(path, q))

@@ -213,10 +213,8 @@ def _collected(
 
 
 def _pieces(path: ToolPath, begin: int, contact: Bool, aside: Float, enough_m: float) -> list[tuple[int, int]]:
-    """Segments [first, last) in contact, up to a length, not around a corner nor over a change of feed or speed.
-
-    A rest shorter than half the length is added to the piece before.
-    """
+    """Segments [first, last) in contact, up to a length, not around a corner nor over a change of feed or speed."""
+    # A rest shorter than half the length is added to the piece before.
     length = np.linalg.norm(aside, axis=1)
     heading = aside / np.maximum(length, _STILL_M)[:, None]
     alike = partial(_alike, path, begin, heading)

@@ -305,11 +305,9 @@ def _face_on_material(
     ly: float,
     lz: float,
 ) -> tuple[float, float]:
-    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
-
-    Its components along the feed and to the left of it; see ``_end_face_lean`` of the upright cut. What the step has
-    just removed is behind the face, so points half a step further down are asked for.
-    """
+    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m."""
+    # Its components along the feed and to the left of it; see `_end_face_lean` of the upright cut. What the step has
+    # just removed is behind the face, so points half a step further down are asked for.
     sum_f, sum_l = 0.0, 0.0
     ny, nx = columns.held.shape
     x0, y0, z0 = ends[2, 0] - 0.5 * drop * move[6], ends[2, 1] - 0.5 * drop * move[7], ends[2, 2] - 0.5 * drop * move[8]

@@ -90,10 +90,8 @@ def inverse_all(
 
 
 def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | None = None) -> list[Solution]:
-    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free.
-
-    With ``near`` and without limits every solution is turned as near to it as full turns go.
-    """
+    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free."""
+    # With `near` and without limits every solution is turned as near to it as full turns go.
     chain = problem.chain
     results: list[Solution] = []
     outside: list[Solution] = []

@@ -85,11 +85,9 @@ def _solve(C: Float, b: Float) -> None:
 
 @kernel()
 def _sigma_min(C: Float, squarings: int, B: Float, D: Float) -> float:
-    """Smallest singular value of J from the Cholesky factor of ``A = J J^T``, by squaring the inverse.
-
-    With ``B = A^-1`` and k = 2^squarings the largest eigenvalue of B is ``(tr B^2k / tr B^k)^(1/k)``, low by less than
-    0.2/k of itself whatever its neighbours are.
-    """
+    """Smallest singular value of J from the Cholesky factor of ``A = J J^T``, by squaring the inverse."""
+    # With `B = A^-1` and k = 2^squarings the largest eigenvalue of B is `(tr B^2k / tr B^k)^(1/k)`, low by less than
+    # 0.2/k of itself whatever its neighbours are.
     for j in range(6):
         for i in range(6):
             D[j, i] = 1.0 if i == j else 0.0

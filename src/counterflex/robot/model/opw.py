@@ -93,11 +93,9 @@ def branches(opw: Opw, Ts_base_flange: Float) -> Float:
 
 
 def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
-    """(8, 6) solutions of a wrist too straight for the library.
-
-    The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
-    flange in the forearm, ``(cos t4 sin t5, sin t4 sin t5, cos t5)``, with theta 4 = 0 where theta 5 = 0.
-    """
+    """(8, 6) solutions of a wrist too straight for the library."""
+    # The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
+    # flange in the forearm, `(cos t4 sin t5, sin t4 sin t5, cos t5)`, with theta 4 = 0 where theta 5 = 0.
     tipped = T_base_flange.copy()
     wrist = T_base_flange[:3, 3] - opw.c4_m * T_base_flange[:3, 2]
     tipped[:3, :3] = T_base_flange[:3, :3] @ rotation.about_x(0.1)
