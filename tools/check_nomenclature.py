@@ -64,14 +64,14 @@ class Quantity:
 
 @dataclass
 class Page:
-    """What the nomenclature page lists: unit suffixes, frame names, other names."""
+    """The nomenclature page: unit suffixes, frame names, other names."""
 
     suffixes: set[str] = field(default_factory=set)
     frames: set[str] = field(default_factory=set)
     names: set[str] = field(default_factory=set)
 
     def explains(self, name: str) -> bool:
-        """Whether the page says unit and sign of a name."""
+        """Return whether the page says unit and sign of a name."""
         return name in self.names or self._frame(name) is not None or self.suffix(name) is not None
 
     def _frame(self, name: str) -> str | None:
@@ -84,7 +84,7 @@ class Page:
         return max(found, key=len, default=None)
 
     def unused(self, names: set[str]) -> list[str]:
-        """What the page lists and no public name uses."""
+        """Names that the page lists and no public name uses."""
         suffixes = {self.suffix(name) for name in names}
         frames = {self._frame(name) for name in names}
         left = self.names - names
@@ -119,7 +119,7 @@ def quantities(source: str, file: str) -> Iterator[Quantity]:
 
 
 def _is_alias(value: ast.expr) -> bool:
-    """Whether a module-level value is a type such as ``Annotated[float, ...]`` or ``tuple[float, ...]``."""
+    """Return whether a module-level value is a type such as ``Annotated[float, ...]`` or ``tuple[float, ...]``."""
     return isinstance(value, ast.Subscript) and _numeric(value, set())
 
 

@@ -215,11 +215,9 @@ def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float)
 
 @kernel("UniTuple(float64, 2)(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
 def _end_face_lean(grid: Grid, x: float, y: float, z: float, drop: float, radius: float) -> tuple[float, float]:
-    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
-
-    Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
-    forces of the end edges no longer cancel and push the tool along ``z x`` this vector.
-    """
+    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m."""
+    # Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
+    # forces of the end edges no longer cancel and push the tool along `z x` this vector.
     sum_x, sum_y = 0.0, 0.0
     ny, nx = grid.z.shape
     for a in range(_ANGLES):

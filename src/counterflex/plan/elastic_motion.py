@@ -105,7 +105,6 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
     """Motion of the tool's tip per coordinate and per motor angle in many postures.
 
     Args:
-        chain: The chain.
         q: (rows, 6) rad.
 
     Returns:
@@ -158,7 +157,7 @@ def motion_along(
     shaken: Bool | None = None,
     acceleration_m_s2: float = math.inf,
 ) -> Motion:
-    """What :func:`counterflex.plan.elastic_motion_kernel.advance` needs for a path, at rest at its first row.
+    """Arrays of :func:`counterflex.plan.elastic_motion_kernel.advance` for a path, at rest at its first row.
 
     Args:
         chain: The elastic robot with play and drives.

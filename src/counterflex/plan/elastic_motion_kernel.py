@@ -28,78 +28,43 @@ AXES = 6
 
 
 class Motion(NamedTuple):
-    """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements.
+    """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements."""
 
-    Attributes:
-        step_s: Length h of a step.
-        time_s: (rows,) s.
-        q_command: (rows, 6) rad, commanded angles, corrections included.
-        q_ref: (rows, 6) rad, angles of the programmed path.
-        shaken: (rows,) 1 where the programmed speed may change and shakes the arm on the way to the row, else 0.
-        acceleration: Of the tip, at most, m/s2: so fast the controller changes the programmed speed.
-        weight: (rows, 6) N m, torque of weight and counterbalance on the torsions.
-        posture: (rows,) which of the postures holds at a row.
-        place: (rows,) which of the Jacobians does.
-        answer: (postures, n, n) ``h (M + h/2 D + h^2/4 K)^-1``, transposed.
-        keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``, transposed.
-        J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
-        J_drive_part: (places, 6, 6) what is added per motor angle, for gears that yield beside their axis.
-        stiffness: (rows, n) of each coordinate, even between rows; one row where it is the same everywhere.
-        damping: (6,) N m s, of the gears.
-        half_band: (6,) rad.
-        limit: (6, m) N m.
-        slip: (6, m) rad.
-        speed_gain: (6,) N m s; 0 for a motor that never yields.
-        position_gain: (6,) 1/s.
-        integral_time: (6,) s.
-        motor_friction: (6,) N m.
-        motor_slip: (6,) rad.
-        x: (n,) coordinates now.
-        rate: (n,) their rates.
-        drives: (8, 6) motor angle, the one before, integral, friction held, load at the start,
-            command before, all beside the programmed angle; programmed angle before, programmed speed.
-        held: (6, m) N m, friction of the links.
-        clock: (2,) time of the state in s, and 1 once it has been set.
-        program: (6,) rad, working space.
-        load: (n,) working space.
-        fresh: (n,) working space.
-        thrust: (7,) of :mod:`counterflex.plan.bending_kernels`, set before a call; it acts beside the wrench.
-        pushed: (n,) working space.
-    """
-
-    step_s: float
-    time_s: Float1
-    q_command: Float2
-    q_ref: Float2
-    shaken: Int1
-    acceleration: float
-    weight: Float2
-    posture: Int1
-    place: Int1
-    answer: Float3
-    keep: Float3
-    J_tcp_part: Float3
-    J_drive_part: Float3
-    stiffness: Float2
-    damping: Float1
-    half_band: Float1
-    limit: Float2
-    slip: Float2
-    speed_gain: Float1
-    position_gain: Float1
-    integral_time: Float1
-    motor_friction: Float1
-    motor_slip: Float1
-    x: Float1
-    rate: Float1
+    step_s: float  # length h of a step
+    time_s: Float1  # (rows,) s
+    q_command: Float2  # (rows, 6) rad, commanded angles, corrections included
+    q_ref: Float2  # (rows, 6) rad, angles of the programmed path
+    shaken: Int1  # (rows,) 1 where the programmed speed may change and shakes the arm on the way to the row, else 0
+    acceleration: float  # of the tip, at most, m/s2: so fast the controller changes the programmed speed
+    weight: Float2  # (rows, 6) N m, torque of weight and counterbalance on the torsions
+    posture: Int1  # (rows,) which of the postures holds at a row
+    place: Int1  # (rows,) which of the Jacobians does
+    answer: Float3  # (postures, n, n) `h (M + h/2 D + h^2/4 K)^-1`, transposed
+    keep: Float3  # (postures, n, n) `(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)`, transposed
+    J_tcp_part: Float3  # (places, 6, n) motion of the tool per coordinate, part axes
+    J_drive_part: Float3  # (places, 6, 6) what is added per motor angle, for gears that yield beside their axis
+    stiffness: Float2  # (rows, n) of each coordinate, even between rows; one row where it is the same everywhere
+    damping: Float1  # (6,) N m s, of the gears
+    half_band: Float1  # (6,) rad
+    limit: Float2  # (6, m) N m
+    slip: Float2  # (6, m) rad
+    speed_gain: Float1  # (6,) N m s; 0 for a motor that never yields
+    position_gain: Float1  # (6,) 1/s
+    integral_time: Float1  # (6,) s
+    motor_friction: Float1  # (6,) N m
+    motor_slip: Float1  # (6,) rad
+    x: Float1  # (n,) coordinates now
+    rate: Float1  # (n,) their rates
+    # (8, 6) motor angle, the one before, integral, friction held, load at the start, command before, all beside the
+    # programmed angle; programmed angle before, programmed speed
     drives: Float2
-    held: Float2
-    clock: Float1
-    program: Float1
-    load: Float1
-    fresh: Float1
-    thrust: Float1
-    pushed: Float1
+    held: Float2  # (6, m) N m, friction of the links
+    clock: Float1  # (2,) time of the state in s, and 1 once it has been set
+    program: Float1  # (6,) rad, working space
+    load: Float1  # (n,) working space
+    fresh: Float1  # (n,) working space
+    thrust: Float1  # (7,) of counterflex.plan.bending_kernels, set before a call; it acts beside the wrench
+    pushed: Float1  # (n,) working space
 
 
 MOTION: Final = bundle(Motion)
