@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.write.emit import Emitter
-from counterflex.programs.gcode.write.spelling import spelling_of
 from counterflex.programs.gcode.write.written_line import without_comments
 from counterflex.programs.motion_rows import MotionRows
 from counterflex.programs.program import Program
@@ -21,7 +20,8 @@ class GcodeInPlace(Emitter):
     def run(self) -> list[str]:
         """All lines of the written program, none too long for its interpreter."""
         _refuse_unsaid(self.program, self.rows)
-        return [part for line in super().run() for part in _short_enough(line, self.program)]
+        most = self.spelling.line_characters
+        return [part for line in super().run() for part in _short_enough(line, self.program, most)]
 
     def put_head(self, lines: list[str], texts: list[str]) -> None:
         """Behind what must stand first."""
@@ -59,9 +59,8 @@ def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
             )  # fmt: skip
 
 
-def _short_enough(line: str, program: Program) -> list[str]:
+def _short_enough(line: str, program: Program, most: int) -> list[str]:
     """A line that added words made too long for the interpreter, with its comments on lines of their own before it."""
-    most = spelling_of(program.dialect).line_characters
     if len(line) <= most or line in program.lines:
         return [line]
     code, comments = without_comments(line)
