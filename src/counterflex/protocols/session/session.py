@@ -398,10 +398,8 @@ class OnlineSession:
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:
-        """Another session may come from another port: after a person's reset, or when nothing is going on at all.
-
-        Also where the controller's computer already sends from another port, and nothing is in effect.
-        """
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
+        # Also where the controller's computer already sends from another port, and nothing is in effect.
         state, silent = self._result.state, self._silent_cycles
         again = state <= _ARMED and self._next.port(silent) != 0
         if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):

@@ -66,20 +66,11 @@ _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
     Supervision=SUPERVISION,
 )
 def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, cause: int) -> None:
-    """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it.
-
-    It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
-    with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off
-    and is out of the cut. Where the correction is away in the cut, or wanted again without having been armed, it begins
-    too.
-
-    Args:
-        at: State of the supervisor before its change; ``feed_hold`` and ``stop`` are changed.
-        given: Inputs of the cycle.
-        settings: Cycles.
-        following: The next state.
-        cause: Its cause.
-    """
+    """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it."""
+    # It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts
+    # again, with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the
+    # correction off and is out of the cut. Where the correction is away in the cut, or wanted again without having been
+    # armed, it begins too.
     state, before = at.state, at.feed_hold
     if following in (_HOLD, _FAULT):
         at.feed_hold = 1
