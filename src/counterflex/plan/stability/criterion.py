@@ -31,19 +31,12 @@ _SAME: Final = 5e-3
 
 @dataclass(frozen=True)
 class Limit:
-    """Factor on the depth at which a structure chatters.
+    """Factor on the depth at which a structure chatters."""
 
-    Attributes:
-        factor: inf without a limit.
-        omega: Angular frequency of chatter, rad/s; nan without a limit.
-        method: How it was found.
-        low: By the low-frequency criterion with the slow modes.
-    """
-
-    factor: float
-    omega: float
-    method: str
-    low: float = math.inf
+    factor: float  # inf without a limit
+    omega: float  # angular frequency of chatter, rad/s; nan without a limit
+    method: str  # how it was found
+    low: float = math.inf  # by the low-frequency criterion with the slow modes
 
 
 def robot_limit(modes: Modes, A: Float, T: float) -> Limit:

@@ -21,7 +21,6 @@ def seeds(chain: ElasticChain, target: Float) -> list[Float]:
     pose is pulled by 3 mm at most towards the arm's reach. Without OPW geometry evenly spread angles within limits.
 
     Args:
-        chain: The chain.
         target: (4, 4) T_base_tcp, m.
 
     Returns:
@@ -92,7 +91,6 @@ def branches_of(chain: ElasticChain, q: Float) -> list[str]:
     axis 3, wrist by the side of axis 6 against axis 4 about axis 5.
 
     Args:
-        chain: The chain.
         q: (n, 6) rad.
     """
     if chain.opw is not None:

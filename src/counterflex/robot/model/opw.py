@@ -93,11 +93,9 @@ def branches(opw: Opw, Ts_base_flange: Float) -> Float:
 
 
 def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
-    """(8, 6) solutions of a wrist too straight for the library.
-
-    The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
-    flange in the forearm, ``(cos t4 sin t5, sin t4 sin t5, cos t5)``, with theta 4 = 0 where theta 5 = 0.
-    """
+    """(8, 6) solutions of a wrist too straight for the library."""
+    # The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
+    # flange in the forearm, `(cos t4 sin t5, sin t4 sin t5, cos t5)`, with theta 4 = 0 where theta 5 = 0.
     tipped = T_base_flange.copy()
     wrist = T_base_flange[:3, 3] - opw.c4_m * T_base_flange[:3, 2]
     tipped[:3, :3] = T_base_flange[:3, :3] @ rotation.about_x(0.1)
@@ -189,7 +187,7 @@ def nearest_turn(q: Float, near: Float, limits_rad: Float) -> Float:
 
 
 def extension(opw: Opw, Ts_base_flange: Float, *, back: bool = False) -> Float:
-    """How far the wrist centre lies inside the arm's reach.
+    """Distance of the wrist centre from the border of the arm's reach, positive inside.
 
     With d the distance of the wrist centre from axis 2 in the arm's plane and ``k = hypot(a2, c3)``:
     ``min(c2 + k - d, d - |c2 - k|)``. Zero is the stretched or folded elbow, negative out of reach.
