@@ -10,16 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.integrations.yaskawa.language import LIMITS
-from counterflex.integrations.yaskawa.language.program import (
-    PULSE,
-    Header,
-    InformMotion,
-    InformProgram,
-    JobText,
-    Point,
-    Position,
-    angles_of,
-)
+from counterflex.integrations.yaskawa.language import program as inform
 from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.limits import Limits
@@ -37,7 +28,7 @@ _LINE_END: Final = re.compile(r"\r\n|\n|\r|\Z")
 class _Edits:
     """Changes of one job."""
 
-    def __init__(self, job: JobText, newline: str) -> None:
+    def __init__(self, job: inform.JobText, newline: str) -> None:
         self.job, self.newline, self.spans = job, newline, Spans()
         own = [number for kind, number in job.positions if kind == "C"]
         self._next, self._count = max(own, default=-1) + 1, len(own)
@@ -53,7 +44,7 @@ class _Edits:
         """Anything differs."""
         return bool(self._entries or self.spans.sorted())
 
-    def entry(self, header: Header, T_frame_tool: Float) -> str:
+    def entry(self, header: inform.Header, T_frame_tool: Float) -> str:
         """Add an entry of //POS; returns its name."""
         if header != self._header:
             self._entries += header.lines()
@@ -74,7 +65,7 @@ class _Edits:
         return self.spans.applied(self.job.text)
 
 
-class InformInPlace(PointsInPlace[InformProgram, Point]):
+class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
     """Edits of the jobs of a program.
 
     A position that instructions name more than once gets an entry of its own. Added points are instructions before the
@@ -85,14 +76,14 @@ class InformInPlace(PointsInPlace[InformProgram, Point]):
     cycle_s: ClassVar[float] = 0.004
 
     def __init__(
-        self, program: InformProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float
+        self, program: inform.InformProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float
     ) -> None:
         super().__init__(program, compensated, tolerance_m, cycle_s)
         self._edits = {name: _Edits(job, program.newline) for name, job in program.jobs.items()}
         self._straightened: set[int] = set()
         self._starts: dict[int, Float] = {}
 
-    def points_of(self, program: InformProgram) -> list[Point]:
+    def points_of(self, program: inform.InformProgram) -> list[inform.Point]:
         """Their ends."""
         return [move.point for move in program.moves]
 
@@ -212,29 +203,29 @@ class InformInPlace(PointsInPlace[InformProgram, Point]):
         own = self.program.motions[index].feed_m_s
         return own or next(motion.feed_m_s for motion in self.program.motions if motion.feed_m_s > 0.0)
 
-    def shown(self, point: Point) -> str:
+    def shown(self, point: inform.Point) -> str:
         """Text of an instruction."""
         return self.program.jobs[point.file].text[point.start : point.end]
 
-    def place(self, point: Point) -> str:
+    def place(self, point: inform.Point) -> str:
         """With its column."""
         return f"{super().place(point)}:{point.start - point.head + 1}"
 
-    def _refuse_piece(self, move: InformMotion) -> None:
+    def _refuse_piece(self, move: inform.InformMotion) -> None:
         if move.piece:
             raise self.refusal(move.point, "an arc is corrected whose points differ in speed or have something "
                                "between them, and is not written back")  # fmt: skip
 
-    def literal(self, point: Point, T_frame_tool: Float, *, turned: bool) -> Float | None:
+    def literal(self, point: inform.Point, T_frame_tool: Float, *, turned: bool) -> Float | None:
         """Change the entry of //POS."""
         if point.position is None:
             return None
         return self._write_literal(point, point.position, T_frame_tool, turned=turned)
 
-    def write_out(self, point: Point, T_frame_tool: Float) -> None:
+    def write_out(self, point: inform.Point, T_frame_tool: Float) -> None:
         """An entry of its own; a MOVL in place of an IMOV."""
         edits = self._edits[point.file]
-        if point.header.postype in ("", PULSE):
+        if point.header.postype in ("", inform.PULSE):
             raise self.refusal(point, "a target whose frame is not stated is corrected")
         edits.spans.replace(*point.named, edits.entry(point.header, T_frame_tool))
         if point.relative:
@@ -244,13 +235,13 @@ class InformInPlace(PointsInPlace[InformProgram, Point]):
             if frame is not None:
                 spans.replace(*frame.span(), "")
 
-    def _write_literal(self, at: Point, position: Position, T: Float, *, turned: bool) -> Float:
+    def _write_literal(self, at: inform.Point, position: inform.Position, T: Float, *, turned: bool) -> Float:
         """Give a position other numbers; returns its place in the part as it is written, (3,) m."""
         old = np.array(position.values[:6])
         new = old.copy()
         new[:3] = T[:3, 3] / MM
         if turned:
-            new[3:] = near_angles(angles_of(T[:3, :3]), old[3:], LIMITS.angle_decimals)
+            new[3:] = near_angles(inform.angles_of(T[:3, :3]), old[3:], LIMITS.angle_decimals)
         changed = np.abs(new - old) > 0.5 * _DECIMALS
         if not changed.any():
             unchanged: Float = at.T_part_tool[:3, 3]
