@@ -5,8 +5,8 @@
     python tools/measure_structure.py --entered --files
     python tools/measure_structure.py --hold
 
-Figures are counted from the syntax trees below src/counterflex; words outside code blocks of README.md and of the
-pages of docs that no program writes; --entered runs a shipped program twice and counts the files of which a function
+Figures are counted from the syntax trees below src/counterflex; words of README.md and of docs are those outside
+code blocks that no program writes; --entered runs a shipped program twice and counts the files of which a function
 is called, without what importing calls: once as `counterflex compensate`, once as the call `compensate(program,
 read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line, report and writing of
 files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below: a
@@ -59,7 +59,11 @@ CEILINGS = {
 _OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
 _GENERATED = ("statements", "reference", "_build", "gallery"), ("nomenclature.md", "licences.md")
 """Folders and pages of docs that are made from tables and sources, beside those that say "written by"."""
-_CODE_BLOCK = re.compile(r"^[ \t]*```.*?^[ \t]*```", re.MULTILINE | re.DOTALL)
+_NOT_PROSE = re.compile(
+    r"^[ \t]*```.*?^[ \t]*```|^<!-- (\w+): (?:begin|written by)[^\n]*-->.*?^<!-- (?:end of \1|\1: end) -->",
+    re.MULTILINE | re.DOTALL,
+)
+"""Code blocks, and tables that a program writes between two comments."""
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9]*(_[A-Z0-9]+)*$")
 _ENTERED = """
 import sys, threading
@@ -260,12 +264,12 @@ def entered(root: Path, way: str) -> list[str]:
 
 
 def hand_written_words(root: Path) -> int:
-    """Words of README.md and of the hand-written pages of docs, outside code blocks; a word holds a letter or digit."""
+    """Words of README.md and of docs without code and what programs write; a word holds a letter or digit."""
     folders, names = _GENERATED
     pages = [page for page in (root / "docs").rglob("*.md") if page.name not in names]
     pages = [page for page in pages if not set(page.relative_to(root).parts) & set(folders)]
     texts = [page.read_text(encoding="utf-8") for page in [root / "README.md", *pages]]
-    words = " ".join(_CODE_BLOCK.sub("", text) for text in texts if "<!-- written by:" not in text[:400]).split()
+    words = " ".join(_NOT_PROSE.sub("", text) for text in texts if "<!-- written by:" not in text[:400]).split()
     return sum(any(map(str.isalnum, word)) for word in words)
 
 
