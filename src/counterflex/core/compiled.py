@@ -18,6 +18,7 @@ import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, UserProvidedCacheLocator
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+from numba.np import arrayobj
 
 from counterflex.core import shipped
 
@@ -25,6 +26,23 @@ if sys.platform != "win32":
     import fcntl
 
 _record_type = functools.cache(numba.from_dtype)
+
+
+def _wrong_size(_src_shapes: Any, _index_shape: Any) -> None:
+    """Raise in a kernel that a slice is assigned an array of another shape."""
+
+
+@numba.extending.overload(_wrong_size)  # type: ignore[untyped-decorator]
+def _compiled_wrong_size(_src_shapes: Any, _index_shape: Any) -> Any:
+    def impl(_src_shapes: Any, _index_shape: Any) -> None:
+        raise ValueError("cannot assign slice from input of different size")
+
+    return impl
+
+
+# Numba's own message names both shapes. The code that makes a text of them went into every kernel that assigns to a
+# slice, and took up to two fifths of the time of compiling it.
+arrayobj.raise_with_shape_context = _wrong_size
 
 
 def numba_type(kind: Any) -> Any:

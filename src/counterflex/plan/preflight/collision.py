@@ -83,15 +83,14 @@ class Scene:
         self._data: Any = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
         self._distance_of: Any = mujoco.mj_geomDistance
+        self._turned: Any = mujoco.mju_quat2Mat
         self._T_body_geom = {k: self._shifted(name) for k, name in meshes.items()}
 
     def _shifted(self, mesh: str) -> Float:
         """(4, 4) where MuJoCo has put the axes of a mesh: along those of its inertia."""
-        import mujoco
-
         number = self._model.mesh(mesh).id
         R = np.zeros(9)
-        mujoco.mju_quat2Mat(R, self._model.mesh_quat[number])
+        self._turned(R, self._model.mesh_quat[number])
         return pose.make(R.reshape(3, 3), np.array(self._model.mesh_pos[number]))
 
     def place(self, Ts_base_body: Float) -> None:
