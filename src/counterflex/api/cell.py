@@ -108,13 +108,13 @@ class Cell(Result):
         ]
 
     def _pictures(self) -> dict[str, Figure]:
-        def cell() -> dict[str, Any]:
-            from counterflex.app.compensation.cell_facts import drawing_at_part
-            from counterflex.report.cell_figure import cell_figure
+        return {"cell": self._drawing}
 
-            return cell_figure(drawing_at_part(self.model))
+    def _drawing(self) -> dict[str, Any]:
+        from counterflex.app.compensation.cell_facts import drawing_at_part
+        from counterflex.report.cell_figure import cell_figure
 
-        return {"cell": cell}
+        return cell_figure(drawing_at_part(self.model))
 
 
 def read_cell(file: str | Path, *, assume_class: bool = False) -> Cell:

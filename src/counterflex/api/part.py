@@ -86,13 +86,13 @@ class Part(Result):
         return [f"{self.original.name} as machined on a simulated cell, {seed}", *_errors(self.table, BEFORE)]
 
     def _pictures(self) -> dict[str, Figure]:
-        def path() -> dict[str, Any]:
-            from counterflex.report import figure_data
-            from counterflex.report.series_figure import components_figure
+        return {"path": self._path_figure}
 
-            return components_figure((("as machined", figure_data.BEFORE, self.evaluation.judged[BEFORE].deviation),))
+    def _path_figure(self) -> dict[str, Any]:
+        from counterflex.report import figure_data
+        from counterflex.report.series_figure import components_figure
 
-        return {"path": path}
+        return components_figure((("as machined", figure_data.BEFORE, self.evaluation.judged[BEFORE].deviation),))
 
 
 class Comparison(Result):
@@ -318,18 +318,17 @@ class Inspected(Result):
 
     def _pictures(self) -> dict[str, Figure]:
         """``map``: deviation of the surface of the last part, from above."""
+        return {"map": self._map_figure}
 
-        def map_() -> dict[str, Any]:
-            from counterflex.report.figure_data import scale_limit_mm
-            from counterflex.report.map_figure import callouts, map_picture, single_map_figure
+    def _map_figure(self) -> dict[str, Any]:
+        from counterflex.report.figure_data import scale_limit_mm
+        from counterflex.report.map_figure import callouts, map_picture, single_map_figure
 
-            name, one = list(self.inspection.parts.items())[-1]
-            deviation, surface = one.part.surface_deviation(), one.part.part.surface
-            picture = map_picture(surface, deviation)
-            limit = scale_limit_mm(deviation.surface.max_m / MM)
-            return single_map_figure(picture, callouts(picture, picture), limit, name)
-
-        return {"map": map_}
+        name, one = list(self.inspection.parts.items())[-1]
+        deviation, surface = one.part.surface_deviation(), one.part.part.surface
+        picture = map_picture(surface, deviation)
+        limit = scale_limit_mm(deviation.surface.max_m / MM)
+        return single_map_figure(picture, callouts(picture, picture), limit, name)
 
 
 def inspect(

@@ -66,15 +66,14 @@ class RunLog(Result):
 
     def _pictures(self) -> dict[str, Figure]:
         """``curves``: deviation, correction and force along the path, or over time where the run followed no plan."""
+        return {"curves": self._curves}
 
-        def curves() -> dict[str, Any]:
-            from counterflex.report.run_history.figures import curves_figure
+    def _curves(self) -> dict[str, Any]:
+        from counterflex.report.run_history.figures import curves_figure
 
-            by_length = float(self.run.curves.length_m.max()) > 0.0
-            name = f"run {self.run.row['run']}"
-            return curves_figure([(name, self.run.curves, self.run.contained_m)], by_length=by_length)
-
-        return {"curves": curves}
+        by_length = float(self.run.curves.length_m.max()) > 0.0
+        name = f"run {self.run.row['run']}"
+        return curves_figure([(name, self.run.curves, self.run.contained_m)], by_length=by_length)
 
 
 def read_run(folder: str | Path, number: int | None = None) -> RunLog:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.cutting.stock import HeightMap
@@ -37,11 +35,11 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     if R_part_plane is not None:
         stock = replace(cell, R_part_plane=None).stock()
     known = {tool.number: tool for tool in cell.tables.tools}
-    used = [number for number in np.unique(job.machined.tool).tolist() if number in known]
+    used = sorted(known.keys() & set(job.machined.tool.tolist()))
     overhang = {n: length for n in used if (length := known[n].overhang_m) is not None}
     chain = cell.controller_chain
-    given, removed = cell.tables.cell.bodies(cell.path.parent)
-    given = [_on_floor(body, cell.T_base_floor) for body in given]
+    there, removed = cell.tables.cell.bodies(cell.path.parent)
+    given = [_on_floor(body, cell.T_base_floor) for body in there]
     cutters = {n: cell.cutter(n) for n in used}
     holders = [body for n in used for body in holder(n, known[n].bounds.holder_m)]
     if cell.T_base_tcp is not None:

@@ -301,7 +301,7 @@ def _in_plane_of(read: Program, cell: Cell) -> Cell:
 
 
 def in_plane_of(cell: Cell) -> dict[str, Any]:
-    """What summaries and plans say of a tilted tool: the working plane, its axes as columns, or that the tool turns."""
+    """Return facts of a tilted tool for summaries and plans: axes of the working plane as columns, or that it turns."""
     if cell.tool_turns:
         return {TOOL_TURNS: True}
     return {} if cell.R_part_plane is None else {WORKING_PLANE: np.round(cell.R_part_plane, 9).tolist()}

@@ -173,6 +173,24 @@ _NO_BLANK: Final[dict[str, Any]] = {
 }
 
 
+def _softness(chain: ElasticChain, q: Float, axis: int, warnings: list[str]) -> dict[str, Any]:
+    """Compliance along an axis of the base and the element with the largest share of it; adds to the warnings."""
+    w = np.zeros(6)
+    w[axis] = UNIT_FORCE_N
+    d = compliance.cartesian_compliance(chain, q) @ w
+    weakest, name = shares(chain, q, w), "xyz"[axis]
+    if d[axis] / UNIT_FORCE_N > 20.0 * UM:
+        warnings.append(f"{d[axis] / UNIT_FORCE_N / UM:.1f} um/N along {name} is softer than milling robots are")
+    if d[axis] == 0.0:
+        warnings.append(f"the cell is rigid along {name}: no elastic element acts there")
+    return {
+        "direction": name,
+        "um_per_n": round(float(d[axis] / UNIT_FORCE_N / UM), 3),
+        "weakest": weakest[0]["segment"] if weakest else "",
+        "share": weakest[0]["share"] if weakest else 0.0,
+    }
+
+
 def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
     """Reach, compliance and sag at the corners of the blank; adds to the warnings."""
     chain, stock = cell.chain, cell.stock()
@@ -193,41 +211,22 @@ def _at_the_blank(cell: Cell, path: str, warnings: list[str]) -> dict[str, Any]:
             hint=f"{fault.hint}. Lengths are in mm" if fault.hint else None,
             **fault.data,
         ) from fault
-    margins = [joint_margins(chain, row) for row in q]
-    centre = q[0]
-    worst = []
-    for axis, name in enumerate("xyz"):
-        w = np.zeros(6)
-        w[axis] = UNIT_FORCE_N
-        d = compliance.cartesian_compliance(chain, centre) @ w
-        weakest = shares(chain, centre, w)
-        worst.append(
-            {
-                "direction": name,
-                "um_per_n": round(float(d[axis] / UNIT_FORCE_N / UM), 3),
-                "weakest": weakest[0]["segment"] if weakest else "",
-                "share": weakest[0]["share"] if weakest else 0.0,
-            }
-        )
-        if d[axis] / UNIT_FORCE_N > 20.0 * UM:
-            warnings.append(f"{d[axis] / UNIT_FORCE_N / UM:.1f} um/N along {name} is softer than milling robots are")
-        if d[axis] == 0.0:
-            warnings.append(f"the cell is rigid along {name}: no elastic element acts there")
+    smallest = [min(joint_margins(chain, row).values()) for row in q]
+    softness = [_softness(chain, q[0], axis, warnings) for axis in range(3)]
     sag = np.array([gravity.sag(chain, row)[:3] for row in q])
     spread = sag - sag.mean(axis=0)
-    known = [entry for entry in margins if min(entry.values()) < cell.tables.limits.joint_margin_deg]
-    if known:
+    if min(smallest) < cell.tables.limits.joint_margin_deg:
         warnings.append("a joint comes closer to its limit than limits.joint_margin_deg at a corner of the stock")
     return {
         "stock_mm": {
             "low": rounded(np.array([x[0], y[0], stock.bottom_m]) / MM, 3),
             "high": rounded(np.array([x[-1], y[-1], top]) / MM, 3),
         },
-        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(chain.axes.shown(centre) / DEG, 3)},
-        "softness": worst,
+        "at_corner": {"xyz_mm": rounded(corners[0] / MM, 3), "joints_deg": rounded(chain.axes.shown(q[0]) / DEG, 3)},
+        "softness": softness,
         "sag_at_corners_um": [rounded(row / UM, 1) for row in sag],
         "sag_variation_um": round(float(np.max(np.linalg.norm(spread, axis=1)) / UM), 1),
-        "smallest_joint_margin_deg": round(min(min(entry.values()) for entry in margins), 2),
+        "smallest_joint_margin_deg": round(min(smallest), 2),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -16,7 +17,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.logs.tracker_exports.formats import OWN, read_export
 from counterflex.geometry import pose
-from counterflex.identify.data.dataset import Dataset
+from counterflex.identify.data.dataset import Channel, Dataset
 from counterflex.protocols.session.senses import tracker_frames
 
 AS_MEASURED: Final = "as-measured"
@@ -77,6 +78,14 @@ def read_measured(file: str | Path, form: str = OWN) -> Measured:
     return Measured(name, readings.Ts_tracker_target, readings.time_s, readings.oriented, readings.sigma_m)
 
 
+def _poses(have: Mapping[str, Channel], position: str, turned: str) -> Float:
+    return pose.make(have[turned].values if turned in have else np.eye(3), have[position].values)
+
+
+def _whole(have: Mapping[str, Channel], name: str) -> Int | None:
+    return None if name not in have else np.round(have[name].values[:, 0]).astype(np.int64)
+
+
 def _of_dataset(data: Dataset, name: str) -> Measured:
     if data.kind not in KINDS:
         raise FileFormatError(
@@ -85,28 +94,20 @@ def _of_dataset(data: Dataset, name: str) -> Measured:
     have = data.channels
     if "p_tracker_target" not in have:
         raise FileFormatError("a channel is missing", where=data.where, limit="p_tracker_target")
-
-    def poses(position: str, turned: str) -> Float:
-        R = have[turned].values if turned in have else np.eye(3)
-        return pose.make(R, have[position].values)
-
-    def number(channel: str) -> Int | None:
-        return None if channel not in have else np.round(have[channel].values[:, 0]).astype(np.int64)
-
     sigma = have["p_tracker_target"].sigma
-    which = number("pose")
+    which = _whole(have, "pose")
     time_s = have["time_s"].values[:, 0] if "time_s" in have else None
     if time_s is not None and np.any(np.diff(time_s) <= 0.0):
         raise FileFormatError("times do not increase", where=f"{data.where}: channels.time_s")
     return Measured(
         name,
-        poses("p_tracker_target", "R_tracker_target"),
+        _poses(have, "p_tracker_target", "R_tracker_target"),
         time_s,
         "R_tracker_target" in have,
         0.0 if sigma is None else float(np.median(sigma)),
         None if which is None else which - 1,
-        number("direction"),
-        poses("p_base_command", "R_base_command") if "p_base_command" in have else None,
+        _whole(have, "direction"),
+        _poses(have, "p_base_command", "R_base_command") if "p_base_command" in have else None,
         "R_base_command" in have,
     )
 

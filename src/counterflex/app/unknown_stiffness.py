@@ -91,7 +91,7 @@ def _top(stock: HeightMap) -> float:
 
 
 def cost_at_blank(cell: Cell) -> Expected | None:
-    """What axes of unknown stiffness yield at a corner of the blank under 500 N, in the softest of three directions.
+    """Estimate the deflection of axes of unknown stiffness at a corner of the blank under 500 N, softest direction.
 
     None where the class says nothing, or the file describes no blank that can be reached.
     """

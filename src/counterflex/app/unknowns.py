@@ -252,7 +252,7 @@ def _play(cell: Cell, points: CutPoints) -> list[Source]:
 
 
 def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
-    """What the identification of play leaves open: half of the dead band and the slip angles, by standard deviation."""
+    """Standard deviations that the identification of play leaves: half of the dead band, slip angles."""
     twist = np.zeros(6)
     for entry in cell.tables.identified:
         if entry.recipe == "play":

@@ -36,17 +36,12 @@ _OTHERS_S: Final = 2.5
 
 @dataclass(frozen=True)
 class KernelState:
-    """One kernel that Python calls.
+    """One kernel that Python calls."""
 
-    Attributes:
-        name: Module below the package, and function.
-        kept: "native", "shipped" or "missing" before anything was compiled.
-        seconds: Processor time that compiling it took, with all kernels that it calls and that were not there; None
-            where it was not compiled.
-    """
-
-    name: str
-    kept: str
+    name: str  # Module below the package, and function
+    kept: str  # "native", "shipped" or "missing" before anything was compiled
+    # Processor time that compiling it took, with all kernels that it calls and that were not there; None where it was
+    # not compiled
     seconds: float | None = None
 
 

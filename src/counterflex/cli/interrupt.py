@@ -7,7 +7,7 @@ import contextlib
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any, Final, NoReturn
 
@@ -69,6 +69,13 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
+def _again(report: Callable[[Any], object], lost: Any) -> None:
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        _later()
+    else:
+        report(lost)
+
+
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
     """Let Ctrl-C, a request to terminate and a terminal that is closed raise KeyboardInterrupt; none is ever lost.
@@ -85,15 +92,9 @@ def interruptible() -> Iterator[None]:
     _written.clear()
     _worse.clear()
 
-    def again(lost: Any) -> None:
-        if issubclass(lost.exc_type, KeyboardInterrupt):
-            _later()
-        else:
-            report(lost)
-
     handled = [number for number in _SIGNALS if number == signal.SIGINT or signal.getsignal(number) != signal.SIG_IGN]
     before = {number: signal.signal(number, _interrupt) for number in handled}
-    sys.unraisablehook = again
+    sys.unraisablehook = lambda lost: _again(report, lost)
     try:
         yield
     finally:

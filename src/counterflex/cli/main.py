@@ -10,6 +10,7 @@ import os
 import sys
 import textwrap
 import time
+import types
 from collections.abc import Mapping, Sequence
 from functools import cache
 from types import MappingProxyType
@@ -236,14 +237,15 @@ def _only(words: Sequence[str]) -> typer.Typer:
 
 def _named_only(info: Any) -> Any:
     """A command that has its name and what it does, and no options."""
-
-    def named() -> None:
-        pass
-
+    named = types.FunctionType(_nothing.__code__, {})
     named.__doc__ = info.callback.__doc__
     copied = copy.copy(info)
     copied.name, copied.callback = _name(info), named
     return copied
+
+
+def _nothing() -> None:
+    pass
 
 
 def _without_commands(info: Any) -> Any:

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,14 @@ from counterflex.core.remarks import shown
 def print_json(data: Any) -> None:
     """Print data as JSON on standard output."""
     print(json.dumps(data, indent=2, allow_nan=False))
+
+
+def print_result(result: Any, as_json: bool, show: Callable[..., None], *of: Any) -> None:
+    """Print a result as JSON, or as ``show`` prints it, with what else it needs."""
+    if as_json:
+        print_json(result)
+    else:
+        show(result, *of)
 
 
 def say_written(out: Path | None, line: str) -> None:
@@ -87,22 +95,25 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     """Print a table; numbers (columns whose header ends in a unit or a figure) are right-aligned."""
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
-
-    def text(words: str, style: str = "") -> Text:  # no markup, no :emoji:
-        return Text(printable(words), style=style)
 
     width = None if sys.stdout.isatty() else 160
     console = Console(file=below(sys.stdout), width=width, highlight=False)
-    table = Table(title=text(title, "table.title"), title_justify="left", show_edge=False, pad_edge=False)
+    table = Table(title=_text(title, "table.title"), title_justify="left", show_edge=False, pad_edge=False)
     for i, column in enumerate(columns):
         numeric = bool(rows) and all(_is_number(row[i]) for row in rows if row[i])
-        table.add_column(text(column), justify="right" if numeric else "left", overflow="fold")
+        table.add_column(_text(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*map(text, row))
+        table.add_row(*map(_text, row))
     console.print(table)
     if note:
-        console.print(text(note))
+        console.print(_text(note))
+
+
+def _text(words: str, style: str = "") -> Any:
+    """Text without markup and without :emoji:."""
+    from rich.text import Text
+
+    return Text(printable(words), style=style)
 
 
 def print_made_again(summary: Mapping[str, Any]) -> None:
@@ -170,12 +181,7 @@ def line_period_s() -> float:
 @contextlib.contextmanager
 def _lines(meter: Meter, period_s: float) -> Iterator[None]:
     ended = threading.Event()
-
-    def tell() -> None:
-        while not ended.wait(period_s):
-            print(meter.line(), file=sys.stderr, flush=True)
-
-    teller = threading.Thread(target=tell, name="progress", daemon=True)
+    teller = threading.Thread(target=_tell, args=(meter, ended, period_s), name="progress", daemon=True)
     if period_s > 0.0:
         teller.start()
     try:
@@ -186,27 +192,35 @@ def _lines(meter: Meter, period_s: float) -> Iterator[None]:
             teller.join()
 
 
+def _tell(meter: Meter, ended: threading.Event, period_s: float) -> None:
+    while not ended.wait(period_s):
+        print(meter.line(), file=sys.stderr, flush=True)
+
+
+class _Left:
+    """The time left, as a text of the moment when it is shown."""
+
+    def __init__(self, meter: Meter) -> None:
+        self._meter = meter
+
+    def __str__(self) -> str:
+        remaining_s = self._meter.remaining_s()
+        return duration(self._meter.elapsed_s()) if remaining_s is None else f"about {duration(remaining_s)} left"
+
+
 @contextlib.contextmanager
 def _bar(meter: Meter) -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, ProgressColumn, Task, TextColumn
+    from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar
-    from rich.text import Text
-
-    class Left(ProgressColumn):
-        def render(self, _: Task) -> Text:
-            remaining_s = meter.remaining_s()
-            return Text(
-                f"{duration(meter.elapsed_s())}" if remaining_s is None else f"about {duration(remaining_s)} left"
-            )
 
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f}%"),
-        Left(),
+        TextColumn("{task.fields[left]}", markup=False, style="none"),
     )
     with Bar(*columns, console=Console(file=below(sys.stderr)), transient=True) as bar, everything_is_text():
-        task = bar.add_task(printable(meter.what), total=1.0)
+        task = bar.add_task(printable(meter.what), total=1.0, left=_Left(meter))
         meter.on_change = lambda: bar.update(task, completed=meter.fraction, description=printable(meter.what))
         yield meter

@@ -38,11 +38,7 @@ def run() -> None:
     sys.excepthook = print_fault
     with interruptible(), everything_is_text():
         try:
-            status: object = _version(sys.argv[1:])
-            if status is None:
-                status = requests.quick(sys.argv[1:])
-            if status is None:
-                status = _parsed(sys.argv[1:])
+            status = _done(sys.argv[1:])
             sys.stdout.flush()  # a full disk behind it is told here
         except KeyboardInterrupt:
             status = _INTERRUPTED
@@ -68,15 +64,16 @@ def run() -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
-def _version(words: Sequence[str]) -> int | None:
-    """Print version and build data, without the command parser; None where something else is asked."""
-    if list(words) != ["--version"]:
-        return None
-    from counterflex import __version__
-    from counterflex.core.build_data import sentence
+def _done(words: Sequence[str]) -> object:
+    """Do what is asked; version and requests to a run without the command parser."""
+    if list(words) == ["--version"]:
+        from counterflex import __version__
+        from counterflex.core.build_data import sentence
 
-    print(sentence(__version__))
-    return 0
+        print(sentence(__version__))
+        return 0
+    status = requests.quick(words)
+    return _parsed(words) if status is None else status
 
 
 def _parsed(words: Sequence[str]) -> object:

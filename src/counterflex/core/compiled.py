@@ -131,7 +131,7 @@ class _ShippedCache(FunctionCache):  # type: ignore[misc]
         return super().load_overload(sig, target_context) if self.is_as_listed() else None
 
     def is_as_listed(self) -> bool:
-        """Whether its files are those that the package lists."""
+        """Return whether its files are those that the package lists."""
         return all(map(shipped.is_listed, Path(self.cache_path).glob(f"{self._impl.filename_base}.*")))
 
 
@@ -180,7 +180,7 @@ class _NoCache(NullCache):  # type: ignore[misc]
 
 
 def _lists(cache: FunctionCache, signatures: list[Any], codegen: Any) -> bool:
-    """Whether the index of a cache names the code of all signatures; one that is cut off names none."""
+    """Return whether the index of a cache names the code of all signatures; one that is cut off names none."""
     try:
         index = cache._cache_file._load_index()
     except Exception:  # unpickling raises anything
@@ -189,7 +189,7 @@ def _lists(cache: FunctionCache, signatures: list[Any], codegen: Any) -> bool:
 
 
 class Kept(enum.StrEnum):
-    """Where compiled code lies: this user's, for this processor; the package's, for a baseline one; nowhere."""
+    """Place of compiled code: this user's, for this processor; the package's, for a baseline one; nowhere."""
 
     NATIVE = "native"
     SHIPPED = "shipped"
@@ -221,7 +221,7 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
             self._cache = _NoCache()
 
     def kept(self) -> Kept:
-        """Where the code of all stated signatures lies."""
+        """Return the place of the code of all stated signatures."""
         if not isinstance(self._cache, _SharedCache):
             return Kept.MISSING
         required = [with_records(one, self._records) if self._records else one for one in self._stated]

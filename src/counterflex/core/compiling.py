@@ -28,16 +28,8 @@ class _BeforeKernels:
     def _listen(self) -> None:
         from numba.core import event
 
-        def begins(_: object) -> None:
-            self._notify()
-
-        class CompileListener(event.Listener):  # type: ignore[misc]
-            on_start = staticmethod(begins)
-
-            def on_end(self, event: object) -> None:
-                pass
-
-        event.register("numba:compile", CompileListener())
+        reported = {"on_start": lambda *_: self._notify(), "on_end": lambda *_: None}
+        event.register("numba:compile", type("CompileListener", (event.Listener,), reported)())
 
 
 def tell(notify: Callable[[], None]) -> None:

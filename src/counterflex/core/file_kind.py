@@ -25,7 +25,7 @@ _BY_FIRST_BYTES: Final[tuple[tuple[bytes, str], ...]] = (
 )
 _TABLE_MARKS: Final = (";", "\t", ",")
 _GCODE: Final = re.compile(r"\s*(?:N\d+\s*)?[GMT]\d", re.IGNORECASE)
-_KEY: Final = re.compile(r"\s*(?:[A-Za-z0-9_.\-]+|\"[^\"]*\"|'[^']*')\s*=")
+_TOML: Final = re.compile(r"\s*(?:(?:[A-Za-z0-9_.\-]+|\"[^\"]*\"|'[^']*')\s*=|\[\[?[^\[\]]+\]\]?\s*\Z)")
 
 
 def of_bytes(data: bytes) -> str | None:
@@ -38,16 +38,12 @@ def of_text(text: str) -> str | None:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")][:5]
     if not lines:
         return None
-    if lines[0].lstrip().startswith("<"):
-        return "an XML file"
-    if lines[0].lstrip().startswith("{"):
-        return "a JSON file"
-    if any(_KEY.match(line) or re.fullmatch(r"\s*\[\[?[^\[\]]+\]\]?\s*", line) for line in lines):
+    marked = {"<": "an XML file", "{": "a JSON file"}.get(lines[0].lstrip()[0])
+    if marked is not None:
+        return marked
+    if any(map(_TOML.match, lines)):
         return None
-    if any(_GCODE.match(line) for line in lines):
+    if any(map(_GCODE.match, lines)):
         return "a G-code program"
-    for mark in _TABLE_MARKS:
-        counts = [line.count(mark) for line in lines]
-        if min(counts) >= 1 and len(lines) > 1:
-            return "a table of data (CSV)"
-    return None
+    separated = any(all(mark in line for line in lines) for mark in _TABLE_MARKS)
+    return "a table of data (CSV)" if separated and len(lines) > 1 else None

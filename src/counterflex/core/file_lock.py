@@ -37,7 +37,6 @@ def alone(
 
     Args:
         target: File that is edited; it need not be there, nor the folder that it lies in.
-        clock_s: Monotonic.
         wait: Waits for so many s.
 
     Raises:

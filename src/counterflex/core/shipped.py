@@ -23,15 +23,10 @@ NATIVE_ONLY: Final = "COUNTERFLEX_NATIVE"
 
 @dataclass(frozen=True)
 class Baseline:
-    """A processor that others of its kind can stand for.
+    """A processor that others of its kind can stand for."""
 
-    Attributes:
-        cpu: LLVM's name of it.
-        features: What a processor must have to run its code, as LLVM names them.
-    """
-
-    cpu: str
-    features: tuple[str, ...]
+    cpu: str  # LLVM's name of it
+    features: tuple[str, ...]  # What a processor must have to run its code, as LLVM names them
 
 
 BASELINES: Final = {
@@ -61,17 +56,11 @@ BASELINES: Final = {
 
 @dataclass(frozen=True)
 class Shipped:
-    """What the package brings.
+    """Compiled code and its list in the package."""
 
-    Attributes:
-        target: Triple, processor and features, as Numba's index of compiled code names them.
-        features: What this processor must have.
-        files: SHA-256 of each file by its path below :data:`FOLDER`.
-    """
-
-    target: tuple[str, str, str]
-    features: tuple[str, ...]
-    files: dict[str, str]
+    target: tuple[str, str, str]  # Triple, processor and features, as Numba's index of compiled code names them
+    features: tuple[str, ...]  # What this processor must have
+    files: dict[str, str]  # SHA-256 of each file by its path below :data:`FOLDER`
 
 
 @functools.cache
@@ -88,7 +77,7 @@ def listed() -> Shipped | None:
 
 @functools.cache
 def _fits() -> bool:
-    """Whether this processor has all that the shipped code uses."""
+    """Return whether this processor has all that the shipped code uses."""
     from llvmlite import binding
 
     what = listed()
@@ -107,7 +96,7 @@ def folder(name: str) -> Path | None:
 
 
 def is_listed(file: Path) -> bool:
-    """Whether a file is the one that the list states."""
+    """Return whether a file is the one that the list states."""
     what = listed()
     try:
         digest = hashlib.sha256(file.read_bytes()).hexdigest()

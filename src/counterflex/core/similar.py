@@ -1,14 +1,20 @@
-"""Suggest names and files close to one that does not exist."""
+"""Compare names: one that stands twice, and names and files close to one that does not exist."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
+Name = TypeVar("Name", bound=Hashable)
 _LEAST_LETTERS: Final = 3
 """A shorter text is part of too many names."""
+
+
+def twice(names: Sequence[Name]) -> Name | None:
+    """Return the first name that stands there more than once, or None."""
+    return next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
 
 
 def close_to(name: str, among: Iterable[str], count: int = 3) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM, MM_PER_S
-from counterflex.files.small_table import number, read_rows
+from counterflex.files.small_table import are_columns, number, read_rows
 from counterflex.geometry import pose
 
 POSITION: Final = ("x_mm", "y_mm", "z_mm")
@@ -36,9 +36,9 @@ def read_commanded(path: str | Path) -> tuple[Float, bool, float | None]:
     if len(table) < 2:
         raise FileFormatError("the file has no rows", where=str(file))
     names = [name.strip() for name in table[0][1]]
-    known = {*POSITION, *ANGLES, SPEED}
     turned = set(ANGLES) <= set(names)
-    if set(names) - known or not set(POSITION) <= set(names) or (set(ANGLES) & set(names) and not turned):
+    unlike = set(ANGLES) & set(names) and not turned
+    if unlike or not are_columns(list(set(names)), POSITION, (*POSITION, *ANGLES, SPEED)):
         raise FileFormatError(
             "other columns than those of commanded points",
             where=f"{file}:{table[0][0]}",

@@ -86,6 +86,10 @@ def read(
     for name, kind_of in frame.schema.items():
         if not kind_of.is_numeric() or frame[name].null_count():
             raise FileFormatError(f"the column {name} contains a value that is not a number", where=str(path))
+    return _arrays(frame, layout), meta
+
+
+def _arrays(frame: pl.DataFrame, layout: tuple[Column, ...]) -> dict[str, Any]:
     parts: dict[str, list[Any]] = {}
     for column in layout:
         values = frame[column.name].to_numpy()
@@ -93,4 +97,4 @@ def read(
             np.asarray(values, dtype=np.int64) if column.whole else np.asarray(values, dtype=np.float64) * column.unit
         )
     single = {column.field for column in layout if column.index is None}
-    return {name: (p[0] if name in single else np.stack(p, axis=-1)) for name, p in parts.items()}, meta
+    return {name: (p[0] if name in single else np.stack(p, axis=-1)) for name, p in parts.items()}

@@ -16,7 +16,7 @@ import numpy as np
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches
-from counterflex.files.small_table import read_rows
+from counterflex.files.small_table import are_columns, read_rows
 
 TARGET: Final = "target_mm"
 MEASURED: Final = {"position_mm": MM, "deviation_mm": MM, "deviation_um": UM}
@@ -34,35 +34,38 @@ def read_approaches(path: str | Path) -> Approaches:
         FileFormatError: Missing, not text, other columns, a number that is none, or a direction that is none.
     """
     file = Path(path)
-    rows = read_rows(file)
-    names = [name.strip().lower() for name in rows[0][1]] if rows else []
-    measured = [name for name in names if name in MEASURED]
-    known = {TARGET, "direction", *MEASURED, *IGNORED}
-    if TARGET not in names or len(measured) != 1 or len(set(names)) != len(names) or not set(names) <= known:
+    (number, header), *rows = read_rows(file) or [(1, [])]
+    names = [name.strip().lower() for name in header]
+    measured = [name for name in MEASURED if name in names]
+    if len(measured) != 1 or not are_columns(names, (TARGET,), (TARGET, "direction", *MEASURED, *IGNORED)):
         raise FileFormatError(
             "other columns than those of a test of positioning",
-            where=f"{file}:{rows[0][0] if rows else 1}",
+            where=f"{file}:{number}",
             value=",".join(names) or "none",
             limit=f"{TARGET}, one of {', '.join(MEASURED)}, and direction where it is known",
         )
-    for number, row in rows[1:]:
-        if len(row) != len(names):
-            raise FileFormatError("a row of another length", where=f"{file}:{number}", value=len(row), limit=len(names))
-    target = np.array([_number(row, names, TARGET, f"{file}:{n}") for n, row in rows[1:]]) * MM
-    value = np.array([_number(row, names, measured[0], f"{file}:{n}") for n, row in rows[1:]]) * MEASURED[measured[0]]
+    places = [_row(row, names, f"{file}:{number}") for number, row in rows]
+    target, value = (
+        np.array([_number(row, name, where) for where, row in places]) * unit
+        for name, unit in ((TARGET, MM), (measured[0], MEASURED[measured[0]]))
+    )
     if len(target) < 2:
         raise FileFormatError("the table holds no approaches", where=str(file), value=len(target))
     if measured[0] == "position_mm":
         value = value - target
-    if "direction" in names:
-        direction = np.array([_way(row[names.index("direction")], f"{file}:{n}") for n, row in rows[1:]], np.int64)
-    else:
-        direction = _by_order(target)
-    return Approaches(target, value, direction)
+    if "direction" not in names:
+        return Approaches(target, value, _by_order(target))
+    return Approaches(target, value, np.array([_way(row["direction"], where) for where, row in places], np.int64))
 
 
-def _number(row: list[str], names: list[str], name: str, where: str) -> float:
-    text = row[names.index(name)]
+def _row(row: list[str], names: list[str], where: str) -> tuple[str, dict[str, str]]:
+    if len(row) != len(names):
+        raise FileFormatError("a row of another length", where=where, value=len(row), limit=len(names))
+    return where, dict(zip(names, row, strict=True))
+
+
+def _number(row: dict[str, str], name: str, where: str) -> float:
+    text = row[name]
     try:
         value = float(text)
     except ValueError as fault:

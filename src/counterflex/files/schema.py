@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Self, TypeVar
 import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
 
 from counterflex.core import atomic, file_content, file_kind
 from counterflex.core.arrays import Float
@@ -203,36 +204,33 @@ def _explain(fault: ValidationError, model: type[Table], where: str) -> FileForm
     # An unknown key is most often a misspelt one and then says more than the key that is missing for it.
     first = min(faults, key=lambda item: _TELLING.index(item["type"]) if item["type"] in _TELLING else len(_TELLING))
     loc = list(first["loc"])
-    keys = [str(part) for part in loc if not isinstance(part, int)]
+    what, details = _fault_text(first, loc, model)
+    if first["type"] == "missing" and loc and isinstance(loc[-1], int):
+        loc.pop()  # the list is what has too few
     place = ".".join(f"[{part + 1}]" if isinstance(part, int) else str(part) for part in loc).replace(".[", "[")
-    key = keys[-1] if keys else ""
-    value = first.get("input")
-    if isinstance(value, dict | list) or first["type"] in _TELLING or (isinstance(value, str) and len(value) > 60):
-        value = None
-    hint = limit = counted = None
-    if first["type"] == "extra_forbidden":
-        what, hint = f"unknown key '{key}'", _unknown_key_hint(loc, first.get("input"), model)
-    elif first["type"] == "missing" and loc and isinstance(loc[-1], int):
-        what, place = f"'{key}' has too few numbers", place[: place.rindex("[")]
-        counted, limit = f"{loc[-1]} numbers", f"at least {loc[-1] + 1}"
-    elif first["type"] == "missing":
-        what = f"the key '{key}' is missing"
-    elif first["type"] == "value_error":
-        what, value = str(first["ctx"]["error"]), None
-    else:
-        context = first.get("ctx", {})
-        what, limit = f"'{key}' cannot be used", _expected(str(first["type"]), context, first["msg"])
-        if "actual_length" in context:
-            counted = f"{context['actual_length']} entries"
     if len(faults) > 1:
         what += f" ({len(faults) - 1} more fault{'s' if len(faults) > 2 else ''} in this file)"
-    return FileFormatError(
-        what,
-        where=f"{where}: {place}" if place else where,
-        value=repr(value) if counted is None and value is not None else counted,
-        limit=limit,
-        hint=hint,
-    )
+    return FileFormatError(what, where=f"{where}: {place}" if place else where, **details)
+
+
+def _fault_text(fault: ErrorDetails, loc: Sequence[int | str], model: type[Table]) -> tuple[str, dict[str, Any]]:
+    """Return the text of a fault, with value, limit and hint as far as they help."""
+    key = next((part for part in reversed(loc) if isinstance(part, str)), "")
+    match fault["type"]:
+        case "extra_forbidden":
+            return f"unknown key '{key}'", {"hint": _unknown_key_hint(list(loc), fault.get("input"), model)}
+        case "missing" if loc and isinstance(loc[-1], int):
+            return f"'{key}' has too few numbers", {"value": f"{loc[-1]} numbers", "limit": f"at least {loc[-1] + 1}"}
+        case "missing":
+            return f"the key '{key}' is missing", {}
+        case "value_error":
+            return str(fault["ctx"]["error"]), {}
+    context, value = fault.get("ctx", {}), fault.get("input")
+    too_long = isinstance(value, dict | list) or (isinstance(value, str) and len(value) > 60)
+    shown = None if value is None or too_long else repr(value)
+    if "actual_length" in context:
+        shown = f"{context['actual_length']} entries"
+    return f"'{key}' cannot be used", {"value": shown, "limit": _expected(str(fault["type"]), context, fault["msg"])}
 
 
 _EXPECTED: Final = {

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -43,33 +44,40 @@ def rows_of(text: str, where: str) -> list[tuple[int, list[str]]]:
     Raises:
         FileFormatError: A row has decimal commas between commas, or a number is grouped by points.
     """
-    lines = text.splitlines()
+    separator, lines = _separated(text.splitlines(), where)
+    with file_content.readable(where, "a table", "Save it as CSV, UTF-8"):
+        table = list(csv.reader(lines, delimiter=separator))
+    stripped = ((number, [cell.strip() for cell in row]) for number, row in enumerate(table, start=1))
+    rows = [(number, cells) for number, cells in stripped if any(cells) and not cells[0].startswith("#")]
+    if separator != ",":
+        return [(number, [_with_point(cell, f"{where}:{number}") for cell in cells]) for number, cells in rows]
+    for number, cells in rows:
+        if len(cells) > len(rows[0][1]):
+            raise FileFormatError(
+                "a row has more cells than the header", where=f"{where}:{number}", value=f"{len(cells)} cells",
+                limit=len(rows[0][1]),
+                hint="With decimal commas, separate the columns by semicolons; or write decimal points",
+            )  # fmt: skip
+    return rows
+
+
+def _separated(lines: list[str], where: str) -> tuple[str, list[str]]:
+    """The separator of a table, and its lines without one that states it."""
     stated = _SEPARATOR.fullmatch(lines[0]) if lines else None
     if stated is not None:
-        lines[0] = ""
+        lines = ["", *lines[1:]]
     header = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     separator = stated[1] if stated is not None else next((mark for mark in (";", "\t") if mark in header), ",")
     if separator not in header and len(header.split()) > 1:
         raise FileFormatError(
             "the header has no separator", where=where, value=header.strip()[:60], limit="commas, semicolons or tabs"
         )
-    out: list[tuple[int, list[str]]] = []
-    with file_content.readable(where, "a table", "Save it as CSV, UTF-8"):
-        rows = list(csv.reader(lines, delimiter=separator))
-    for number, row in enumerate(rows, start=1):
-        cells = [cell.strip() for cell in row]
-        if not any(cells) or cells[0].startswith("#"):
-            continue
-        if separator != ",":
-            cells = [_with_point(cell, f"{where}:{number}") for cell in cells]
-        elif out and len(cells) > len(out[0][1]):
-            raise FileFormatError(
-                "a row has more cells than the header", where=f"{where}:{number}", value=f"{len(cells)} cells",
-                limit=len(out[0][1]),
-                hint="With decimal commas, separate the columns by semicolons; or write decimal points",
-            )  # fmt: skip
-        out.append((number, cells))
-    return out
+    return separator, lines
+
+
+def are_columns(names: Sequence[str], needed: Iterable[str], known: Iterable[str]) -> bool:
+    """Return whether the names of a header are known, each stands once, and those that are needed are among them."""
+    return set(needed) <= set(names) <= set(known) and len(set(names)) == len(names)
 
 
 def _with_point(cell: str, where: str) -> str:

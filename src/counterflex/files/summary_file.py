@@ -108,18 +108,18 @@ def read_summary(path: Path) -> dict[str, Any]:
 
 def _with_present_levels(data: dict[str, Any]) -> dict[str, Any]:
     """A summary of version 1 with the names of version 2 for its truth levels."""
-
-    def named(entry: Any) -> Any:
-        level = entry.get("truth_level") if isinstance(entry, dict) else None
-        return {**entry, "truth_level": _FORMER_LEVELS.get(level, level)} if isinstance(level, str) else entry
-
-    present = dict(named(data))
+    present = dict(_named(data))
     seeds, over = present.get("seeds"), present.get("over_seeds")
     if isinstance(seeds, list):
-        present["seeds"] = [named(entry) for entry in seeds]
+        present["seeds"] = [_named(entry) for entry in seeds]
     if isinstance(over, dict):
         present["over_seeds"] = {_FORMER_LEVELS.get(level, level): value for level, value in over.items()}
     return present
+
+
+def _named(entry: Any) -> Any:
+    level = entry.get("truth_level") if isinstance(entry, dict) else None
+    return {**entry, "truth_level": _FORMER_LEVELS.get(level, level)} if isinstance(level, str) else entry
 
 
 def _plain(value: Any) -> Any:

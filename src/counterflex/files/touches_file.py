@@ -17,7 +17,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM, RPM, UM
 from counterflex.evaluate.thermal.growth import Touches
-from counterflex.files.small_table import read_rows
+from counterflex.files.small_table import are_columns, read_rows
 
 NEEDED: Final = ("time_s", "x_mm", "y_mm", "z_mm")
 KNOWN: Final = (*NEEDED, "spindle_rpm", "sigma_um", "temperature_c")
@@ -60,7 +60,7 @@ def read_touches(path: str | Path) -> Touches:
 def _table(file: Path) -> tuple[list[str], list[list[float]]]:
     table = read_rows(file)
     names = [name.strip() for name in table[0][1]] if table else []
-    if not set(NEEDED) <= set(names) or not set(names) <= set(KNOWN) or len(set(names)) != len(names):
+    if not are_columns(names, NEEDED, KNOWN):
         raise FileFormatError(
             "other columns than those of touches",
             where=f"{file}:{table[0][0] if table else 1}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -26,16 +27,9 @@ def cell_figure(drawing: CellDrawing) -> dict[str, Any]:
     """
     tip = drawing.links_m[-1, :2]
     along = tip / max(float(np.linalg.norm(tip)), 1e-9)
-
-    def side(points: Float) -> Float:
-        return np.stack([points[:, :2] @ along, points[:, 2]], axis=1) / MM
-
-    def above(points: Float) -> Float:
-        out: Float = points[:, :2] / MM
-        return out
-
     data: list[dict[str, Any]] = []
-    for number, (view, reach) in enumerate(((side, _from_side(drawing)), (above, _from_above(drawing)))):
+    views: tuple[Callable[[Float], Float], ...] = (lambda points: _side(along, points), _above)
+    for number, (view, reach) in enumerate(zip(views, (_from_side(drawing), _from_above(drawing)), strict=True)):
         data += [_line(curve, number, "reach of the flange, wrist stretched", _REACH, 1.2, "dot") for curve in reach]
         links = view(drawing.links_m)
         data.append(_links(links[: drawing.flange + 1], number, drawing.robot.split(" (")[0], _ROBOT))
@@ -122,3 +116,12 @@ def _narrow() -> dict[str, Any]:
         "yaxis.domain": [0.56, 1.0],
         "yaxis2.domain": [0.0, 0.44],
     }
+
+
+def _side(along: Float, points: Float) -> Float:
+    return np.stack([points[:, :2] @ along, points[:, 2]], axis=1) / MM
+
+
+def _above(points: Float) -> Float:
+    out: Float = points[:, :2] / MM
+    return out

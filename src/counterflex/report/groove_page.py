@@ -157,13 +157,12 @@ def _along(data: GrooveData, edge: str) -> dict[str, Any]:
     shown: list[tuple[int, Any]] = []
     for run in runs:
         usual: Any = "legendonly" if run.variant in data.slender else True
-        for row, (values, digits, keep) in enumerate(
-            (
-                (run.left_m / MM, 4, run.cutting),
-                (run.axis_m / MM, 4, run.cutting),
-                (run.force_n, 1, np.ones(len(run.force_n), dtype=np.bool_)),
-            )
-        ):
+        rows = (
+            (run.left_m / MM, 4, run.cutting),
+            (run.axis_m / MM, 4, run.cutting),
+            (run.force_n, 1, np.ones(len(run.force_n), dtype=np.bool_)),
+        )
+        for row, (values, digits, keep) in enumerate(rows):
             x, y = thin(run.place_m / MM, values, keep, _POINTS)
             line: dict[str, Any] = {"color": colours[run.variant], "width": 1.6}
             if run.variant in data.slender:
@@ -203,23 +202,21 @@ def _along(data: GrooveData, edge: str) -> dict[str, Any]:
     ):
         layout[key] = {"domain": domain, "title": {"text": title}, "zerolinecolor": "#9aa5b0"}
     if len(seeds) > 1:
-        layout["updatemenus"] = [
-            {
-                "x": 0.0,
-                "y": 1.13,
-                "xanchor": "left",
-                "active": seeds.index(data.first_seed),
-                "buttons": [
-                    {
-                        "label": f"truth {seed}",
-                        "method": "restyle",
-                        "args": ["visible", [usual if s == seed else False for s, usual in shown]],
-                    }
-                    for seed in seeds
-                ],
-            }
-        ]
+        layout["updatemenus"] = [_menu(seeds, data.first_seed, shown)]
     return {"data": traces, "layout": layout}
+
+
+def _menu(seeds: Sequence[int], first: int, shown: Sequence[tuple[int, Any]]) -> dict[str, Any]:
+    """Menu that shows the runs of one truth."""
+    buttons = [
+        {
+            "label": f"truth {seed}",
+            "method": "restyle",
+            "args": ["visible", [usual if s == seed else False for s, usual in shown]],
+        }
+        for seed in seeds
+    ]
+    return {"x": 0.0, "y": 1.13, "xanchor": "left", "active": seeds.index(first), "buttons": buttons}
 
 
 def _colours(names: Sequence[str], slender: Sequence[str]) -> list[str]:

@@ -18,6 +18,19 @@ _SEEN_COLOURS: Final = {"determined": AFTER, "partly": "#b45309", "prior": "#9aa
 COVERAGE: Final = 1.96
 
 
+_PRIOR_BAND: Final = {
+    "type": "rect",
+    "x0": -COVERAGE,
+    "x1": COVERAGE,
+    "y0": 0,
+    "y1": 1,
+    "yref": "paper",
+    "fillcolor": "#eef1f4",
+    "line": {"width": 0},
+    "layer": "below",
+}
+
+
 def intervals_figure(fit: Fit) -> dict[str, Any] | None:
     """Every free parameter that has a prior: value and 95 % interval in standard deviations of the prior.
 
@@ -70,19 +83,7 @@ def intervals_figure(fit: Fit) -> dict[str, Any] | None:
             },
             "yaxis": {"automargin": True, "categoryorder": "array", "categoryarray": names, "dtick": 1},
             "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
-            "shapes": [
-                {
-                    "type": "rect",
-                    "x0": -COVERAGE,
-                    "x1": COVERAGE,
-                    "y0": 0,
-                    "y1": 1,
-                    "yref": "paper",
-                    "fillcolor": "#eef1f4",
-                    "line": {"width": 0},
-                    "layer": "below",
-                }
-            ],
+            "shapes": [_PRIOR_BAND],
         },
     }
 

@@ -94,6 +94,22 @@ def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
     )
 
 
+def _heatmap(picture: MapPicture, dx: float, axis: str) -> dict[str, Any]:
+    return {
+        "type": "heatmap",
+        "x0": round(float(picture.x_mm[0]), 4),
+        "dx": round(dx, 6),
+        "y0": round(float(picture.y_mm[0]), 4),
+        "dy": round(dx, 6),
+        "z": block(np.round(picture.value_mm, 4)),
+        "coloraxis": "coloraxis",
+        "xaxis": f"x{axis}",
+        "yaxis": f"y{axis}",
+        "hoverongaps": False,
+        "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>deviation %{z:+.3f} mm<extra></extra>",
+    }
+
+
 def map_figure(
     before: MapPicture,
     after: MapPicture,
@@ -107,24 +123,7 @@ def map_figure(
     height = float(np.ptp(before.y_mm)) + dx
     pixels = min(max(530.0 * height / width, 180.0), 620.0)
     offsets = _offsets(places, before, min(530.0 / width, pixels / height))
-    data = []
-    for n, picture in enumerate((before, after)):
-        axis = "" if n == 0 else "2"
-        data.append(
-            {
-                "type": "heatmap",
-                "x0": round(float(picture.x_mm[0]), 4),
-                "dx": round(dx, 6),
-                "y0": round(float(picture.y_mm[0]), 4),
-                "dy": round(dx, 6),
-                "z": block(np.round(picture.value_mm, 4)),
-                "coloraxis": "coloraxis",
-                "xaxis": f"x{axis}",
-                "yaxis": f"y{axis}",
-                "hoverongaps": False,
-                "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>deviation %{z:+.3f} mm<extra></extra>",
-            }
-        )
+    data = [_heatmap(picture, dx, axis) for picture, axis in ((before, ""), (after, "2"))]
     frame = {"showgrid": False, "zeroline": False, "ticks": "outside", "mirror": True, "showline": True}
     x_range = [float(before.x_mm[0]) - 0.5 * dx, float(before.x_mm[-1]) + 0.5 * dx]
     y_range = [float(before.y_mm[0]) - 0.5 * dx, float(before.y_mm[-1]) + 0.5 * dx]

@@ -276,7 +276,7 @@ def _card(name: str, before: float, after: float, digits: int = 3) -> dict[str, 
 
 
 def _tolerance(data: ReportData) -> dict[str, Any] | None:
-    """How many measured quantities miss their tolerance after compensation and before; None where none was measured."""
+    """Count measured quantities out of tolerance after compensation and before; None where none was measured."""
     if not data.features:
         return None
     out = {

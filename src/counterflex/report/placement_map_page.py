@@ -50,18 +50,21 @@ def placement_map_page(data: MapData) -> str:
     return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
 
 
+def _grid(at: Mapping[tuple[Any, Any], Mapping[str, Any]], x: list[Any], y: list[Any], key: str, missing: Any) -> Any:
+    """Values by place, a row for each of y."""
+    return [[at[a, b][key] if (a, b) in at else missing for a in x] for b in y]
+
+
 def map_figure(rows: Sequence[Mapping[str, Any]], present: Mapping[str, Any], view: str, key: str) -> dict[str, Any]:
     """One map: places that are refused stay white; a cross marks the present place."""
     u, v, x_title, y_title = _VIEWS[view]
-    own = [row for row in rows if row["view"] == view]
-    x, y = sorted({row[u] for row in own}), sorted({row[v] for row in own})
-    values = {(row[u], row[v]): row[key] for row in own}
-    z = [[values.get((a, b)) for a in x] for b in y]
+    at = {(row[u], row[v]): row for row in rows if row["view"] == view}
+    x, y = sorted({a for a, _ in at}), sorted({b for _, b in at})
+    z = _grid(at, x, y, key, None)
     known = np.array([value for row in z for value in row if value is not None], dtype=np.float64)
     high = float(np.percentile(known, 95.0)) if len(known) else 1.0
     unit = _FIGURES[key][1]
-    reasons = {(row[u], row[v]): row["refused"] for row in own}
-    refused = [[reasons.get((a, b), "") for a in x] for b in y]
+    refused = _grid(at, x, y, "refused", "")
     data = [
         {
             "type": "heatmap", "x": x, "y": y, "z": z, "text": refused, "colorscale": "Viridis",

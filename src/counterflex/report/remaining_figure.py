@@ -54,6 +54,12 @@ def remaining_figure(data: PredictionData) -> dict[str, Any]:
     }
 
 
+def _points(name: str, p: Float, mode: str) -> dict[str, Any]:
+    """Trace of points (k, 3) in mm."""
+    xyz = {axis: numbers(p[:, k], 2) for k, axis in enumerate("xyz")}
+    return {"type": "scatter3d", "mode": mode, "name": name, **xyz}
+
+
 def space_figure(data: PredictionData) -> dict[str, Any]:
     """The path in space, the cut coloured by what is predicted to remain (by the deflection where that was not)."""
     after = data.error_after_m
@@ -64,24 +70,10 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
     axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
     return {
         "data": [
-            {
-                "type": "scatter3d",
-                "mode": "lines",
-                "name": "program",
-                "x": numbers(p[air, 0], 2),
-                "y": numbers(p[air, 1], 2),
-                "z": numbers(p[air, 2], 2),
-                "line": {"color": "#b9c1c9", "width": 2},
-                "hoverinfo": "skip",
-                "showlegend": False,
-            },
-            {
-                "type": "scatter3d",
-                "mode": "markers",
-                "name": "cut",
-                "x": numbers(p[cut, 0], 2),
-                "y": numbers(p[cut, 1], 2),
-                "z": numbers(p[cut, 2], 2),
+            _points("program", p[air], "lines")
+            | {"line": {"color": "#b9c1c9", "width": 2}, "hoverinfo": "skip", "showlegend": False},
+            _points("cut", p[cut], "markers")
+            | {
                 "customdata": [int(line) for line in data.line[cut]],
                 "marker": {"size": 3.2, "color": numbers(size[cut], 1), "coloraxis": "coloraxis"},
                 "hovertemplate": "line %{customdata}<br>%{x:.1f}, %{y:.1f}, %{z:.1f} mm<br>"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from typing import Final, Literal
 
@@ -79,14 +80,7 @@ def svg(still: Still) -> str:
     wide, high = WIDTH - _LEFT - _RIGHT, height - top - _BOTTOM
     if still.equal:
         (x0, x1), (y0, y1) = _equal((x0, x1), (y0, y1), wide / high)
-
-    def px(x: Float | float) -> Float:
-        return np.asarray(_LEFT + (np.asarray(x) - x0) / (x1 - x0) * wide)
-
-    def py(y: Float | float) -> Float:
-        value = np.log10(np.asarray(y)) if still.log else np.asarray(y)
-        return np.asarray(top + (y1 - value) / (y1 - y0) * high)
-
+    px, py = partial(_across, x0, x1, wide), partial(_down, y0, y1, top, high, still.log)
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:.0f} {height:.0f}" '
         f'width="{WIDTH:.0f}" height="{height:.0f}" font-family="system-ui, sans-serif" font-size="12" '
@@ -114,28 +108,37 @@ def svg(still: Still) -> str:
     return "\n".join([*out, *legend, "</svg>", ""])
 
 
+def _across(x0: float, x1: float, wide: float, x: Float | float) -> Float:
+    """Places in the picture, from left."""
+    return np.asarray(_LEFT + (np.asarray(x) - x0) / (x1 - x0) * wide)
+
+
+def _down(y0: float, y1: float, top: float, high: float, log: bool, y: Float | float) -> Float:
+    """Places in the picture, from above."""
+    value = np.log10(np.asarray(y)) if log else np.asarray(y)
+    return np.asarray(top + (y1 - value) / (y1 - y0) * high)
+
+
 def _colour(still: Still, k: int) -> str:
     own = [i for i, curve in enumerate(still.curves) if not curve.colour]
     return still.curves[k].colour or COLOURS[own.index(k) % len(COLOURS)]
 
 
+def _finite(values: Sequence[Sequence[float] | Float]) -> Float:
+    every: Float = np.concatenate([np.zeros(0), *(np.asarray(one, dtype=np.float64) for one in values)])
+    return every[np.isfinite(every)]
+
+
 def _range(still: Still) -> tuple[tuple[float, float], tuple[float, float]]:
-    xs = np.concatenate([np.asarray(c.x, dtype=np.float64) for c in still.curves]) if still.curves else np.zeros(0)
-    ys = [np.asarray(c.y, dtype=np.float64) for c in still.curves]
-    ys += [np.array([level.low, level.low if level.high is None else level.high]) for level in still.levels]
-    y = np.concatenate(ys) if ys else np.zeros(0)
-    x, y = xs[np.isfinite(xs)], y[np.isfinite(y)]
+    x = _finite([curve.x for curve in still.curves])
+    levels = [(level.low, level.low if level.high is None else level.high) for level in still.levels]
+    y = _finite([*(curve.y for curve in still.curves), *levels])
     if len(x) == 0 or len(y) == 0:
         raise InputError("there is nothing to draw", where=still.name)
-    if still.ticks:
-        x_range = (-0.5, len(still.ticks) - 0.5)
-    else:
-        x_range = (float(x.min()), float(x.max()))
+    x_range = (-0.5, len(still.ticks) - 0.5) if still.ticks else (float(x.min()), float(x.max()))
     if still.log:
-        y = np.log10(y)
+        return _wide(x_range), (float(np.log10(y).min()) - 0.1, float(np.log10(y).max()) + 0.1)
     low, high = float(y.min()), float(y.max())
-    if still.log:
-        return _wide(x_range), (low - 0.1, high + 0.1)
     if low > 0.0 and low < 0.5 * high and not still.equal:
         low = 0.0
     pad = 0.06 * (high - low or abs(high) or 1.0)

@@ -54,9 +54,9 @@ class SlowUsers:
 
 def login(users: Any, clock: Clock, notes: list[Any]) -> tuple[Starlette, RefusedLogins]:
     refused = RefusedLogins(notes.append, clock)
-    routes = LOGIN.login_routes(
+    routes = LOGIN.LoginRoutes(
         users, Sessions(clock), secure=False, note=lambda *said: notes.append(said), refused=refused, tries=Tries(clock)
-    )
+    ).routes()
     return Starlette(routes=routes), refused
 
 

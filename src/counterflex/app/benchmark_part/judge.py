@@ -54,19 +54,20 @@ def judge(
     require_cell(cell)
     law = cell.tables.material
     robot, material = about.robot or cell.name, about.material or ("not stated" if law is None else law.name)
-    results: list[BenchmarkResult] = []
-
-    def result_too(folder: Path, summary: dict[str, Any]) -> None:
-        results.append(result_of(summary, robot, material, about))
-        write_benchmark_result(folder / RESULT, results[0])
-
     with tempfile.TemporaryDirectory(prefix="counterflex-") as scratch:
         program = Path(scratch) / PROGRAM
         atomic.write_text(program, program_text())
-        inspect.run(
-            program, cell_file, scan, out, how=how, tolerances_m=tolerances_m(), more=result_too, progress=progress
+        summary = inspect.run(
+            program,
+            cell_file,
+            scan,
+            out,
+            how=how,
+            tolerances_m=tolerances_m(),
+            more=lambda folder, made: write_benchmark_result(folder / RESULT, result_of(made, robot, material, about)),
+            progress=progress,
         )
-    return results[0]
+    return result_of(summary, robot, material, about)
 
 
 def result_of(summary: dict[str, Any], robot: str, material: str, about: About) -> BenchmarkResult:

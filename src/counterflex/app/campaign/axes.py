@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.similar import twice
 from counterflex.files.cell.set_up import POSE_KEYS
+from counterflex.files.small_table import are_columns
 from counterflex.robot.model.opw import BRANCHES
 
 PRESENT: Final = "present"
@@ -75,24 +78,23 @@ def read_placements(file: str | Path) -> tuple[Placement, ...]:
     if not rows:
         raise FileFormatError("there is no placement in this file", where=where, limit="a header and a row for each")
     known = ("name", *POSE_KEYS)
-    if "name" not in columns or not set(columns) <= set(known) or len(set(columns)) < len(columns):
+    if not are_columns(columns, ("name",), known):
         raise FileFormatError("the columns are not those of placements", where=where, value=columns, limit=known)
     if len(rows) > MOST_PLACEMENTS:
         raise FileFormatError("too many placements", where=where, value=len(rows), limit=MOST_PLACEMENTS)
-    placements = []
-    for number, row in enumerate(rows, start=2):
-        line = f"{where}:{number}"
-        if None in row:  # what stands behind the last column
-            raise FileFormatError("a row has more cells than the header", where=line, limit=len(columns))
-        name = row["name"] or ""
-        if not _NAME.fullmatch(name):
-            raise FileFormatError("no name for a folder", where=line, value=name, limit="letters, digits, . _ -")
-        placements.append(Placement(name, {key: _number(row[key], line, key) for key in columns if key != "name"}))
-    names = [place.name.lower() for place in placements]
-    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
-    if twice is not None:
-        raise FileFormatError("two placements have the same name", where=where, value=twice)
+    placements = [_placement(row, columns, f"{where}:{number}") for number, row in enumerate(rows, start=2)]
+    if (name := twice([place.name.lower() for place in placements])) is not None:
+        raise FileFormatError("two placements have the same name", where=where, value=name)
     return tuple(placements)
+
+
+def _placement(row: Mapping[str, Any], columns: Sequence[str], where: str) -> Placement:
+    if None in row:  # what stands behind the last column
+        raise FileFormatError("a row has more cells than the header", where=where, limit=len(columns))
+    name = row["name"] or ""
+    if not _NAME.fullmatch(name):
+        raise FileFormatError("no name for a folder", where=where, value=name, limit="letters, digits, . _ -")
+    return Placement(name, {key: _number(row[key], where, key) for key in columns if key != "name"})
 
 
 def branch_and_rotation(text: str) -> tuple[str, float]:
@@ -125,26 +127,22 @@ def setups_of(grid: Grid) -> tuple[Setup, ...]:
     programs, placements, postures = tuple(map(Path, grid.programs)), grid.placements, grid.postures
     if not programs and (placements or postures):
         raise InputError("placements and postures are those of a program", value="no program", hint="Name one")
-    stems = [program.stem.lower() for program in programs]
-    if len(set(stems)) < len(stems):
-        twice = next(stem for stem in stems if stems.count(stem) > 1)
-        raise InputError(
-            "two programs have the same name", value=twice, hint="Rename one; results are named after them"
-        )
+    if (stem := twice([program.stem.lower() for program in programs])) is not None:
+        raise InputError("two programs have the same name", value=stem, hint="Rename one; results are named after them")
     places, held = tuple(placements) or (Placement(),), tuple(postures) or (PRESENT,)
     for posture in held:
         if posture not in (PRESENT, CHOSEN):
             branch_and_rotation(posture)
-    if len(set(held)) < len(held):
+    if twice(held) is not None:
         raise InputError("a posture is named twice", value=", ".join(held))
     setups = []
-    for program in programs:
-        for place in places:
-            for posture in held:
-                parts = [program.stem] if len(programs) > 1 else []
-                parts += [place.name] if place.name else []
-                parts += [posture.replace(" ", "-")] if len(held) > 1 or posture != PRESENT else []
-                setups.append(Setup("_".join(parts), program.name, place, posture))
+    for program, place, posture in itertools.product(programs, places, held):
+        parts = (
+            program.stem if len(programs) > 1 else "",
+            place.name,
+            posture.replace(" ", "-") if len(held) > 1 or posture != PRESENT else "",
+        )
+        setups.append(Setup("_".join(filter(None, parts)), program.name, place, posture))
     return tuple(setups)
 
 

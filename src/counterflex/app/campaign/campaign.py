@@ -37,7 +37,7 @@ from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.evaluate.summary import SeedResult, TruthLevel, summary
-from counterflex.files.cell.cell import read_cell
+from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import copied_text, text_with_files
 from counterflex.files.summary_file import write_summary
 from counterflex.twin.truth.family import MILD, Family
@@ -157,13 +157,8 @@ def run(
         InputError: Neither or both of ``seeds`` and ``truth_file``, an unknown recipe, nothing to do, no scheduler, or
             no set-up could be run.
     """
-    if (seeds is None) == (truth_file is None):
-        raise InputError("a campaign needs either a number of seeds or one truth file")
-    if seeds is not None and not seeds:
-        raise InputError("there are no truth seeds")
     setups = setups_of(grid)
-    if not setups and recipes is not None and not recipes:
-        raise InputError("without a program and without a recipe there is nothing to do")
+    _require_task(seeds, truth_file, setups, recipes)
     if isinstance(workers, str):
         require_scheduler(workers)
     begin = time.perf_counter()
@@ -174,9 +169,7 @@ def run(
     steps = campaign_of(cell, recipes)
     for program in grid.programs:
         read_in_plane(program, cell)
-    truth = None if truth_file is None else read_truth(truth_file)
-    if truth is not None:
-        check_same_cell(cell, truth, str(truth_file))
+    truth = None if truth_file is None else _truth_of(cell, truth_file)
     layout = Layout(folder, _kept_inputs(Path(cell_file), folder, grid.programs), with_exact, keep=len(setups) < 2)
     places = _places(layout.start, folder, seeds or (), family, truth, steps)
     tasks = tasks_of(places, setups, layout)
@@ -184,9 +177,9 @@ def run(
     rows = list(rows_of_results(places, setups, results))
     if rows and all(row["fault"] is not None for row in rows):
         raise InputError("none of the set-ups could be run", value=rows[0]["fault"])
-    for place in places:
+    for place in places if steps else ():
         end = Path(place.last(layout.start)[0])
-        if steps and end.is_file():
+        if end.is_file():
             atomic.write_text(place.folder / CELL, copied_text(end, place.folder))
     summary = _summary(places, setups, results, layout, time.perf_counter() - begin)
     summary["family"] = family.name if truth is None else truth.family
@@ -202,6 +195,23 @@ def run(
         write_summary(staging / "summary.json", summary)
         write_page(campaign_page_of(summary), staging / "report.html")
     return summary
+
+
+def _require_task(
+    seeds: Sequence[int] | None, truth_file: object, setups: Sequence[Setup], recipes: Sequence[str] | None
+) -> None:
+    if (seeds is None) == (truth_file is None):
+        raise InputError("a campaign needs either a number of seeds or one truth file")
+    if seeds is not None and not seeds:
+        raise InputError("there are no truth seeds")
+    if not setups and recipes is not None and not recipes:
+        raise InputError("without a program and without a recipe there is nothing to do")
+
+
+def _truth_of(cell: Cell, file: str | Path) -> Truth:
+    truth = read_truth(file)
+    check_same_cell(cell, truth, str(file))
+    return truth
 
 
 def _start(folder: Path, workers: int | str | None, tasks: int) -> Start:

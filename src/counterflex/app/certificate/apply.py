@@ -171,27 +171,31 @@ def _channel_units(value: Value) -> set[tuple[int, ...]]:
     }
 
 
+def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: Value, note: str, channel: Unit) -> Any:
+    (of_channel,) = _channel_units(value)
+    if of_channel != channel.exponents:
+        raise InputError(
+            "the matrix is per another unit of a channel", where="--channel", value=channel.si,
+            limit=Unit(1.0, of_channel).si, hint="Say in D-SI what the sensor sends",
+        )  # fmt: skip
+    rows = np.array(value.values).reshape(6, 6) * channel.factor
+    frame = _table(doc, ("sensor", "frame"), key)
+    frame["matrix"] = _array_of_rows(rows)
+    frame["matrix"].comment(note)
+    return [[_digits(v) for v in row] for row in rows]
+
+
 def _enter(doc: MutableMapping[str, Any], key: Key, body: str, value: Value, source: str, channel: Unit | None) -> Any:
     """Enter a value; what was entered."""
     note = f"{source}; {_share(value) or 'no uncertainty stated'}"
     if channel is not None:
-        (of_channel,) = _channel_units(value)
-        if of_channel != channel.exponents:
-            raise InputError(
-                "the matrix is per another unit of a channel", where="--channel", value=channel.si,
-                limit=Unit(1.0, of_channel).si, hint="Say in D-SI what the sensor sends",
-            )  # fmt: skip
-        rows = np.array(value.values).reshape(6, 6) * channel.factor
-        frame = _table(doc, ("sensor", "frame"), key)
-        frame["matrix"] = _array_of_rows(rows)
-        frame["matrix"].comment(note)
-        return [[_digits(v) for v in row] for row in rows]
+        return _enter_matrix(doc, key, value, note, channel)
     if body:
-        row = next((one for one in doc.get("end_effector", ()) if one.get("name") == body), None)
-        if row is None:
-            names = [str(one.get("name")) for one in doc.get("end_effector", ())]
-            raise InputError("no such body in the cell", where="--set", value=body, limit=", ".join(names) or "none")
-        return _put(row, "mass_kg", _digits(value.values[0]), note)
+        bodies = {str(one.get("name")): one for one in reversed(doc.get("end_effector", ()))}
+        if body not in bodies:
+            known = ", ".join(reversed(bodies)) or "none"
+            raise InputError("no such body in the cell", where="--set", value=body, limit=known)
+        return _put(bodies[body], "mass_kg", _digits(value.values[0]), note)
     *tables, last = key.name.split(".")
     if key.name == "channels.distance":
         table = _table(doc, ("channels",), key)

@@ -34,69 +34,67 @@ def robot_name(cell: Cell) -> str:
     return f"{entry.manufacturer} {entry.model}"
 
 
-def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
-    """Every assumption behind a plan for this cell."""
-    tables, law = cell.tables, cell.force_law
-    facts = []
+def _of_robot(cell: Cell) -> list[Fact]:
+    tables, given, facts = cell.tables, cell.class_stiffness, []
     if tables.robot.catalog is not None:
-        entry = catalog.entry(tables.robot.catalog)
-        for group, source in entry.sources.items():
+        for group, source in catalog.entry(tables.robot.catalog).sources.items():
             facts.append(Fact(f"Robot: {group.replace('_', ' ')}", source.status, source.source))
-    given = cell.class_stiffness
     if given is not None:
         k = ", ".join(f"{value:.2g}" for value in given.prior.median_nm_per_rad[list(given.axes)])
         facts.append(Fact(f"Robot: stiffness of {given.named}", f"{k} Nm/rad", _CLASS))
     for body in tables.end_effector:
         rigid = body.name in cell.bodies_of_unknown_stiffness
         value = f"{body.mass_kg:g} kg" + (", taken as rigid" if rigid else "")
-        origin = _UNKNOWN_BODY if rigid else body.source or "cell file"
-        facts.append(Fact(f"End effector: {body.name}", value, origin))
+        facts.append(Fact(f"End effector: {body.name}", value, _UNKNOWN_BODY if rigid else body.source or "cell file"))
+    return facts
+
+
+def _of_cutting(cell: Cell) -> list[Fact]:
+    law, material = cell.force_law, cell.material
     if isinstance(law, KienzleLaw):
         kc, kr, ka = (value / N_PER_MM2 for value in law.k11_pa())
         value = f"kc1.1 {kc:.0f}, kr1.1 {kr:.0f}, ka1.1 {ka:.0f} N/mm2; m {law.mc:g}, {law.mr:g}, {law.ma:g}"
     elif isinstance(law, LinearEdgeLaw):
         value = f"ktc {law.ktc_pa / N_PER_MM2:.0f}, krc {law.krc_pa / N_PER_MM2:.0f} N/mm2"
     else:
-        value = ", ".join(f"{key} {number:g}" for key, number in cell.material.law_values().items())
-    facts.append(Fact(f"Cutting constants: {cell.material.name or cell.material.catalog}", value, law.source))
-    facts.append(
-        Fact(
-            "Mean chip thickness allowed",
-            f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm"
-            + (", and beyond" if cell.material.allow_extrapolation else ""),
-            "range of the constants" + (", extrapolated" if cell.material.allow_extrapolation else ""),
-        )
-    )
+        value = ", ".join(f"{key} {number:g}" for key, number in material.law_values().items())
+    chip = f"{law.h_min_m / MM:g} to {law.h_max_m / MM:g} mm"
+    beyond, extrapolated = (", and beyond", ", extrapolated") if material.allow_extrapolation else ("", "")
+    return [
+        Fact(f"Cutting constants: {material.name or material.catalog}", value, law.source),
+        Fact("Mean chip thickness allowed", chip + beyond, "range of the constants" + extrapolated),
+    ]
+
+
+def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
+    """Every assumption behind a plan for this cell."""
+    tables = cell.tables
+    facts = [*_of_robot(cell), *_of_cutting(cell)]
     for tool in tables.tools:
         shape = f"D{tool.diameter_mm:g} r{tool.corner_radius_mm:g}, {tool.flutes} flutes"
         facts.append(Fact(f"Tool T{tool.number}", shape, tool.name or "cell file"))
-    part = cell.part
+    part, dynamics, lowest = cell.part, tables.dynamics, at_largest_force(cell, plan)
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
-    facts.append(Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"))
-    facts.append(Fact("Play and friction of the axes", *_known(tables.robot.play)))
-    facts.append(Fact("Loop gains of the drives", *_known(tables.robot.servo)))
-    dynamics, lowest = tables.dynamics, at_largest_force(cell, plan)
-    facts.append(
+    facts += [
+        Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"),
+        Fact("Play and friction of the axes", *_known(tables.robot.play)),
+        Fact("Loop gains of the drives", *_known(tables.robot.servo)),
         Fact(
             "Shape of the correction",
             f"for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
             "cell file",
-        )
-    )
-    facts.append(
+        ),
         Fact(
             "Lowest mode",
             f"{lowest.mode.hz:.1f} Hz{lowest.between}, damping {lowest.mode.damping_ratio:.2g}",
             f"{lowest.origin}, where the force is largest; for corrections, the feed and the prediction",
-        )
-    )
-    facts.append(
+        ),
         Fact(
             "Posture",
             f"{tables.posture.branch}, turned {tables.posture.rotation_about_tool_deg:g} deg about the tool",
             "cell file",
-        )
-    )
+        ),
+    ]
     return tuple(facts)
 
 

@@ -46,18 +46,23 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
         progress: Progress callback, fraction 0 to 1, a share for each round that may come.
     """
     rounds = iter(range(ROUNDS + 1))
+    return lower_feed(
+        job.path, job.feeds, wish, lambda path: _plan_round(job, cell, setting, progress, next(rounds), path)
+    )
 
-    def make(path: ToolPath) -> Plan:
-        done = next(rounds)
 
-        def report(fraction: float, what: str = "") -> None:
-            progress((done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else "")
-
-        return make_plan(
-            path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=True, progress=report
-        )
-
-    return lower_feed(job.path, job.feeds, wish, make)
+def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done: int, path: ToolPath) -> Plan:
+    return make_plan(
+        path,
+        job.line_of_motion,
+        cell.stock(),
+        setting,
+        feeds=job.feeds,
+        predict=True,
+        progress=lambda fraction, what="": progress(
+            (done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else ""
+        ),
+    )
 
 
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:

@@ -127,10 +127,6 @@ def _written(job: Job, cell: Cell, limits: Limits) -> tuple[int, int]:
     path = job.path if job.turned is None else job.turned.path
     Rs_part_tcp = tool_orientation(path.axis_part, cell.tables.posture.rotations_rad(path.p_part_tcp))
     controller = cell.tables.controller
-
-    def nothing(_: Block) -> Sequence[str]:
-        return ()
-
     points = choose_points(
         job.program,
         path,
@@ -139,6 +135,10 @@ def _written(job: Job, cell: Cell, limits: Limits) -> tuple[int, int]:
         tolerance_rad=_TOLERANCE_RAD,
         cycle_s=controller.cycle_s,
         rapid_m_s=controller.rapid_m_s,
-        events=event_motions(job.program, nothing),
+        events=event_motions(job.program, _nothing),
     )
     return len(points.row), len(robot_parts(job.program, points, _Counted(), limits.points_per_file).parts)
+
+
+def _nothing(_: Block) -> Sequence[str]:
+    return ()

@@ -134,7 +134,7 @@ def _residual(
 
 
 def _suspect(differences: Mapping[str, Sequence[Float]]) -> str:
-    """Which frame is off by the same in all poses; empty where neither is, or there are too few poses to tell."""
+    """Name the frame that is off by the same in all poses; empty where neither is, or with too few poses."""
     shares = {}
     for name, Ts in differences.items():
         moves = np.array([np.concatenate([T[:3, 3], 0.3 * rotation.log(T[:3, :3])]) for T in Ts])
@@ -287,13 +287,12 @@ def _refuse_misfit(fits: Sequence[Residual], tolerance_m: float, tolerance_rad: 
     if not bad:
         return
     worst = max(bad, key=lambda one: one.largest_m / tolerance_m + one.largest_rad / tolerance_rad)
-    good_tools = {one.tool for one in fits if one not in bad}
-    good_bases = {one.base for one in fits if one not in bad}
+    good = [one for one in fits if one not in bad]
+    tool_is_good = any(one.tool == worst.tool for one in good)
+    base_is_good = any(one.base == worst.base for one in good)
     suspect = worst.suspect
-    if not suspect and worst.tool in good_tools and worst.base not in good_bases:
-        suspect = "base"
-    elif not suspect and worst.base in good_bases and worst.tool not in good_tools:
-        suspect = "tool"
+    if not suspect and tool_is_good != base_is_good:
+        suspect = "base" if tool_is_good else "tool"
     name = {"tool": f"tool {worst.tool}", "base": f"base {worst.base}"}.get(suspect, "")
     raise ModelError(
         f"{name or f'tool {worst.tool} in base {worst.base}'} does not fit the poses that the controller shows",

@@ -115,6 +115,16 @@ READING, FINDING, PLANNING, EXPLAINING = "reading the scans", "error of the path
 WORK: Final = {READING: 1.0, FINDING: 5.0, PLANNING: 2.0, EXPLAINING: 4.0}
 
 
+def _require_one_direction(job: Job, cell: Cell) -> None:
+    fed = job.path.kind == FEED
+    if np.any(job.path.axis_part[fed, 2] < np.cos(cell.tables.limits.limits.rotation_rad)):
+        raise InputError(
+            "the tool turns in the cut, and attribution knows one direction of the tool only",
+            where=Path(job.program.name).name,
+            hint="Correct programs with one direction of the tool each",
+        )
+
+
 def correct(
     program: Path,
     cell: Cell,
@@ -139,13 +149,7 @@ def correct(
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
     cell, job = read_in_plane(program, cell, reading=reading)
-    fed = job.path.kind == FEED
-    if np.any(job.path.axis_part[fed, 2] < np.cos(cell.tables.limits.limits.rotation_rad)):
-        raise InputError(
-            "the tool turns in the cut, and attribution knows one direction of the tool only",
-            where=Path(job.program.name).name,
-            hint="Correct programs with one direction of the tool each",
-        )
+    _require_one_direction(job, cell)
     plan = _read_plan(plan_folder, job, cell)
     language = str(read_summary(plan_folder / SUMMARY).get("language", "gcode"))
     history, taken = read_parts(plan_folder), _taken(plan_folder, plan)

@@ -59,21 +59,14 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """Recipe, cell and data of an identification.
-
-    Attributes:
-        data: Datasets that parameters are fitted to.
-        holdout: Datasets that are only predicted; empty for k folds of ``data``.
-        settings: Of the recipe, with ``seed``.
-        remark: What the cell begins with besides what its file says; may be empty.
-    """
+    """Recipe, cell and data of an identification."""
 
     recipe: Recipe
     cell: Cell
-    data: tuple[Dataset, ...]
-    holdout: tuple[Dataset, ...]
-    settings: Mapping[str, Any]
-    remark: str = ""
+    data: tuple[Dataset, ...]  # Datasets that parameters are fitted to
+    holdout: tuple[Dataset, ...]  # Datasets that are only predicted; empty for k folds of ``data``
+    settings: Mapping[str, Any]  # Of the recipe, with ``seed``
+    remark: str = ""  # What the cell begins with besides what its file says; may be empty
 
 
 def prepare(
@@ -200,28 +193,28 @@ def provenance(task: Task, result: Identification, date: str, outcome: Outcome =
     )
 
 
+def _described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
+    return [
+        {
+            "manifest": Path(d.where).name,
+            "name": d.name,
+            "kind": d.kind,
+            "rows": len(d),
+            "groups": len(np.unique(d.group)),
+            "sha256": d.fingerprint,
+            "channels": {
+                key: {"source": c.source, "sigma": None if c.sigma is None else np.median(c.sigma, axis=0).tolist()}
+                for key, c in d.channels.items()
+            },
+            "settings": dict(d.settings),
+        }
+        for d in datasets
+    ]
+
+
 def result_of(task: Task, result: Identification, date: str, outcome: Outcome = "better") -> dict[str, Any]:
     """Everything that was found, as plain values."""
     place = place_of(task, result)
-
-    def described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
-        return [
-            {
-                "manifest": Path(d.where).name,
-                "name": d.name,
-                "kind": d.kind,
-                "rows": len(d),
-                "groups": len(np.unique(d.group)),
-                "sha256": d.fingerprint,
-                "channels": {
-                    key: {"source": c.source, "sigma": None if c.sigma is None else np.median(c.sigma, axis=0).tolist()}
-                    for key, c in d.channels.items()
-                },
-                "settings": dict(d.settings),
-            }
-            for d in datasets
-        ]
-
     return {
         "recipe": task.recipe.name,
         "title": task.recipe.title,
@@ -229,8 +222,8 @@ def result_of(task: Task, result: Identification, date: str, outcome: Outcome = 
         "date": date,
         "cell": task.cell.name,
         "cell_file": task.cell.path.name,
-        "data": described(task.data),
-        "holdout_data": described(task.holdout),
+        "data": _described(task.data),
+        "holdout_data": _described(task.holdout),
         "holdout": "separate data" if task.holdout else "folds of the data",
         "headline": figure_rows(result.headline),
         "figures": figure_rows(result.figures),

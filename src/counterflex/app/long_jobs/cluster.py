@@ -13,6 +13,7 @@ import queue
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -135,12 +136,12 @@ def _worked(order: Order, topic: str, place: int) -> bytes:
     from distributed import get_worker
 
     worker = get_worker()
-    reported_s = [time.monotonic()]
+    report = partial(_report, worker, topic, place, [time.monotonic()])
+    return carried_out(order, report, worker.local_directory)
 
-    def progress(fraction: float, what: str = "") -> None:  # noqa: ARG001
-        now = time.monotonic()
-        if now - reported_s[0] >= REPORT_EVERY_S:
-            reported_s[0] = now
-            worker.log_event(topic, [place, fraction])
 
-    return carried_out(order, progress, worker.local_directory)
+def _report(worker: Any, topic: str, place: int, reported_s: list[float], fraction: float, what: str = "") -> None:  # noqa: ARG001
+    now = time.monotonic()
+    if now - reported_s[0] >= REPORT_EVERY_S:
+        reported_s[0] = now
+        worker.log_event(topic, [place, fraction])

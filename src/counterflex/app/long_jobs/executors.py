@@ -49,17 +49,15 @@ class _Here:
 
     def ended(self) -> Iterator[tuple[int, Any]]:
         place, task = self._waiting.popleft()
-        done_of = self._shares.of(place)
-
-        def progress(fraction: float, what: str = "") -> None:  # noqa: ARG001
-            done_of(fraction)
-            self._tell()
-
         try:
-            result = call(task, progress)
+            result = call(task, lambda fraction, what="": self._report(place, fraction))  # noqa: ARG005
         except Exception as fault:
             result = fault
         yield place, result
+
+    def _report(self, place: int, fraction: float) -> None:
+        self._shares.of(place)(fraction)
+        self._tell()
 
 
 @contextlib.contextmanager

@@ -200,11 +200,13 @@ def _different(there: object) -> str | None:
 
 def _plain(fault: CounterflexError, there: str, here: str) -> dict[str, str | None]:
     texts = {key: getattr(fault, key) for key in ("what", "where", "value", "limit", "hint")}
+    return {"kind": type(fault).__name__} | {
+        k: None if v is None else _moved(str(v), there, here) for k, v in texts.items()
+    }
 
-    def moved(text: str) -> str:
-        return text.replace(there, here) if there else text
 
-    return {"kind": type(fault).__name__} | {k: None if v is None else moved(str(v)) for k, v in texts.items()}
+def _moved(text: str, there: str, here: str) -> str:
+    return text.replace(there, here) if there else text
 
 
 def _fault(plain: dict[str, Any]) -> CounterflexError:

@@ -57,6 +57,10 @@ def fingerprint(*files: str | Path, **facts: Any) -> Mark:
     return (*parts, *program_files())
 
 
+def _is_hidden(part: str) -> bool:
+    return part.startswith(".") or part == "__pycache__"
+
+
 @cache
 def program_files(package: str = "") -> Mark:
     """SHA-256, 16 hexadecimal digits, of the files of every room of this package that computes, tables included.
@@ -73,8 +77,7 @@ def program_files(package: str = "") -> Mark:
     rooms: dict[str, Any] = {}
     for file in sorted(root.rglob("*")):
         place = file.relative_to(root)
-        hidden = any(part.startswith(".") or part == "__pycache__" for part in place.parts)
-        if not hidden and file.is_file() and place.parts[0] not in _SHOW:
+        if file.is_file() and place.parts[0] not in _SHOW and not any(map(_is_hidden, place.parts)):
             room = f"code of {package or place.parts[0]}" if package or len(place.parts) > 1 else "code"
             rooms.setdefault(room, hashlib.sha256()).update(place.as_posix().encode() + b"\n" + file.read_bytes())
     return tuple((room, digest.hexdigest()[:16]) for room, digest in sorted(rooms.items()))

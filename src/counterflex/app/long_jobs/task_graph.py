@@ -44,53 +44,69 @@ def run_tasks(
         InputError: Names are not unique, a task waits for one that is not there, or tasks wait in a circle.
         CounterflexError: What a task raised; the others are ended.
     """
-    graph = _Graph(tasks)
+    run = _Run(tasks, progress, keep_going)
     count = count_of(workers, len(tasks))
     own = here if count == 1 else processes(count)
-    shares, weights = Shares(len(tasks)), [task.weight for task in tasks]
-    results: dict[str, Any] = {}
-    running: dict[int, tuple[Task, Mark | None]] = {}
-
-    def report() -> None:
-        progress(shares.sum(weights), _texts([task for task, _ in running.values()]))
-
-    def ended(place: int, result: Any) -> None:
-        results[tasks[place].name] = result
-        shares.of(place)(1.0)
-        graph.done(place)
-
     with contextlib.ExitStack() as stack:
         executor: Executor | None = None  # nothing is started where all is kept
-        while graph.active or running:
-            while (executor is None or len(running) < executor.slots()) and (place := graph.next()) is not None:
-                task = tasks[place]
-                lost = next((results[name] for name in task.after if isinstance(results[name], Failed)), None)
-                if lost is not None:
-                    ended(place, lost)
+        while run.graph.active or run.running:
+            while (executor is None or len(run.running) < executor.slots()) and (place := run.graph.next()) is not None:
+                if run.is_known(place):
                     continue
-                mark = None if task.writes is None else task.mark()
-                kept = None if mark is None or task.writes is None else finished(task.writes, mark)
-                if kept is not None:
-                    ended(place, kept)
-                    continue
-                if task.writes is not None:
-                    begin(task.writes, mark)
                 if executor is None:
-                    executor = stack.enter_context((start or own)(shares, report))
-                running[place] = (task, mark)
-                executor.submit(place, task)
-            report()
-            for place, result in executor.ended() if executor is not None and running else ():
-                task, mark = running.pop(place)
-                if isinstance(result, BaseException):
-                    if not (keep_going and isinstance(result, CounterflexError)):
-                        raise result
-                    result = Failed(str(result))
-                elif mark is not None and task.writes is not None:
-                    finish(task.writes, mark, result)
-                ended(place, result)
-    report()
-    return results
+                    executor = stack.enter_context((start or own)(run.shares, run.report))
+                run.running.append(place)
+                executor.submit(place, tasks[place])
+            run.report()
+            for place, result in executor.ended() if executor is not None and run.running else ():
+                run.returned(place, result)
+    run.report()
+    return run.results
+
+
+class _Run:
+    """State of the tasks of a job: those that run, and results by name."""
+
+    def __init__(self, tasks: Sequence[Task], progress: Progress, keep_going: bool) -> None:
+        self.graph, self.shares = _Graph(tasks), Shares(len(tasks))
+        self.results: dict[str, Any] = {}
+        self.running: list[int] = []
+        self._tasks, self._progress, self._keep_going = tasks, progress, keep_going
+        self._weights = [task.weight for task in tasks]
+        self._marks: dict[int, Mark | None] = {}
+
+    def report(self) -> None:
+        self._progress(self.shares.sum(self._weights), _texts([self._tasks[place] for place in self.running]))
+
+    def is_known(self, place: int) -> bool:
+        """Return whether the result is kept, or a task before it failed; mark its output as begun otherwise."""
+        task = self._tasks[place]
+        result = next((self.results[name] for name in task.after if isinstance(self.results[name], Failed)), None)
+        if result is None and task.writes is not None:
+            mark = self._marks[place] = task.mark()
+            result = None if mark is None else finished(task.writes, mark)
+            if result is None:
+                begin(task.writes, mark)
+        if result is not None:
+            self._end(place, result)
+        return result is not None
+
+    def returned(self, place: int, result: Any) -> None:
+        """Take a result, or the exception of a task."""
+        self.running.remove(place)
+        writes, mark = self._tasks[place].writes, self._marks.get(place)
+        if isinstance(result, BaseException):
+            if not (self._keep_going and isinstance(result, CounterflexError)):
+                raise result
+            result = Failed(str(result))
+        elif mark is not None and writes is not None:
+            finish(writes, mark, result)
+        self._end(place, result)
+
+    def _end(self, place: int, result: Any) -> None:
+        self.results[self._tasks[place].name] = result
+        self.shares.of(place)(1.0)
+        self.graph.done(place)
 
 
 class _Graph:

@@ -50,14 +50,14 @@ def end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is None:
         return
+    threading.Thread(target=_end_after, args=(parent,), name="parent", daemon=True).start()
 
-    def watch() -> None:
-        parent.join()
-        for child in multiprocessing.active_children():
-            child.terminate()
-        os._exit(1)
 
-    threading.Thread(target=watch, name="parent", daemon=True).start()
+def _end_after(parent: Any) -> None:
+    parent.join()
+    for child in multiprocessing.active_children():
+        child.terminate()
+    os._exit(1)
 
 
 class Shares:

@@ -41,7 +41,6 @@ class ObservedRun:
 
     Args:
         folder: As ``run`` is given it with ``--out``.
-        clock_ns: Monotonic.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -207,18 +206,10 @@ class OpcuaServer:
         """The address space."""
         server = self._server
         space = await server.register_namespace(NAMESPACE)
-        folders: dict[str, UaNode] = {}
-
-        async def folder(path: str) -> UaNode:
-            if path not in folders:
-                above, _, name = path.rpartition("/")
-                parent = await folder(above) if above else server.nodes.objects
-                folders[path] = await parent.add_object(ua.NodeId(path, space), ua.QualifiedName(name, space))
-            return folders[path]
-
+        folders: dict[str, UaNode] = {"": server.nodes.objects}
         for node in NODES:
             above, _, name = node.path.rpartition("/")
-            parent = await folder(above)
+            parent = await _folder(above, folders, space)
             kind = _TYPES[type(node.default)]
             variable = await parent.add_variable(
                 ua.NodeId(node.path, space), ua.QualifiedName(name, space), node.default, kind
@@ -235,7 +226,7 @@ class OpcuaServer:
             argument = ua.Argument()
             argument.Name, argument.DataType, argument.ValueRank = name, ua.NodeId(data_type), -1
             outputs.append(argument)
-        own = await folder(OWN)
+        own = await _folder(OWN, folders, space)
         await own.add_method(
             ua.NodeId(f"{OWN}/Acknowledge", space),
             ua.QualifiedName("Acknowledge", space),
@@ -334,3 +325,12 @@ def serve(settings: OpcuaSettings, started: Callable[[str], None]) -> None:
     logging.getLogger("asyncua").setLevel(logging.ERROR)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(OpcuaServer(settings, started).serve())
+
+
+async def _folder(path: str, folders: dict[str, UaNode], space: int) -> UaNode:
+    """The object of a path, made with those above it when missing."""
+    if path not in folders:
+        above, _, name = path.rpartition("/")
+        parent = await _folder(above, folders, space)
+        folders[path] = await parent.add_object(ua.NodeId(path, space), ua.QualifiedName(name, space))
+    return folders[path]

@@ -114,11 +114,7 @@ def _require_usable(certificate: Path, key: Path) -> None:
 
 
 class Sessions:
-    """Sessions of a panel, in memory only: they end with it.
-
-    Args:
-        clock_s: Monotonic.
-    """
+    """Sessions of a panel, in memory only: they end with it."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
@@ -190,7 +186,7 @@ class Gate:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        headers = _headers_of(scope)
         path: str = scope["path"]
         session = self._sessions.of(cookie_of(headers))
         if scope["type"] == "http":
@@ -209,11 +205,10 @@ class Gate:
                 return
         if session is not None or (path == "/login" and scope["type"] == "http"):
             await self._app(scope, receive, send)
-            return
-        if scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
+        elif scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
             await _redirect(send, "/login", None)
-            return
-        await _refuse(scope, receive, send, 401, "log in first")
+        else:
+            await _refuse(scope, receive, send, 401, "log in first")
 
     def _beyond(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
         """Status and text for a request of a user that takes too much memory."""
@@ -242,6 +237,10 @@ class Gate:
                     self._opened(one)
                 return cookie_text(secret, secure=self._secure)
         return None
+
+
+def _headers_of(scope: Scope) -> dict[str, str]:
+    return {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
 
 
 def cookie_text(secret: str, *, secure: bool) -> str:

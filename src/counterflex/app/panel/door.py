@@ -41,11 +41,7 @@ def network_of(host: str) -> str:
 
 
 class Door:
-    """Counts the connections of a server.
-
-    Args:
-        clock_s: Monotonic.
-    """
+    """Counts the connections of a server."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s

@@ -110,7 +110,6 @@ class Figures:
 
         Args:
             shots: (n >= 1,) SNAPSHOT that came since the last call, in order.
-            now_ns: Monotonic.
             missed: Snapshots that were written over before they were read.
 
         Returns:

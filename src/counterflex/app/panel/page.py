@@ -177,10 +177,9 @@ class PanelPage:
             ui.link("log out", "/logout")
 
     def _button(self, action: str, kind: str) -> None:
-        async def press() -> None:
-            await self._press(action)
-
-        ui.button(_TITLES[action], on_click=press, color=None).classes(kind).props(f'no-caps data-test="{action}"')
+        ui.button(_TITLES[action], on_click=lambda: self._press(action), color=None).classes(kind).props(
+            f'no-caps data-test="{action}"'
+        )
 
     async def _key(self, event: KeyEventArguments) -> None:
         """S or Escape ramps out at once; R and A ask first."""

@@ -51,16 +51,8 @@ _FORM: Final = """<p>{text}</p><input name="name" placeholder="name" autocomplet
 _CLOSED: Final = "<p>Open the link that counterflex panel has printed: it holds the key.</p>"
 
 
-def login_routes(
-    users: PanelUsers | None,
-    sessions: Sessions,
-    *,
-    secure: bool,
-    note: Callable[[str, str, str], None],
-    refused: RefusedLogins,
-    tries: Tries | None = None,
-) -> list[Route]:
-    """Routes to log in and out.
+class LoginRoutes:
+    """Pages to log in and out.
 
     Passwords are hashed in one thread of their own: what an operator asks never waits for it.
 
@@ -69,58 +61,74 @@ def login_routes(
         note: Told of who logs in and out: name, address, what he did.
         tries: Which passwords are looked at; None: by the clock of the computer.
     """
-    tries = tries if tries is not None else Tries()
-    hashing = ThreadPoolExecutor(1, "hashing")
 
-    async def ask(_: Request) -> Response:
-        return _page("")
+    def __init__(
+        self,
+        users: PanelUsers | None,
+        sessions: Sessions,
+        *,
+        secure: bool,
+        note: Callable[[str, str, str], None],
+        refused: RefusedLogins,
+        tries: Tries | None = None,
+    ) -> None:
+        self._users, self._sessions, self._secure = users, sessions, secure
+        self._note, self._refused = note, refused
+        self._tries = tries if tries is not None else Tries()
+        self._hashing = ThreadPoolExecutor(1, "hashing")
 
-    def _page(text: str, status: int = 200) -> Response:
-        form = _CLOSED if users is None else _FORM.format(text=escape(text))
+    def routes(self) -> list[Route]:
+        """Routes of the web server."""
+        return [
+            Route("/login", self._ask, methods=["GET"]),
+            Route("/login", self._enter, methods=["POST"]),
+            Route("/logout", self._leave, methods=["GET"]),
+        ]
+
+    async def _ask(self, _: Request) -> Response:
+        return self._page("")
+
+    def _page(self, text: str, status: int = 200) -> Response:
+        form = _CLOSED if self._users is None else _FORM.format(text=escape(text))
         return HTMLResponse(_PAGE.format(form=form), status_code=status, headers={"cache-control": "no-store"})
 
-    async def enter(request: Request) -> Response:
+    async def _enter(self, request: Request) -> Response:
         source = source_of(request.scope)
-        if users is None:
-            return _page("", 403)
+        if self._users is None:
+            return self._page("", 403)
         body = b""
         async for piece in request.stream():
             body += piece
             if len(body) > _LONGEST:
-                return _page("That is too long.", 413)
+                return self._page("That is too long.", 413)
         given = parse_qs(body.decode("utf-8", "replace"))
         name, password = (given.get(key, [""])[0] for key in ("name", "password"))
-        if why := tries.begin(source, name):
-            refused.add(name, source)
-            return _page(why, 429)
+        if why := self._tries.begin(source, name):
+            self._refused.add(name, source)
+            return self._page(why, 429)
         role = None
         try:
-            role = await asyncio.get_running_loop().run_in_executor(hashing, users.role, name, password)
+            role = await asyncio.get_running_loop().run_in_executor(self._hashing, self._users.role, name, password)
         except asyncio.CancelledError:  # the panel is closed meanwhile
-            return _page("The panel is being closed.", 503)
+            return self._page("The panel is being closed.", 503)
         finally:
-            tries.end(source, name, right=role is not None)
+            self._tries.end(source, name, right=role is not None)
         if role is None:
-            refused.add(name, source)
-            return _page("Name or password is wrong.", 401)
-        note(name, source, f"log in as {role}")
+            self._refused.add(name, source)
+            return self._page("Name or password is wrong.", 401)
+        self._note(name, source, f"log in as {role}")
         answer = RedirectResponse("/", status_code=303)
-        answer.headers["set-cookie"] = cookie_text(sessions.begin(name, role, source), secure=secure)
+        secret = self._sessions.begin(name, role, source)
+        answer.headers["set-cookie"] = cookie_text(secret, secure=self._secure)
         return answer
 
-    async def leave(request: Request) -> Response:
+    async def _leave(self, request: Request) -> Response:
         key = cookie_of({"cookie": request.headers.get("cookie", "")})
-        one: Session | None = sessions.of(key)
+        one: Session | None = self._sessions.of(key)
         if one is not None:
-            note(one.name, one.source, "log out")
-        sessions.end(key)
+            self._note(one.name, one.source, "log out")
+        self._sessions.end(key)
         return RedirectResponse("/login", status_code=303)
-
-    return [
-        Route("/login", ask, methods=["GET"]),
-        Route("/login", enter, methods=["POST"]),
-        Route("/logout", leave, methods=["GET"]),
-    ]
 
 
 ACTIONS: Final = 6
@@ -175,9 +183,9 @@ class PanelServer:
             os.nice(NICE)
         behind = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         behind.router.routes.extend(
-            login_routes(
+            LoginRoutes(
                 self._users, self._sessions, secure=settings.secure, note=self._note_login, refused=self._refused
-            )
+            ).routes()
         )
         self._pages()
         app.on_startup(self._begin)
@@ -238,21 +246,21 @@ class PanelServer:
         self._actions.append(f"{time.strftime('%H:%M:%S')} {text}")
 
     def _pages(self) -> None:
-        @ui.page("/", title="counterflex panel")  # type: ignore[untyped-decorator]
-        def live(request: Request, client: Client) -> None:
-            session: Session = request.scope[SESSION]
-            cookie = request.cookies.get("counterflex-panel", "")
-            ui.add_css(_CSS, shared=False)
-            page = PanelPage(
-                client,
-                session,
-                self.run,
-                self._settings.range_um,
-                valid=lambda: self._sessions.of(cookie) is not None,
-                report_action=self._tell,
-            )
-            self.pages[client.id] = page
-            client.on_delete(lambda: self.pages.pop(client.id, None))
+        ui.page("/", title="counterflex panel")(self._live)
+
+    def _live(self, request: Request, client: Client) -> None:
+        session: Session = request.scope[SESSION]
+        cookie = request.cookies.get("counterflex-panel", "")
+        ui.add_css(_CSS, shared=False)
+        self.pages[client.id] = PanelPage(
+            client,
+            session,
+            self.run,
+            self._settings.range_um,
+            valid=lambda: self._sessions.of(cookie) is not None,
+            report_action=self._tell,
+        )
+        client.on_delete(lambda: self.pages.pop(client.id, None))
 
     def _begin(self) -> None:
         asyncio.get_running_loop().create_task(self._tick())

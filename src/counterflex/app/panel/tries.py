@@ -28,11 +28,7 @@ BUSY: Final = "Too many logins at the moment: try again."
 
 
 class Tries:
-    """Decides which passwords are looked at.
-
-    Args:
-        clock_s: Monotonic.
-    """
+    """Decides which passwords are looked at."""
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
@@ -85,7 +81,6 @@ class RefusedLogins:
 
     Args:
         note: Writes an entry: who was the last, from where, how many.
-        clock_s: Monotonic.
     """
 
     def __init__(self, note: Callable[[dict[str, Any]], None], clock_s: Callable[[], float] = time.monotonic) -> None:

@@ -44,7 +44,6 @@ class WatchedRun:
 
     Args:
         folder: As ``run`` is given it with ``--out``.
-        clock_ns: Monotonic.
     """
 
     def __init__(self, folder: Path, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:

@@ -19,15 +19,10 @@ _NEEDED: Final = ("run", "sha256", "plan", "tool", "material", "begun_s", "cut_m
 
 @dataclass(frozen=True, eq=False)
 class KeptRun:
-    """A run of the history.
+    """A run of the history."""
 
-    Attributes:
-        stretches: Its steady stretches.
-        facts: Plain values: run, hashes, tool, material, length cut, delay.
-    """
-
-    stretches: Stretches
-    facts: dict[str, Any]
+    stretches: Stretches  # Its steady stretches
+    facts: dict[str, Any]  # Plain values: run, hashes, tool, material, length cut, delay
 
 
 def read_history(folder: Path) -> list[KeptRun]:

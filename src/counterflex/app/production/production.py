@@ -165,13 +165,11 @@ def run(
 
     Args:
         folders: Run logs; all runs of each.
-        cell_file: Cell file.
         plans: Plan files of the runs.
         out: Folder; runs that it has from before go in.
         settings: Those that differ from :data:`SETTINGS`.
         seed: Of the folds.
         apply: New cell file with the constants, or None.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         Content of ``result.json``.

@@ -34,34 +34,22 @@ LIMIT = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Produced:
-    """Everything that the job found.
+    """Everything that the job found."""
 
-    Attributes:
-        cell: Cell file as read.
-        model: As identification sees it.
-        tool: Number of the tool.
-        runs: All of them in their order.
-        new: Those that are not in the history yet.
-        factors: Of each run.
-        drift: Over the runs.
-        known: Standard deviations of constants that the cell file has identified.
-        title: Of the job.
-    """
-
-    cell: Cell
-    model: CellModel
-    tool: int
+    cell: Cell  # Cell file as read
+    model: CellModel  # As identification sees it
+    tool: int  # Number of the tool
     material: str
-    runs: Sequence[KeptRun]
-    new: Sequence[KeptRun]
+    runs: Sequence[KeptRun]  # All of them in their order
+    new: Sequence[KeptRun]  # Those that are not in the history yet
     estimate: Estimate
-    factors: Sequence[RunFactor]
-    drift: Drift
-    known: Mapping[str, float]
+    factors: Sequence[RunFactor]  # Of each run
+    drift: Drift  # Over the runs
+    known: Mapping[str, float]  # Standard deviations of constants that the cell file has identified
     options: Mapping[str, Any]
     remarks: tuple[str, ...]
     plans: tuple[Path, ...]
-    title: str
+    title: str  # Of the job
 
     @property
     def is_better(self) -> bool:
@@ -148,7 +136,7 @@ def _figures(p: Produced) -> tuple[Figure, ...]:
 
 
 def wear_word(p: Produced) -> str:
-    """What the growth of the present edge is beside its limit: ``beyond``, ``at``, ``within`` or ``unknown``."""
+    """Return the growth of the present edge beside its limit: ``beyond``, ``at``, ``within`` or ``unknown``."""
     grown, limit = p.drift, float(p.options["wear_limit"])
     if not grown.is_known:
         return "unknown"
@@ -158,7 +146,7 @@ def wear_word(p: Produced) -> str:
 
 
 def _remarks(p: Produced) -> list[str]:
-    estimate, grown = p.estimate, p.drift
+    estimate = p.estimate
     d = estimate.difference
     out = [*p.remarks]
     if p.is_proposed:
@@ -183,7 +171,7 @@ def _remarks(p: Produced) -> list[str]:
                 "freed keeps the value of the cell file. Runs with other feeds and widths tell them apart"
             )
             break
-    out += _drift_remarks(p, grown)
+    out += _drift_remarks(p, p.drift)
     return out
 
 
@@ -305,18 +293,42 @@ def run_rows(p: Produced) -> list[dict[str, Any]]:
     return rows
 
 
+def _place(runs: Sequence[KeptRun], row: int) -> str:
+    """Name the run and the row of its plan that a row of the fit comes from."""
+    first = 0
+    for kept in runs:
+        if row < first + len(kept.stretches):
+            return f"{kept.facts['run']}: row {int(kept.stretches.row[row - first])} of the plan"
+        first += len(kept.stretches)
+    return f"stretch {row + 1}"
+
+
+def _drift(p: Produced) -> dict[str, Any]:
+    grown = p.drift
+    return {
+        "known": grown.is_known,
+        "significant": grown.is_significant,
+        "scatter": round(grown.scatter, 5),
+        "shape": grown.shape,
+        "shape_chance": round(grown.shape_chance, 4),
+        "expected": [round(float(v), 5) for v in grown.factor],
+        "level_percent": 100.0 * LEVEL,
+        "events": [
+            {
+                "run": p.runs[e.at].facts["run"],
+                "until": p.runs[e.until].facts["run"] if e.until else None,
+                "size_percent": round(100.0 * e.size, 2),
+                "odds": float(f"{e.odds:.3g}"),
+                "kinds": {kind.value: round(share, 4) for kind, share in e.kinds},
+            }
+            for e in grown.events
+        ],
+    }
+
+
 def result_of(p: Produced, identification: Identification, date: str) -> dict[str, Any]:
     """Everything that was estimate, as plain values."""
-    estimate, grown = p.estimate, p.drift
-
-    def place(_: str, row: int) -> str:
-        first = 0
-        for kept in p.runs:
-            if row < first + len(kept.stretches):
-                return f"{kept.facts['run']}: row {int(kept.stretches.row[row - first])} of the plan"
-            first += len(kept.stretches)
-        return f"stretch {row + 1}"
-
+    estimate = p.estimate
     return {
         "recipe": "production",
         "title": p.title,
@@ -340,7 +352,7 @@ def result_of(p: Produced, identification: Identification, date: str) -> dict[st
         "holdout": "whole runs in turn" if len(p.runs) >= 3 else "parts of the runs in turn",
         "headline": figure_rows(identification.headline),
         "figures": figure_rows(identification.figures),
-        "fits": {name: fit_table(fit, place) for name, fit in identification.fits.items()},
+        "fits": {name: fit_table(fit, lambda _, row: _place(p.runs, row)) for name, fit in identification.fits.items()},
         "constants": estimate.level,
         "conditions": [
             {"constants": c.level, "index": round(c.index, 2), "alike": list(c.alike)} for c in estimate.conditions
@@ -354,25 +366,7 @@ def result_of(p: Produced, identification: Identification, date: str) -> dict[st
         "proposed": p.is_proposed,
         "runs": run_rows(p),
         "wear": wear_word(p),
-        "drift": {
-            "known": grown.is_known,
-            "significant": grown.is_significant,
-            "scatter": round(grown.scatter, 5),
-            "shape": grown.shape,
-            "shape_chance": round(grown.shape_chance, 4),
-            "expected": [round(float(v), 5) for v in grown.factor],
-            "level_percent": 100.0 * LEVEL,
-            "events": [
-                {
-                    "run": p.runs[e.at].facts["run"],
-                    "until": p.runs[e.until].facts["run"] if e.until else None,
-                    "size_percent": round(100.0 * e.size, 2),
-                    "odds": float(f"{e.odds:.3g}"),
-                    "kinds": {kind.value: round(share, 4) for kind, share in e.kinds},
-                }
-                for e in grown.events
-            ],
-        },
+        "drift": _drift(p),
         "remarks": list(identification.remarks),
         "settings": dict(p.options),
         "versions": {

@@ -161,26 +161,16 @@ _STALE_CYCLES: Final = 25
 
 @dataclass(frozen=True, eq=False)
 class LoggedRun:
-    """A run of a log.
-
-    Attributes:
-        folder: Of the log.
-        number: Of the run in it.
-        sha256: Over its records.
-        plan_sha256: Of the plan that it was made with, or empty.
-        cell_sha256: Of its cell file.
-        compensated: The robot ran the compensated program.
-        begun_s: When it began, seconds since 1970, 0 where the log does not say.
-    """
+    """A run of a log."""
 
     record: RunRecord
-    folder: Path
-    number: int
-    sha256: str
-    plan_sha256: str
-    cell_sha256: str
-    compensated: bool
-    begun_s: float
+    folder: Path  # Of the log
+    number: int  # Of the run in it
+    sha256: str  # Over its records
+    plan_sha256: str  # Of the plan that it was made with, or empty
+    cell_sha256: str  # Of its cell file
+    compensated: bool  # The robot ran the compensated program
+    begun_s: float  # When it began, seconds since 1970, 0 where the log does not say
 
 
 def read_runs(folder: Path) -> list[LoggedRun]:

@@ -50,6 +50,7 @@ from counterflex.files.run_file import write_run
 from counterflex.files.summary_file import write_folder_summary
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan
 from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.family import FIRST_SEED, MILD, Family
 from counterflex.twin.truth.file import write_truth
@@ -100,23 +101,7 @@ def prove(
     count = len(seeds) * (3 if exact else 2)
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
-    with faults_in(job):
-        limited = limited_feed(job, cell, setting_of(cell, job, part_may_be_held=True))
-        slowed = job if limited is None else replace(job, path=limited.path)
-        plan = make_plan(
-            slowed.path,
-            job.line_of_motion,
-            cell.stock(),
-            setting_of(cell, job, orientation=job.words is not None, part_may_be_held=True),
-            feeds=job.feeds,
-            progress=_saying(parts[PLANNING], PLANNING),
-        )
-    if not plan.cutting.any():
-        raise InputError(
-            "the program removes no material from the blank",
-            where=Path(program).name,
-            hint="Check the part frame, the blank and the program's zero",
-        )
+    slowed, plan = _planned(job, cell, Path(program).name, _saying(parts[PLANNING], PLANNING))
     files, written = write(job, plan, cell, own_language(job.program))
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed, family) for seed in seeds}
@@ -278,6 +263,36 @@ def _machine_one(
     return simulate.machine(job, cell, truth, progress=report)
 
 
+def _planned(job: Job, cell: Cell, name: str, progress: Progress) -> tuple[Job, Plan]:
+    """The job at the feeds that its modes allow, and its plan."""
+    with faults_in(job):
+        limited = limited_feed(job, cell, setting_of(cell, job, part_may_be_held=True))
+        slowed = job if limited is None else replace(job, path=limited.path)
+        plan = make_plan(
+            slowed.path,
+            job.line_of_motion,
+            cell.stock(),
+            setting_of(cell, job, orientation=job.words is not None, part_may_be_held=True),
+            feeds=job.feeds,
+            progress=progress,
+        )
+    if not plan.cutting.any():
+        raise InputError(
+            "the program removes no material from the blank",
+            where=name,
+            hint="Check the part frame, the blank and the program's zero",
+        )
+    return slowed, plan
+
+
+def _report_all(parts: Mapping[str, Progress], shares: Shares, ended: int, count: int, begin: float) -> None:
+    done = shares.sum([1.0] * count)
+    if done > 0.0:
+        parts[MACHINING](done, f"{MACHINING}, {ended} of {count} done")
+    else:  # nothing tells how far a process is that starts but the time
+        parts[STARTING](1.0 - math.exp((begin - time.monotonic()) / _START_S))
+
+
 def _machine_all(
     tasks: list[tuple[tuple[int, str], Path]],
     cell_file: str | Path,
@@ -295,22 +310,14 @@ def _machine_all(
                 path, Path(cell_file), truths[key[0]], reading, i, original, _saying(part, name)
             )
         return records
-    shares, weights, begin = Shares(len(tasks)), [1.0] * len(tasks), time.monotonic()
-
-    def report_all() -> None:
-        done = shares.sum(weights)
-        if done > 0.0:
-            parts[MACHINING](done, f"{MACHINING}, {len(records)} of {len(tasks)} done")
-        else:  # nothing tells how far a process is that starts but the time
-            parts[STARTING](1.0 - math.exp((begin - time.monotonic()) / _START_S))
-
+    shares, begin = Shares(len(tasks)), time.monotonic()
     with pool_of(count, shares) as pool:
         with interrupts_deferred():
             waiting = {
                 pool.submit(_machine_one, path, Path(cell_file), truths[key[0]], reading, i, original): key
                 for i, (key, path) in enumerate(tasks)
             }
-        for done in done_one_by_one(waiting, report_all):
+        for done in done_one_by_one(waiting, lambda: _report_all(parts, shares, len(records), len(tasks), begin)):
             records[waiting[done]] = done.result()
     return {key: records[key] for key, _ in tasks}
 

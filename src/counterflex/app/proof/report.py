@@ -57,33 +57,6 @@ def comparison_page(comparison: Comparison) -> str:
 def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], timing: Mapping[str, float]) -> str:
     cell, truth = comparison.reference.cell, comparison.truth
     before, after = comparison.judged["nominal"], comparison.judged["compensated"]
-    numbers = simulate.tools_of(comparison.reference.job.path)
-    tools = [table for table in cell.tables.tools if table.number in numbers]
-    facts = (
-        Fact("Part", str(comparison.summary["program"]), "", f"{identified['removed_mm3'] / 1000:.1f} cm³ removed"),
-        Fact("Robot", robot_name(cell)),
-        Fact("Cell", cell.name),
-        *(Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes") for tool in tools),
-        Fact("Material", cell.material.name or str(cell.material.catalog)),
-        Fact(
-            "Peak force",
-            f"{identified['peak_force_n']['value']:.0f} N predicted",
-            "",
-            f"line {identified['peak_force_n']['line']}, depth {identified['peak_axial_depth_mm']['value']:.1f} mm",
-        ),
-        Fact(
-            "Peak deflection",
-            f"{identified['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
-            "",
-            f"at joints {', '.join(f'{v:.0f}' for v in identified['peak_deflection_um']['joints_deg'])} deg",
-        ),
-        Fact(
-            "Simulated cell",
-            truth.name,
-            "",
-            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}, family {truth.family}",
-        ),
-    )
     measured = features(comparison.reference, comparison.judged)
     return report_page(
         ReportData(
@@ -93,7 +66,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             summary=comparison.summary,
             nominal=_variant(before),
             compensated=_variant(after),
-            facts=facts,
+            facts=_facts(comparison, identified),
             nominal_surface=comparison.reference.surface,
             engagement_label="axial depth, mm",
             engagement_scale=1.0 / MM,
@@ -132,6 +105,37 @@ def _variant(item: Judged) -> VariantData:
     return VariantData(item.deviation, item.surface, Curve(item.run.time_s, force))
 
 
+def _facts(comparison: Comparison, identified: Mapping[str, Any]) -> tuple[Fact, ...]:
+    cell, truth = comparison.reference.cell, comparison.truth
+    numbers = simulate.tools_of(comparison.reference.job.path)
+    tools = [table for table in cell.tables.tools if table.number in numbers]
+    return (
+        Fact("Part", str(comparison.summary["program"]), "", f"{identified['removed_mm3'] / 1000:.1f} cm³ removed"),
+        Fact("Robot", robot_name(cell)),
+        Fact("Cell", cell.name),
+        *(Fact("Tool", tool.name or f"D{tool.diameter_mm:g}", "", f"{tool.flutes} flutes") for tool in tools),
+        Fact("Material", cell.material.name or str(cell.material.catalog)),
+        Fact(
+            "Peak force",
+            f"{identified['peak_force_n']['value']:.0f} N predicted",
+            "",
+            f"line {identified['peak_force_n']['line']}, depth {identified['peak_axial_depth_mm']['value']:.1f} mm",
+        ),
+        Fact(
+            "Peak deflection",
+            f"{identified['peak_deflection_um']['value'] / 1000:.2f} mm predicted",
+            "",
+            f"at joints {', '.join(f'{v:.0f}' for v in identified['peak_deflection_um']['joints_deg'])} deg",
+        ),
+        Fact(
+            "Simulated cell",
+            truth.name,
+            "",
+            "as the cell file says" if truth.seed is None else f"truth seed {truth.seed}, family {truth.family}",
+        ),
+    )
+
+
 def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine, ...]:
     """Return what the model says causes the deviation that was met: each elastic segment, own weight, and the rest."""
     cutting = deviation.cutting
@@ -142,18 +146,19 @@ def budget(plan: Plan, deviation: PathDeviation, cell: Cell) -> tuple[BudgetLine
     direction = deviation.feed_direction[cutting]
     relative = setting_of(cell, chain=cell.chain, part_may_be_held=True).relative_motion(plan.path)
     parts = compliance.shares(cell.chain, plan.q, relative.load(plan.w_tcp_part))
-
-    def met(values: Float) -> Float:
-        there = np.stack([np.interp(at, place, values[:, k]) for k in range(3)], axis=1)
-        out: Float = there - np.sum(there * direction, axis=1, keepdims=True) * direction
-        return out
-
     contributions = {
-        name: met(relative.displacement(parts[:, i]))
+        name: _across(at, place, direction, relative.displacement(parts[:, i]))
         for i, name in enumerate(cell.chain.names)
         if np.any(parts[:, i] != 0.0)
     }
-    contributions["own weight"] = met(plan.sag_part)
+    contributions["own weight"] = _across(at, place, direction, plan.sag_part)
     if np.any(plan.play_part != 0.0):
-        contributions["play and friction"] = met(plan.play_part)
+        contributions["play and friction"] = _across(at, place, direction, plan.play_part)
     return error_budget(deviation.across[cutting], contributions)
+
+
+def _across(at: Float, place: Float, direction: Float, values: Float) -> Float:
+    """Displacements at places of the path, without their part along the feed."""
+    there = np.stack([np.interp(at, place, values[:, k]) for k in range(3)], axis=1)
+    out: Float = there - np.sum(there * direction, axis=1, keepdims=True) * direction
+    return out

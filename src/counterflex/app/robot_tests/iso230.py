@@ -21,6 +21,7 @@ from counterflex.core.units import MM, MS, UM
 from counterflex.evaluate.iso230.circular_test import (
     CLOCKWISE,
     COUNTER_CLOCKWISE,
+    Circle,
     Turn,
     bi_directional,
     fitted_circle,
@@ -66,25 +67,21 @@ def circular(
             hint="Leave --frame and --path away: plane and centre are then taken from the readings",
         )  # fmt: skip
     nominal = None if path is None else commanded_circle(path)
-    radius = nominal.radius_m if nominal is not None else None if radius_mm is None else radius_mm * MM
-    matches: list[tuple[str, Turn]] = []
-    for one in measured:
-        circle = nominal if nominal is not None else fitted_circle(_on_circle(one.p))
-        matches += [(one.name, turn) for turn in turns(one.p, circle)]
+    radius = _radius(nominal, radius_mm)
+    matches = [(one.name, turn) for one in measured for turn in _turns(one, nominal)]
     progress(0.6)
+    by_nominal = nominal is not None
     rows = [
-        {"turn": k + 1, "file": name, **_turn_row(turn, radius, nominal is not None)}
-        for k, (name, turn) in enumerate(matches)
+        {"turn": k, "file": name, **_turn_row(turn, radius, by_nominal)} for k, (name, turn) in enumerate(matches, 1)
     ]
-    ways = {way: [turn for _, turn in matches if turn.direction == way] for way in (CLOCKWISE, COUNTER_CLOCKWISE)}
-    pairs = list(zip(ways[CLOCKWISE], ways[COUNTER_CLOCKWISE], strict=False))
-    both = [{"pair": k + 1} | _in_um(asdict(bi_directional(cw, ccw, radius))) for k, (cw, ccw) in enumerate(pairs)]
+    each = [turn for _, turn in matches]
+    both = _pairs(each, radius)
     summary = {
         "job": "iso230 circularity",
         "standard": "ISO 230-4",
         **_conditions(measured, path, place, average_ms),
         "radius_mm": None if radius is None else round(radius / MM, 6),
-        "centre": "nominal" if nominal is not None else "of the readings",
+        "centre": "nominal" if by_nominal else "of the readings",
         "turns": rows,
         "bi_directional": both,
         "largest": {
@@ -94,12 +91,31 @@ def circular(
         "counterflex": __version__,
     }
     if out is not None:
-        table = pl.concat([_turn_table(k + 1, turn) for k, (_, turn) in enumerate(matches)])
         from counterflex.report.robot_tests.circle_page import circle_page
 
-        _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, [turn for _, turn in matches]))
+        table = pl.concat([_turn_table(k, turn) for k, turn in enumerate(each, 1)])
+        _write(out, summary, pl.DataFrame(rows), table, circle_page(summary, each))
     progress(1.0)
     return summary
+
+
+def _radius(nominal: Circle | None, stated_mm: float | None) -> float | None:
+    if nominal is not None:
+        return nominal.radius_m
+    return None if stated_mm is None else stated_mm * MM
+
+
+def _turns(one: Measured, nominal: Circle | None) -> Sequence[Turn]:
+    return turns(one.p, fitted_circle(_on_circle(one.p)) if nominal is None else nominal)
+
+
+def _pairs(each: Sequence[Turn], radius: float | None) -> list[dict[str, Any]]:
+    """Bi-directional figures of each turn clockwise with the one counter-clockwise of the same number."""
+    clockwise, other = ([turn for turn in each if turn.direction == way] for way in (CLOCKWISE, COUNTER_CLOCKWISE))
+    return [
+        {"pair": k} | _in_um(asdict(bi_directional(cw, ccw, radius)))
+        for k, (cw, ccw) in enumerate(zip(clockwise, other, strict=False), 1)
+    ]
 
 
 def straight(

@@ -74,29 +74,31 @@ def judge(
         InputError: The readings do not hold the poses.
     """
     files = [_attained(one, commanded, frame, average_s, band_m) for one in measured]
-    groups = [file.poses for file in files]
-    stated = [one.direction for one in measured if one.direction is not None]
-    if stated and len(measured) == 1 and measured[0].pose is not None:
-        groups = _by_stated_direction(measured[0], files[0])
+    groups = _by_stated_direction(measured[0], files[0]) if len(measured) == 1 else [file.poses for file in files]
     several = by_direction or len(groups) > len(files)
-    joined = [_joined([group[k] for group in groups]) for k in range(len(groups[0]))]
-    if any(len(group) != len(groups[0]) for group in groups):
-        raise InputError("the files hold other numbers of poses", value=[len(group) for group in groups])
-    figures = [pose_figures(one) for one in joined]
-    pairs = list(itertools.combinations(range(len(joined)), 2))
-    if len(joined) > _ALL_PAIRS:
-        pairs = list(itertools.pairwise(range(len(joined))))
+    counts = [len(group) for group in groups]
+    if min(counts) < max(counts):
+        raise InputError("the files hold other numbers of poses", value=counts)
+    by_pose = list(zip(*groups, strict=True))
+    joined = [_joined(cycles) for cycles in by_pose]
+    figures = list(map(pose_figures, joined))
     summary: dict[str, Any] = {
         "test": "pose",
         "cycles": min(len(one.p) for one in joined),
-        "poses": [_pose_row(k, joined[k], figures[k], files) for k in range(len(joined))],
-        "distances": [_distance_row(i, j, joined) for i, j in pairs if len(joined[i].p) == len(joined[j].p)],
+        "poses": [_pose_row(k, *of, files) for k, of in enumerate(zip(joined, figures, strict=True))],
+        "distances": _distances(joined),
         "settling_refused": _sum([file.refused for file in files]),
     }
     if several and len(groups) > 1:
-        summary["multi_directional"] = [_direction_row(k, [group[k] for group in groups]) for k in range(len(joined))]
+        summary["multi_directional"] = [_direction_row(k, cycles) for k, cycles in enumerate(by_pose)]
         summary["directions"] = len(groups)
     return PoseResult(joined, figures, summary, _table(joined))
+
+
+def _distances(joined: Sequence[PoseCycles]) -> list[dict[str, Any]]:
+    numbers = range(len(joined))
+    pairs = itertools.pairwise(numbers) if len(joined) > _ALL_PAIRS else itertools.combinations(numbers, 2)
+    return [_distance_row(i, j, joined) for i, j in pairs if len(joined[i].p) == len(joined[j].p)]
 
 
 def _attained(
@@ -156,6 +158,16 @@ def _oriented(poses: list[PoseCycles], commanded: CommandedPoses, frame: Frame) 
     return poses
 
 
+def _own_command(one: Measured, count: int) -> CommandedPoses:
+    """Commanded poses as a dataset states them."""
+    if one.command is None or one.pose is None:
+        raise InputError(
+            "the commanded poses are not known", where=one.name, hint="Give --poses, or a channel p_base_command"
+        )
+    first = [int(np.argmax(one.pose == k)) for k in range(count)]
+    return CommandedPoses(one.command[first], one.commanded_oriented)
+
+
 def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> list[PoseCycles]:
     """Poses of a dataset that states which row belongs to which."""
     assert one.pose is not None
@@ -167,32 +179,23 @@ def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> li
             limit=f"each of 1 to {count}",
         )  # fmt: skip
     if commanded is None:
-        if one.command is None:
-            raise InputError(
-                "the commanded poses are not known", where=one.name, hint="Give --poses, or a channel p_base_command"
-            )
-        first = [int(np.argmax(one.pose == k)) for k in range(count)]
-        commanded = CommandedPoses(one.command[first], one.commanded_oriented)
+        commanded = _own_command(one, count)
     T = frame.T_command_log
     if frame.fitted:
         means = np.stack([one.p[one.pose == k].mean(axis=0) for k in range(count)])
         T, _ = pose.register(commanded.Ts_command[:, :3, 3], means)
     moved = one.moved(T, frame.T_target_tcp)
-    rows = [one.pose == k for k in range(count)]
+    time_s, R = one.time_s, moved.R
     poses = [
-        PoseCycles(
-            commanded.Ts_command[k],
-            moved.p[row],
-            None if moved.R is None else moved.R[row],
-            None if one.time_s is None else one.time_s[row],
-        )
-        for k, row in enumerate(rows)
+        PoseCycles(T_command, moved.p[row], None if R is None else R[row], None if time_s is None else time_s[row])
+        for T_command, row in zip(commanded.Ts_command, [one.pose == k for k in range(count)], strict=False)
     ]
     return _oriented(poses, commanded, frame)
 
 
 def _by_stated_direction(measured: Measured, attained: Attained) -> list[list[PoseCycles]]:
-    assert measured.direction is not None
+    if measured.pose is None or measured.direction is None:
+        return [attained.poses]
     by_pose = [measured.direction[measured.pose == k] for k in range(len(attained.poses))]
     return [
         [one.part(np.flatnonzero(at == direction)) for one, at in zip(attained.poses, by_pose, strict=True)]

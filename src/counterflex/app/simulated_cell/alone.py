@@ -30,40 +30,24 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoneController:
-    """What a lone controller is started with, whatever it speaks.
+    """Settings of a lone controller of any protocol."""
 
-    Attributes:
-        program: G-code that it runs in ``cell``.
-        cell: Cell file: what the controller has been told of robot, tool and part.
-        peer: Where telegrams go.
-        seconds: Limit, or None.
-        timing: How it keeps time.
-        answer: How it answers a correction of its path.
-        faults: Scripted.
-    """
-
-    program: Path | None = None
-    cell: Path | None = None
-    peer: Address | None = None
-    seconds: float | None = None
-    timing: Timing = field(default_factory=Timing)
-    answer: PathAnswer = field(default_factory=PathAnswer)
-    faults: FaultSchedule = field(default_factory=FaultSchedule)
+    program: Path | None = None  # G-code that it runs in ``cell``
+    cell: Path | None = None  # Cell file: what the controller has been told of robot, tool and part
+    peer: Address | None = None  # Where telegrams go
+    seconds: float | None = None  # Limit, or None
+    timing: Timing = field(default_factory=Timing)  # How it keeps time
+    answer: PathAnswer = field(default_factory=PathAnswer)  # How it answers a correction of its path
+    faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted
 
 
 @dataclass(frozen=True)
 class Watched:
-    """How a lone controller is watched.
+    """Callbacks and record of a lone controller."""
 
-    Attributes:
-        record: CSV file of every cycle, or None; written as it goes.
-        started: Told from where telegrams come and where they go.
-        progress: Progress callback, fraction 0 to 1.
-    """
-
-    record: Path | None = None
-    started: Callable[[Address, Address], None] = lambda *_: None
-    progress: Progress = silent
+    record: Path | None = None  # CSV file of every cycle, or None; written as it goes
+    started: Callable[[Address, Address], None] = lambda *_: None  # Told from where telegrams come and where they go
+    progress: Progress = silent  # Progress callback, fraction 0 to 1
 
 
 def serve(
@@ -79,11 +63,9 @@ def serve(
     """Run a controller until its program has ended or it has stopped.
 
     Args:
-        settings: See there.
         robot: That it drives.
         controller: Its side of the protocol.
         peer: Where telegrams go.
-        watched: See there.
         most_cycles: Limit, or None.
         see: Told every cycle.
 
@@ -93,13 +75,15 @@ def serve(
     Raises:
         OutputError: No sensor program answers, or the record cannot be written.
     """
-
-    def observe(seen: CycleSeen) -> None:
-        applied.see(seen)
-        see(seen)
-
     with contextlib.ExitStack() as stack:
-        server = RobotServer(robot, controller, peer, timing=settings.timing, faults=settings.faults, observe=observe)
+        server = RobotServer(
+            robot,
+            controller,
+            peer,
+            timing=settings.timing,
+            faults=settings.faults,
+            observe=lambda seen: _observe(applied, see, seen),
+        )
         stack.callback(server.close)
         watched.started(server.address, server.peer)
         if settings.timing.realtime:
@@ -111,8 +95,13 @@ def serve(
     return server, _figures(applied)
 
 
+def _observe(applied: Applied, see: Callable[[CycleSeen], None], seen: CycleSeen) -> None:
+    applied.see(seen)
+    see(seen)
+
+
 def _figures(applied: Applied) -> dict[str, Any]:
-    """What a controller applied, in shop units."""
+    """Return what a controller applied, in shop units."""
     reply = np.asarray(applied.reply_s, dtype=np.float64) / US
     quantiles = np.quantile(reply, [0.5, 0.99, 0.999, 1.0], method="higher") if len(reply) else np.full(4, np.nan)
     return {
@@ -143,7 +132,6 @@ def running_robot(cell: Cell, program: Path, period_s: float, answer: PathAnswer
 
     Args:
         cell: What the controller has been told.
-        program: G-code.
         period_s: Cycle.
         answer: How the controller answers corrections.
     """

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Reading, read_job
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
 from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
 from counterflex.app.run.job_check import program_job
@@ -47,72 +47,47 @@ from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.strain_holder import instrumented_holder
 from counterflex.twin.plant.strain_stream import WARM_K, StrainStream
 from counterflex.twin.truth.file import read_truth, write_truth
+from counterflex.twin.truth.truth import Truth
 
 
 @dataclass(frozen=True)
 class LiveSettings:
-    """What the simulated cell is started with.
+    """Settings of the simulated cell."""
 
-    Attributes:
-        program: G-code that its robot runs.
-        cell: Cell file: what its controller believes.
-        truth: Truth file: how it really is.
-        robot: Name of the link to its controller and the file that it is set up by, or None: as the cell file says.
-        original: The uncompensated program, to judge a compensated one; None is the program itself.
-        reading: How the programs are read.
-        peer: Where telegrams go, or None: where the controller's files say.
-        own_force: The controller sends the force sensor's readings itself.
-        force_port: UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor
-            sends by itself (``protocol = "wrench"``): the port that it sends to.
-        force_http_port: Of its scaling document.
-        force_host: Where a sensor that sends by itself sends to.
-        tracker_peer: Where tracker datagrams go, or None.
-        tracker_hz: Poses in a second; few are photogrammetry.
-        tracker_faults: Of the tracker and its datagrams, late ones among them.
-        force_faults: Of the force sensor and its records.
-        seed: Of the instruments.
-        timing: How the controller keeps time.
-        scenario: With the table of the controller, if there is one.
-        answer: How the controller answers corrections.
-        own_backlash: Share of the play of its gears that the controller compensates itself; axis corrections go
-            past it.
-        hose_share: Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out.
-        strain_peer: Where strain datagrams of the instrumented holder go, or None.
-        strain_plc: Kind and address of a simulated PLC that shows the same strains by the symbols of its table in the
-            cell file, or None.
-        strain_hz: Readings in a second; the integration step of the cell divides the time between them.
-        strain_warm_k: How much the holder warms up.
-        strain_faults: Of the amplifiers and their datagrams.
-        touched: Truth file of the cell as it was when the part was touched, where the arm has drifted since; None: as
-            it is now.
-    """
-
-    program: Path
-    cell: Path
-    truth: Path
+    program: Path  # G-code that its robot runs
+    cell: Path  # Cell file: what its controller believes
+    truth: Path  # Truth file: how it really is
+    # Name of the link to its controller and the file that it is set up by, or None: as the cell file says
     robot: Chosen | None = None
-    original: Path | None = None
-    reading: Reading = AS_IT_IS
-    peer: tuple[str, int] | None = None
-    own_force: bool = False
+    original: Path | None = None  # The uncompensated program, to judge a compensated one; None is the program itself
+    reading: Reading = AS_IT_IS  # How the programs are read
+    peer: tuple[str, int] | None = None  # Where telegrams go, or None: where the controller's files say
+    own_force: bool = False  # The controller sends the force sensor's readings itself
+    # UDP port of the force sensor; 0 takes a free one, None leaves it out. Where the cell file's sensor sends by itself
+    # (``protocol = "wrench"``): the port that it sends to.
     force_port: int | None = 0
-    force_http_port: int = 0
-    force_host: str = "127.0.0.1"
-    tracker_peer: tuple[str, int] | None = None
-    tracker_hz: float = 1000.0
-    tracker_faults: tuple[Fault, ...] = ()
-    force_faults: tuple[Fault, ...] = ()
-    seed: int = 0
-    timing: Timing = field(default_factory=lambda: Timing(gate_s=0.8))
-    scenario: Scenario = field(default_factory=Scenario)
-    answer: PathAnswer = field(default_factory=PathAnswer)
+    force_http_port: int = 0  # Of its scaling document
+    force_host: str = "127.0.0.1"  # Where a sensor that sends by itself sends to
+    tracker_peer: tuple[str, int] | None = None  # Where tracker datagrams go, or None
+    tracker_hz: float = 1000.0  # Poses in a second; few are photogrammetry
+    tracker_faults: tuple[Fault, ...] = ()  # Of the tracker and its datagrams, late ones among them
+    force_faults: tuple[Fault, ...] = ()  # Of the force sensor and its records
+    seed: int = 0  # Of the instruments
+    timing: Timing = field(default_factory=lambda: Timing(gate_s=0.8))  # How the controller keeps time
+    scenario: Scenario = field(default_factory=Scenario)  # With the table of the controller, if there is one
+    answer: PathAnswer = field(default_factory=PathAnswer)  # How the controller answers corrections
+    # Share of the play of its gears that the controller compensates itself; axis corrections go past it
     own_backlash: float = 0.0
+    # Size of the hose pack's pull on the sensor, as in the simulated laboratory; 0 leaves it out
     hose_share: float = 1.0
-    strain_peer: tuple[str, int] | None = None
+    strain_peer: tuple[str, int] | None = None  # Where strain datagrams of the instrumented holder go, or None
+    # Kind and address of a simulated PLC that shows the same strains by the symbols of its table in the cell file, or
+    # None
     strain_plc: tuple[str, tuple[str, int]] | None = None
-    strain_hz: int = 1000
-    strain_warm_k: float = WARM_K
-    strain_faults: tuple[Fault, ...] = ()
+    strain_hz: int = 1000  # Readings in a second; the integration step of the cell divides the time between them
+    strain_warm_k: float = WARM_K  # How much the holder warms up
+    strain_faults: tuple[Fault, ...] = ()  # Of the amplifiers and their datagrams
+    # Truth file of the cell as it was when the part was touched, where the arm has drifted since; None: as it is now
     touched: Path | None = None
 
 
@@ -128,10 +103,8 @@ def run(
     Writes what ``simulate`` writes, so that ``evaluate`` and ``report`` judge the part.
 
     Args:
-        settings: See :class:`LiveSettings`.
         out: Folder.
         started: Told the force sensor before the first telegram is sent.
-        progress: Progress callback, fraction 0 to 1.
 
     Returns:
         The summary.
@@ -147,44 +120,15 @@ def run(
         read_job(reference, cell, reading=settings.reading)
     made = _controller(settings, cell)
     robot_controller = made.controller
-    live = LiveCell(
-        job.machined,
-        truth=truth,
-        controller=simulate.controller(cell),
-        stock=cell.stock(),
-        cutter={number: cell.cutter(number) for number in simulate.tools_of(job.path)},
-        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
-        answer=settings.answer,
-        own_backlash=settings.own_backlash,
-        touched=None if settings.touched is None else read_truth(settings.touched),
-    )
+    live = _live(settings, cell, truth, job)
     if not robot_controller.guides:
         live.skip_to_contact()
-    laboratory_ = laboratory(settings.seed)
     device = _device(settings, cell)
-    table = cell.tables.sensor
-    sensor = force_sensor(
-        truth,
-        settings.seed,
-        None if table is None else table.segment,
-        hose_share=settings.hose_share,
-    )
-    bridges, amplifiers, steps = strains(settings, cell, live.plant, laboratory_)
-    instruments = Instruments(
-        laboratory_,
-        sensor,
-        device,
-        settings.tracker_peer,
-        tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
-        tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
-        holder=bridges,
-        strain=amplifiers,
-        strain_steps=steps,
-    )
+    instruments = _instruments(settings, cell, truth, live, device)
     plc = None
-    if settings.strain_plc is not None and amplifiers is not None:
+    if settings.strain_plc is not None and instruments.strain is not None:
         kind, where = settings.strain_plc
-        plc = imported(PLCS[kind].terminals)(cell, amplifiers, where)
+        plc = imported(PLCS[kind].terminals)(cell, instruments.strain, where)
     server = CellServer(
         live,
         robot_controller,
@@ -225,8 +169,42 @@ def run(
     return summary
 
 
+def _live(settings: LiveSettings, cell: Cell, truth: Truth, job: Job) -> LiveCell:
+    return LiveCell(
+        job.machined,
+        truth=truth,
+        controller=simulate.controller(cell),
+        stock=cell.stock(),
+        cutter={number: cell.cutter(number) for number in simulate.tools_of(job.path)},
+        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
+        answer=settings.answer,
+        own_backlash=settings.own_backlash,
+        touched=None if settings.touched is None else read_truth(settings.touched),
+    )
+
+
+def _instruments(
+    settings: LiveSettings, cell: Cell, truth: Truth, live: LiveCell, device: ForceDevice | None
+) -> Instruments:
+    laboratory_, table = laboratory(settings.seed), cell.tables.sensor
+    segment = None if table is None else table.segment
+    sensor = force_sensor(truth, settings.seed, segment, hose_share=settings.hose_share)
+    bridges, amplifiers, steps = strains(settings, cell, live.plant, laboratory_)
+    return Instruments(
+        laboratory_,
+        sensor,
+        device,
+        settings.tracker_peer,
+        tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
+        tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
+        holder=bridges,
+        strain=amplifiers,
+        strain_steps=steps,
+    )
+
+
 def _device(settings: LiveSettings, cell: Cell) -> ForceDevice | None:
-    """What sends the readings of the force sensor, by the protocol that the cell file names."""
+    """Open the force sensor that speaks the protocol of the cell file."""
     if settings.force_port is None:
         return None
     table = cell.tables.sensor

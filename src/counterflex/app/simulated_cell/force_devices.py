@@ -6,6 +6,7 @@ import numpy as np
 
 from counterflex.core.errors import InputError
 from counterflex.core.registry import imported
+from counterflex.protocols.force.frame_format import FrameFormat
 from counterflex.protocols.force.sensors import FORCE_SENSORS
 from counterflex.protocols.frame.link import FrameSource
 from counterflex.protocols.wrench.telegram import INVALID, SATURATED, Wrench
@@ -18,7 +19,6 @@ def force_device(protocol: str, start: ForceStart) -> ForceDevice:
 
     Args:
         protocol: Its name, as in the cell file.
-        start: See there.
 
     Raises:
         InputError: The protocol has no simulated sensor, or the settings do not fit it.
@@ -54,14 +54,13 @@ def frame_sender(start: ForceStart) -> WrenchSender:
             where=start.where,
             value="[sensor.frame] with " + ("tcp" if own.transport == "tcp" else "start or request"),
         )
-    frame = own.frame
+    return WrenchSender(peer, start.faults, write=lambda one: _frame_of(own.frame, one))
 
-    def write(one: Wrench) -> bytes:
-        bits = frame.saturated_bits if one.status & SATURATED else 0
-        bits |= frame.invalid_bits if one.status & INVALID else 0
-        return frame.write(np.array(one.w_sensor), one.sequence, bits)
 
-    return WrenchSender(peer, start.faults, write=write)
+def _frame_of(frame: FrameFormat, one: Wrench) -> bytes:
+    bits = frame.saturated_bits if one.status & SATURATED else 0
+    bits |= frame.invalid_bits if one.status & INVALID else 0
+    return frame.write(np.array(one.w_sensor), one.sequence, bits)
 
 
 def _peer(start: ForceStart, protocol: str) -> tuple[str, int]:

@@ -15,23 +15,14 @@ from counterflex.twin.network.proxy import BACK, THERE, DecisionLog, UdpProxy, r
 
 @dataclass(frozen=True)
 class ProxySettings:
-    """What the proxy does.
+    """Settings of the proxy."""
 
-    Attributes:
-        listen: Address that the side which begins sends to.
-        to: The other side.
-        way: Which way is bad: ``both``, ``there`` or ``back``.
-        impairment: Of the bad way.
-        seed: Of chance.
-        replay: Log whose decisions are made again, instead of all of the above; or None.
-    """
-
-    listen: tuple[str, int]
-    to: tuple[str, int]
-    way: Literal["both", "there", "back"] = "both"
-    impairment: Impairment = field(default_factory=Impairment)
-    seed: int = 0
-    replay: Path | None = None
+    listen: tuple[str, int]  # Address that the side which begins sends to
+    to: tuple[str, int]  # The other side
+    way: Literal["both", "there", "back"] = "both"  # Which way is bad: ``both``, ``there`` or ``back``
+    impairment: Impairment = field(default_factory=Impairment)  # Of the bad way
+    seed: int = 0  # Of chance
+    replay: Path | None = None  # Log whose decisions are made again, instead of all of the above; or None
 
 
 def run(
@@ -45,7 +36,6 @@ def run(
     """Carry datagrams until the time is over or it is interrupted.
 
     Args:
-        settings: See :class:`ProxySettings`.
         log: Where to log what was done, or None.
         seconds: Or None: until interrupted.
         started: Told the address before the first datagram.

@@ -45,12 +45,12 @@ def late(table: TrackerTable) -> tuple[Fault, ...]:
 
 
 def path_answer(table: ControllerTable) -> PathAnswer:
-    """How the path of a controller answers a correction."""
+    """Return the response of a controller's path to a correction."""
     return PathAnswer(table.dead_ms * MS, table.natural_hz, table.damping)
 
 
 def timing(table: ControllerTable, gate_s: float) -> Timing:
-    """How a controller keeps time; ``gate_s`` where the scenario says none."""
+    """Return the timing of a controller; ``gate_s`` where the scenario has none."""
     return Timing(
         realtime=table.realtime,
         wait_s=table.wait_s,
@@ -66,7 +66,7 @@ def matrix(pose_mm_deg: Sequence[float]) -> Float:
 
 
 def load(table: ForceSensorTable, record: Path | None, seed: int) -> NoisyWrench:
-    """What a force sensor alone shows: a record, or a constant load with a sine, and noise."""
+    """Return the load of a lone force sensor: a record, or a constant with a sine, and noise."""
     source: WrenchSource = SteadyWrench(np.array(table.wrench_n_nm), np.array(table.amplitude_n_nm), table.sine_hz)
     if record is not None:
         source = RecordedWrench(*read_wrench_log(record), repeat=table.repeat)
@@ -74,7 +74,7 @@ def load(table: ForceSensorTable, record: Path | None, seed: int) -> NoisyWrench
 
 
 def target(table: TargetTable) -> PoseSource:
-    """What a tracker sees, by time.
+    """Return the pose that a tracker measures, by time.
 
     Raises:
         InputError: Circle and square.
@@ -89,7 +89,7 @@ def target(table: TargetTable) -> PoseSource:
 
 
 def impairment(table: NetworkTable) -> Impairment:
-    """What the bad way of a network does.
+    """Return the faults of a network.
 
     Raises:
         InputError: Bursts that cannot be.

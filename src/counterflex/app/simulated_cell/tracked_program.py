@@ -44,7 +44,6 @@ def run(
         cycles: How often the program runs.
         seed: Of the tracker's noise.
         reading: How the program is read.
-        progress: Progress callback, fraction 0 to 1.
 
     Raises:
         CounterflexError: A file cannot be used, or the robot does not reach the path.

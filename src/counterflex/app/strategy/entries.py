@@ -156,16 +156,14 @@ def _beginning(program: Program, rows: _Rows, group: list[int], k: int, radius: 
     common = (k, vertical, radius, motion.p_start, tangent, _free(tangent, side))
     if len(plunged) == 0 and float(rows.length[start[:first]].sum()) > _SOON_M:
         return Entry("edge", *common)
-    refusal = _refusal(program, [k, vertical])
-    if not refusal and (vertical < 0 or not _is_vertical(program.motions[vertical]) or len(down) > 1):
+    refusal = _refusal(program, [k, vertical]) or _unless_vertical(program, vertical, "approached straight down")
+    if not refusal and len(down) > 1:
         refusal = "not approached straight down"
     if side == "slot" or not side:
         if len(plunged) == 0:
             return Entry("edge", *common)
         top = float(rows.p[plunged[0] - 1, 2])
-        if motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M:
-            refusal = refusal or "what follows is no straight level line"
-        return Entry("plunge", *common, top_m=top, refusal=refusal)
+        return Entry("plunge", *common, top_m=top, refusal=refusal or _unless_level(motion))
     return Entry("wall in", *common, refusal=refusal or _arc_refusal(program, k))
 
 
@@ -177,8 +175,7 @@ def _sloped_edge(program: Program, rows: _Rows, entry: Entry, top_m: float) -> E
         _is_vertical(program.motions[entry.vertical]) and program.motions[entry.vertical].kind == "feed"
     ):
         refusal = "not approached straight down at feed"
-    if motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M:
-        refusal = refusal or "what follows is no straight level line"
+    refusal = refusal or _unless_level(motion)
     if rows.side(rows.near(k, 0.0, np.inf, end=False)) != "slot":
         refusal = refusal or "no slot over the whole width"
     row = rows.of(k)[rows.contact[rows.of(k)]][0]
@@ -189,10 +186,7 @@ def _run_up(program: Program, rows: _Rows, entry: Entry, run_up_m: float) -> Ent
     """An entry over an edge that is come to in the direction of the cut, or what speaks against it."""
     motion, k = program.motions[entry.motion], entry.motion
     refusal = _refusal(program, [k, entry.vertical])
-    if not refusal and (entry.vertical < 0 or not _is_vertical(program.motions[entry.vertical])):
-        refusal = "not approached straight down"
-    if motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M:
-        refusal = refusal or "what follows is no straight level line"
+    refusal = refusal or _unless_vertical(program, entry.vertical, "approached straight down") or _unless_level(motion)
     own = rows.of(k)
     air = float(rows.length[own[: int(np.argmax(rows.contact[own]))]].sum())
     if air >= run_up_m - _LEVEL_M:
@@ -225,9 +219,17 @@ def _ending(program: Program, rows: _Rows, group: list[int], k: int, radius: flo
     tangent = tangent_at(motion, end=True)
     behind = k + 1 if k + 1 < len(program.motions) else -1
     refusal = _refusal(program, [k, behind]) or _arc_refusal(program, k)
-    if not refusal and (behind < 0 or not _is_vertical(program.motions[behind])):
-        refusal = "not left straight up"
+    refusal = refusal or _unless_vertical(program, behind, "left straight up")
     return Entry("wall out", k, behind, radius, motion.p_end, tangent, _free(tangent, side), refusal=refusal)
+
+
+def _unless_vertical(program: Program, k: int, text: str) -> str:
+    return "" if k >= 0 and _is_vertical(program.motions[k]) else f"not {text}"
+
+
+def _unless_level(motion: Motion) -> str:
+    sloped = motion.kind == "arc" or abs(float(motion.p_end[2] - motion.p_start[2])) > _LEVEL_M
+    return "what follows is no straight level line" if sloped else ""
 
 
 def _refusal(program: Program, motions: list[int]) -> str:

@@ -192,28 +192,25 @@ def _check_other_cuts(program: Program, slots: set[int], old: int) -> None:
             )
 
 
+def _words(letters: str, values: Float, digits: int) -> str:
+    return " ".join(f"{c}{v:.{digits}f}" for c, v in zip(letters, values.tolist(), strict=True))
+
+
 def _loop_lines(
     block: Block, start: Float, end: Float, loop: Loop, feed_m_s: float, programmed_m_s: float, *, up: bool
 ) -> list[str]:
     unit, origin = block.modal.unit_m, np.array(block.modal.p_part_origin)[:2]
     digits = 4 if unit == MM else 5
-
-    def at(point: Float) -> Float:
-        out: Float = np.round((point - origin) / unit, digits) + 0.0
-        return out
-
-    def words(letters: str, values: Float) -> str:
-        return " ".join(f"{c}{v:.{digits}f}" for c, v in zip(letters, values.tolist(), strict=True))
-
     turn = "G2" if up else "G3"
-    out, here = [], at(start[:2])
+    out, here = [], np.round((start[:2] - origin) / unit, digits) + 0.0
     for piece in pieces(start[:2], end[:2], loop, up=up):
-        there = at(piece.end)
+        there = np.round((piece.end - origin) / unit, digits) + 0.0
+        line = _words("XY", there, digits)
         if piece.centre is None:
-            out.append(f"G1 {words('XY', there)}")
+            out.append(f"G1 {line}")
         else:
             arms = np.round((piece.centre - origin) / unit - here, digits) + 0.0
-            out.append(f"{turn} {words('XY', there)} {words('IJ', arms)}")
+            out.append(f"{turn} {line} {_words('IJ', arms, digits)}")
         here = there
     scale = unit / 60.0
     out[0] += f" F{feed_m_s / scale:.3f}"

@@ -11,9 +11,15 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.prove import FamilyName, Workers
-from counterflex.cli.output import keep_inputs, print_json, print_made_again, print_table, resumable_progress
+from counterflex.cli.output import keep_inputs, print_made_again, print_result, print_table, resumable_progress
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
+
+
+def _either(name: str, given: bool, other: str, its: bool, hint: str | None = None, *, one: bool = False) -> None:
+    """Refuse two options that exclude each other, and where ``one`` is needed none of them."""
+    if (given and its) or (one and not (given or its)):
+        raise InputError(f"use either {name} or {other}", value="both" if given else "neither", hint=hint)
 
 
 def campaign(
@@ -83,22 +89,19 @@ def campaign(
 
     Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
     """
-    if (twin is None) == (seeds is None):
-        raise InputError(
-            "use either --twin or --seeds",
-            value="neither" if twin is None else "both",
-            hint="--twin TRUTH is one simulated cell, --seeds 5 makes five",
-        )
-    if recipe and not identify:
-        raise InputError("use either --recipe or --no-identify", value="both")
-    if scheduler and workers:
-        raise InputError(
-            "use either --scheduler or --workers", value="both", hint="A scheduler's workers are started beside it"
-        )
+    _either(
+        "--twin",
+        twin is not None,
+        "--seeds",
+        seeds is not None,
+        "--twin TRUTH is one simulated cell, --seeds 5 makes five",
+        one=True,
+    )
+    _either("--recipe", bool(recipe), "--no-identify", not identify)
+    _either("--scheduler", bool(scheduler), "--workers", bool(workers), "A scheduler's workers are started beside it")
     numbers = None if seeds is None else arguments.seeds(seeds)
     programs = list(program or ())
-    inputs = [path for path in (*programs, cell, twin, placements) if path is not None]
-    keep_inputs(out, *inputs)
+    keep_inputs(out, *programs, cell, twin, placements)
     from counterflex.app import examples
     from counterflex.app.campaign import campaign as job
     from counterflex.app.campaign.axes import Grid, read_placements
@@ -125,10 +128,7 @@ def campaign(
             workers=scheduler or workers,
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-    else:
-        show(summary, out)
+    print_result(summary, as_json, show, out)
 
 
 def show(summary: dict[str, Any], out: Path) -> None:

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Out, Program
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
 from counterflex.core.units import UM
 
 _SHOWN = 6
@@ -73,10 +73,7 @@ def correct(
         summary = job.run(
             program, cell, plan, scan, out, apply=apply, report=report, progress=progress, limit_m=limit_um * UM
         )
-    if as_json:
-        print_json(summary)
-    else:
-        show(summary, out)
+    print_result(summary, as_json, show, out)
 
 
 def show(summary: dict[str, Any], out: Path) -> None:

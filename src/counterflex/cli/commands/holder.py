@@ -101,6 +101,17 @@ def design(
     say_written(out, f"wrote {out}: {files}")
 
 
+def _settled_line(settled: dict[str, float] | None, bricks: int) -> str:
+    if settled is None:
+        return "warning: one brick over a pocket: the strains may be wrong by half; give --bricks 4 or more"
+    change = (
+        f"from {max(1, bricks // 2)} to {bricks} bricks over a pocket the strains change by "
+        f"{settled['strain']:g} %, the compliance by {settled['compliance']:g} %: they are settled to about as much"
+    )
+    more = "" if settled["strain"] <= _SETTLED else f"; give --bricks {2 * bricks} or more"
+    return f"{'note' if not more else 'warning'}: {change}{more}"
+
+
 def _show(summary: dict[str, Any]) -> None:
     rows = summary["compliance_um_per_kn"]
     print_table(
@@ -128,16 +139,7 @@ def _show(summary: dict[str, Any]) -> None:
             f"condition of M {summary['condition_of_m']:g} (Denkena2015, printed: "
             f"{summary['denkena2015_condition']:g}); {summary['noise_um_m']:g} um/m of noise are {sigma}"
         )
-    settled = summary["settled_percent"]
-    if settled is None:
-        typer.echo("warning: one brick over a pocket: the strains may be wrong by half; give --bricks 4 or more")
-    else:
-        change = (
-            f"from {max(1, summary['bricks'] // 2)} to {summary['bricks']} bricks over a pocket the strains change by "
-            f"{settled['strain']:g} %, the compliance by {settled['compliance']:g} %: they are settled to about as much"
-        )
-        more = "" if settled["strain"] <= _SETTLED else f"; give --bricks {2 * summary['bricks']} or more"
-        typer.echo(f"{'note' if not more else 'warning'}: {change}{more}")
+    typer.echo(_settled_line(summary["settled_percent"], summary["bricks"]))
     spindle = summary["spindle"]
     for row in [] if spindle is None else spindle["angles"]:
         angle = "as it is" if row["angle_deg"] is None else f"{spindle['mounting']} = {row['angle_deg']:g} deg"

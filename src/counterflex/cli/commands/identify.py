@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_PROPOSED, argument, option, pairs
-from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.cli.output import keep_inputs, print_json, print_result, progress_bar
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES, own_title
 
@@ -113,10 +113,7 @@ def _history(folders: list[Path], as_json: bool) -> None:
     from counterflex.cli.commands.identify_tables import show_history
 
     changes = history(folders[0])
-    if as_json:
-        print_json(changes)
-    else:
-        show_history(changes)
+    print_result(changes, as_json, show_history)
 
 
 def _propose(
@@ -131,7 +128,4 @@ def _propose(
 
     with progress_bar(f"choosing {count} measurements"):
         proposal = job.run(recipe, count, cell, out, settings=chosen, seed=seed)
-    if as_json:
-        print_json(proposal)
-    else:
-        show_proposal(proposal, out, cell)
+    print_result(proposal, as_json, show_proposal, out, cell)

@@ -44,22 +44,27 @@ def show_result(result: dict[str, Any], out: Path) -> None:
         )
         if len(free) > _PARAMETERS:
             typer.echo(f"note: {len(free) - _PARAMETERS} more parameters in report.html")
-        if not fit["converged"]:
-            typer.echo("warning: the solver did not converge")
-        for name_at_bound in fit["at_bound"]:
-            typer.echo(f"warning: {name_at_bound} rests against its bound; the data would have it beyond")
-        for outlier in fit["outliers"][:_OUTLIERS]:
-            typer.echo(f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation")
-        if len(fit["outliers"]) > _OUTLIERS:
-            typer.echo(f"outlier: {len(fit['outliers']) - _OUTLIERS} more in result.json")
-        hidden = [sentence for sentence in fit["hidden"] if sentence not in result["remarks"]]
-        for sentence in hidden[:_SENTENCES]:
-            typer.echo(f"note: {sentence}")
-        if len(hidden) > _SENTENCES:
-            typer.echo(f"note: {len(hidden) - _SENTENCES} more such sentences in report.html")
+        _show_doubts(fit, result["remarks"])
     for remark in result["remarks"]:
         typer.echo(f"note: {remark}")
     typer.echo(f"wrote {out}: cell.toml, result.json, report.html ({result['seconds']:.1f} s)")
+
+
+def _show_doubts(fit: dict[str, Any], remarks: list[str]) -> None:
+    """Print what is unsure of a fit, and not said by the remarks."""
+    if not fit["converged"]:
+        typer.echo("warning: the solver did not converge")
+    for name_at_bound in fit["at_bound"]:
+        typer.echo(f"warning: {name_at_bound} rests against its bound; the data would have it beyond")
+    for outlier in fit["outliers"][:_OUTLIERS]:
+        typer.echo(f"outlier: {outlier['where']}: {outlier['size']:.1f} times its standard deviation")
+    if len(fit["outliers"]) > _OUTLIERS:
+        typer.echo(f"outlier: {len(fit['outliers']) - _OUTLIERS} more in result.json")
+    hidden = [sentence for sentence in fit["hidden"] if sentence not in remarks]
+    for sentence in hidden[:_SENTENCES]:
+        typer.echo(f"note: {sentence}")
+    if len(hidden) > _SENTENCES:
+        typer.echo(f"note: {len(hidden) - _SENTENCES} more such sentences in report.html")
 
 
 def show_proposal(proposal: dict[str, Any], out: Path, cell: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +26,24 @@ def datum_faces(param: arguments.Param, value: str | None) -> str | None:
     if value is not None:
         _one_face(param, [name.strip() for name in value.split(",")])
     return value
+
+
+def _measured(
+    scan: Path | None, tool_log: Path | None, of_scan: Mapping[str, object], of_log: Mapping[str, object]
+) -> Path:
+    """The one of scan and log that is given; refuses options of the other."""
+    measured = scan or tool_log
+    if measured is None or (scan is not None and tool_log is not None):
+        raise InputError(
+            "nothing measured is given" if measured is None else "a scan and a log of the tool are given",
+            where="--scan and --tool-log",
+            limit="one of them",
+        )
+    what, others = ("a scan", of_log) if tool_log is None else ("a log of the tool", of_scan)
+    for name, value in others.items():
+        if value is not None and value is not False:
+            raise InputError(f"{what} has no such option", where=name, hint=f"Leave {name} out")
+    return measured
 
 
 def inspect(
@@ -177,31 +196,23 @@ def inspect(
 
     Example: `counterflex inspect part.ngc --cell cell.toml --scan part.ply --out inspected`
     """
-    given = [
-        path for path in (program, cell, scan, tool_log, datum_points, before, nominal, tolerances) if path is not None
-    ]
-    keep_inputs(out, *given)
-    measured = scan or tool_log
-    if measured is None or (scan is not None and tool_log is not None):
-        raise InputError(
-            "nothing measured is given" if measured is None else "a scan and a log of the tool are given",
-            where="--scan and --tool-log",
-            limit="one of them",
-        )
-    of_scan: dict[str, object] = {
+    keep_inputs(out, program, cell, scan, tool_log, datum_points, before, nominal, tolerances)
+    of_scan = {
         "--unit": unit,
         "--datum": datum,
         "--datum-points": datum_points,
-        "--aligned": aligned or None,
+        "--aligned": aligned,
+        "--ball-diameter-mm": ball_diameter_mm,
+        "--clearance-mm": clearance_mm,
     }
-    of_scan |= {"--ball-diameter-mm": ball_diameter_mm, "--clearance-mm": clearance_mm}
-    of_log: dict[str, object] = {"--frame": frame, "--position": position, "--run": run, "--cut": cut or None}
-    if form != "counterflex":
-        of_log["--format"] = form
-    wrong = [name for name, value in (of_log if tool_log is None else of_scan).items() if value is not None]
-    if wrong:
-        what = "a scan" if tool_log is None else "a log of the tool"
-        raise InputError(f"{what} has no such option", where=wrong[0], hint=f"Leave {wrong[0]} out")
+    of_log = {
+        "--frame": frame,
+        "--position": position,
+        "--run": run,
+        "--cut": cut,
+        "--format": None if form == "counterflex" else form,
+    }
+    measured = _measured(scan, tool_log, of_scan, of_log)
     if scan is not None and before is not None and before.is_dir():
         raise InputError("it is a folder", where=f"--before {before}", limit="a scan, as --scan")
     if aligned and (datum is not None or datum_points is not None):
@@ -213,22 +224,12 @@ def inspect(
     from counterflex.app.inspection import inspect as job
     from counterflex.app.inspection.judging import How
     from counterflex.app.inspection.tool_log import LogHow
+    from counterflex.files.tolerances_file import read_tolerances
 
-    permitted = None
-    if tolerances is not None:
-        from counterflex.files.tolerances_file import read_tolerances
-
-        permitted = read_tolerances(tolerances)
-    how: How | LogHow = How(
-        unit,
-        datum,
-        datum_points,
-        aligned,
-        None if ball_diameter_mm is None else ball_diameter_mm * MM,
-        None if clearance_mm is None else clearance_mm * MM,
-    )
-    if tool_log is not None:
-        how = LogHow(frame, form, position, run, cut)
+    how: How | LogHow = LogHow(frame, form, position, run, cut)
+    if tool_log is None:
+        ball_m, clearance_m = (None if value is None else value * MM for value in (ball_diameter_mm, clearance_mm))
+        how = How(unit, datum, datum_points, aligned, ball_m, clearance_m)
     with progress_bar(f"inspecting {measured.name}") as progress:
         summary = job.run(
             program,
@@ -238,7 +239,7 @@ def inspect(
             how=how,
             before=before,
             nominal=nominal,
-            tolerances_m=permitted,
+            tolerances_m=None if tolerances is None else read_tolerances(tolerances),
             progress=progress,
         )
     if as_json:

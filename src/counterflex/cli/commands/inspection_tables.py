@@ -19,24 +19,7 @@ def show(summary: dict[str, Any]) -> None:
     if logged:
         show_paths(summary, names)
     for name in [] if logged else names:
-        entry = summary["parts"][name]
-        scan, pose = entry["scan"], entry["registration"]
-        typer.echo(
-            f"{scan['file']}: {scan['points']} points in {scan['unit']}, noise {scan['noise_um']:.1f} um, "
-            f"{scan['outliers']} outliers left out; "
-            + (
-                f"placed by {', '.join(pose['datum_faces'])}, residual {pose['residual_um']:.1f} um, "
-                f"condition {pose['condition']:g}"
-                if pose["datum_faces"]
-                else "taken to be in the part frame"
-            )
-        )
-        if scan["cut_away"]:
-            typer.echo(
-                f"{scan['cut_away']} points ({100.0 * scan['cut_away'] / max(scan['points'], 1):.0f} %) lie beside the "
-                "blank and are cut away"
-            )
-        typer.echo(scale_line(scan["scale"]))
+        show_scan(summary["parts"][name]["scan"], summary["parts"][name]["registration"])
     for name in names:
         typer.echo(coverage_line(name, summary["parts"][name]["coverage"], logged))
     print_table(
@@ -51,16 +34,41 @@ def show(summary: dict[str, Any]) -> None:
     )
     show_coverage(summary, names, logged)
     if summary["features"]:
-        print_table(
-            "Features: value furthest from nominal, mm",
-            ["feature", "quantity", "nominal", "+-", *(c for name in names for c in (name, "U um", "within"))],
-            [
-                [row["feature"], row["quantity"], f"{row['nominal_mm']:.3f}", f"{row['tolerance_mm']:g}"]
-                + [cell for name in names for cell in _cells(row.get(name))]
-                for row in summary["features"]
-            ],
-            note="U: expanded uncertainty of measurement, k = 2. docs/inspect.md",
+        show_features(summary["features"], names)
+
+
+def show_features(features: list[dict[str, Any]], names: list[str]) -> None:
+    """Print each feature beside its tolerance."""
+    print_table(
+        "Features: value furthest from nominal, mm",
+        ["feature", "quantity", "nominal", "+-", *(c for name in names for c in (name, "U um", "within"))],
+        [
+            [row["feature"], row["quantity"], f"{row['nominal_mm']:.3f}", f"{row['tolerance_mm']:g}"]
+            + [cell for name in names for cell in _cells(row.get(name))]
+            for row in features
+        ],
+        note="U: expanded uncertainty of measurement, k = 2. docs/inspect.md",
+    )
+
+
+def show_scan(scan: dict[str, Any], pose: dict[str, Any]) -> None:
+    """Print how a scan was read and placed."""
+    typer.echo(
+        f"{scan['file']}: {scan['points']} points in {scan['unit']}, noise {scan['noise_um']:.1f} um, "
+        f"{scan['outliers']} outliers left out; "
+        + (
+            f"placed by {', '.join(pose['datum_faces'])}, residual {pose['residual_um']:.1f} um, "
+            f"condition {pose['condition']:g}"
+            if pose["datum_faces"]
+            else "taken to be in the part frame"
         )
+    )
+    if scan["cut_away"]:
+        typer.echo(
+            f"{scan['cut_away']} points ({100.0 * scan['cut_away'] / max(scan['points'], 1):.0f} %) lie beside the "
+            "blank and are cut away"
+        )
+    typer.echo(scale_line(scan["scale"]))
 
 
 def scale_line(scale: dict[str, Any]) -> str:

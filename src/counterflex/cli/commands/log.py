@@ -232,63 +232,70 @@ def replay(
 
     with progress_bar("replaying") as progress:
         replayed = job.replay(folder, cell, plan, compensated=not original, from_s=from_s, progress=progress)
-    first = replayed.difference
     if as_json:
-        print_json(
-            {
-                "records": replayed.records,
-                "compared": replayed.compared,
-                "skipped": replayed.skipped,
-                "missing": replayed.missing,
-                "same": replayed.proved,
-                "difference": None
-                if first is None
-                else {
-                    "run": replayed.run,
-                    "cycle": first.cycle,
-                    "counter_ms": first.counter_ms,
-                    "column": first.column,
-                    "logged": repr(first.logged),
-                    "replayed": repr(first.replayed),
-                    "columns": first.columns,
-                },
-                "begun_after": replayed.begun,
-                **replayed.lost.shown(),
-                "gaps": [{"after": gap.after, "missing": gap.missing} for gap in replayed.gaps],
-                "notes": replayed.notes,
-            }
-        )
+        print_json(_plain(replayed))
     else:
-        for note in replayed.notes:
-            typer.echo(f"note: {note}")
-        for gap in replayed.gaps:
-            where = f"after cycle {gap.after}" if gap.after else "at the beginning"
-            typer.echo(
-                f"{gap.missing} cycles missing {where}: what follows cannot be computed again, up to the next"
-                " recorded state"
-            )
-        for one in replayed.lost.damage:
-            typer.echo(f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read")
-        for name in replayed.lost.empty:
-            typer.echo(f"nothing of {name} can be read")
-        for cycle in replayed.begun:
-            typer.echo(f"began from the state recorded after cycle {cycle}")
-        if replayed.lost.cut:
-            typer.echo(f"cut short: {', '.join(replayed.lost.cut)}; the available cycles were compared")
-        if first is not None:
-            more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
-            typer.echo(
-                f"first difference: cycle {first.cycle} (counter {first.counter_ms}), {first.column}:"
-                f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
-            )
-        same = "bit for bit the same" if first is None else "the same until there"
-        typer.echo(
-            f"{replayed.compared} of {replayed.records + replayed.missing} cycles {same}"
-            + _omitted(replayed.missing, replayed.skipped)
-        )
-    if first is not None:
+        _show_replay(replayed)
+    if replayed.difference is not None:
         raise typer.Exit(1)
     _end(incomplete=not replayed.proved or replayed.lost.incomplete)
+
+
+def _plain(replayed: Any) -> dict[str, Any]:
+    first = replayed.difference
+    return {
+        "records": replayed.records,
+        "compared": replayed.compared,
+        "skipped": replayed.skipped,
+        "missing": replayed.missing,
+        "same": replayed.proved,
+        "difference": None
+        if first is None
+        else {
+            "run": replayed.run,
+            "cycle": first.cycle,
+            "counter_ms": first.counter_ms,
+            "column": first.column,
+            "logged": repr(first.logged),
+            "replayed": repr(first.replayed),
+            "columns": first.columns,
+        },
+        "begun_after": replayed.begun,
+        **replayed.lost.shown(),
+        "gaps": [{"after": gap.after, "missing": gap.missing} for gap in replayed.gaps],
+        "notes": replayed.notes,
+    }
+
+
+def _show_replay(replayed: Any) -> None:
+    for note in replayed.notes:
+        typer.echo(f"note: {note}")
+    for gap in replayed.gaps:
+        where = f"after cycle {gap.after}" if gap.after else "at the beginning"
+        typer.echo(
+            f"{gap.missing} cycles missing {where}: what follows cannot be computed again, up to the next"
+            " recorded state"
+        )
+    for one in replayed.lost.damage:
+        typer.echo(f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read")
+    for name in replayed.lost.empty:
+        typer.echo(f"nothing of {name} can be read")
+    for cycle in replayed.begun:
+        typer.echo(f"began from the state recorded after cycle {cycle}")
+    if replayed.lost.cut:
+        typer.echo(f"cut short: {', '.join(replayed.lost.cut)}; the available cycles were compared")
+    first = replayed.difference
+    if first is not None:
+        more = f", and {first.columns - 1} more columns of that cycle" if first.columns > 1 else ""
+        typer.echo(
+            f"first difference: cycle {first.cycle} (counter {first.counter_ms}), {first.column}:"
+            f" logged {first.logged!r}, replayed {first.replayed!r}{more}"
+        )
+    same = "bit for bit the same" if first is None else "the same until there"
+    typer.echo(
+        f"{replayed.compared} of {replayed.records + replayed.missing} cycles {same}"
+        + _omitted(replayed.missing, replayed.skipped)
+    )
 
 
 def _omitted(missing: int, skipped: int) -> str:

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, say_written
 from counterflex.core.remarks import shown
 from counterflex.programs.language import BY_ENDING, robot_dialects
 
@@ -62,10 +62,7 @@ def preflight(
     with progress_bar(f"checking {program.name}") as progress:
         reading = Reading(dialect, parameters, complete=not without_end)
         summary = job.run(program, cell, out, reading=reading, language=language, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        _show(summary)
+    print_result(summary, as_json, _show)
     if out is not None and not as_json:
         say_written(out, f"wrote {out}: report.html, summary.json")
     if summary["failed"]:

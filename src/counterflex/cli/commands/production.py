@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, argument, option, pairs
 from counterflex.cli.commands.program import CellFile, Out
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
 from counterflex.files.shop_unit import digits_of, unit_of_name
 
 _WEAR_WORDS = {
@@ -54,10 +54,7 @@ def production(
 
     with progress_bar("identifying production") as progress:
         result = job.run(runs, cell, plan, out, settings=chosen, seed=seed, apply=apply, progress=progress)
-    if as_json:
-        print_json(result)
-    else:
-        show(result, out)
+    print_result(result, as_json, show, out)
 
 
 def show(result: dict[str, Any], out: Path) -> None:

@@ -17,6 +17,7 @@ from counterflex.cli.output import (
     keep_inputs,
     line_of,
     print_json,
+    print_result,
     print_table,
     progress_bar,
     say_written,
@@ -234,10 +235,7 @@ def prove(
             reading=reading,
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-    else:
-        show_proof(summary, out)
+    print_result(summary, as_json, show_proof, out)
 
 
 def show_figures(summary: dict[str, Any]) -> None:
@@ -303,7 +301,4 @@ def demo(
         cell = Path(folder) / "cell.toml"
         _, part = examples.write(cell)
         summary = job.run(part, cell, out, seeds=numbers, family=family_of(family), workers=workers, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        show_proof(summary, out)
+    print_result(summary, as_json, show_proof, out)

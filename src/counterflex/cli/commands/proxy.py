@@ -47,13 +47,14 @@ def proxy(
         replay=replay,
     )
 
-    def started(where: tuple[str, int]) -> None:
-        typer.echo(f"carrying from {where[0]}:{where[1]} to {to}; Ctrl-C ends", err=True)
-
     with contextlib.suppress(KeyboardInterrupt):
-        summary = job.run(settings, log=log, seconds=seconds, started=started)
+        summary = job.run(settings, log=log, seconds=seconds, started=lambda where: _started(to, where))
         typer.echo(
             f"there: {summary['there']['carried']} datagrams, {summary['there']['lost']} lost; "
             f"back: {summary['back']['carried']}, {summary['back']['lost']} lost"
             + ("" if log is None else f"; wrote {log}")
         )
+
+
+def _started(to: str, where: tuple[str, int]) -> None:
+    typer.echo(f"carrying from {where[0]}:{where[1]} to {to}; Ctrl-C ends", err=True)

@@ -11,8 +11,8 @@ from counterflex.cli import arguments, interrupt
 from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.log import show_process
 from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.commands.simulated.options import require_not_abandoned
-from counterflex.cli.output import keep_inputs, line_period_s, print_json, print_table, progress_bar
+from counterflex.cli.commands.simulated.options import require_not_abandoned, say_force_device
+from counterflex.cli.output import keep_inputs, line_period_s, print_result, print_table, progress_bar
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
@@ -105,13 +105,6 @@ def run(
         force_wait_s=60.0 if lockstep else 10.0,
     )
 
-    def started(where: tuple[str, int]) -> None:
-        interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
-        typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
-
-    def warn(line: str) -> None:
-        typer.echo(f"warning: {line}", err=True)
-
     if line_period_s() > 0.0:
         other = "; start the simulated cell now, it is waited for" if lockstep else ""
         typer.echo(f"preparing the loop: cell, plan, sensors{other}", err=True)
@@ -120,19 +113,25 @@ def run(
         out,
         watch=StatusLines(),
         most_s=trial.run.seconds,
-        started=started,
-        warn=warn,
+        started=lambda where: _started(out, where),
+        warn=_warn,
         preparing=Preparing(line_period_s()),
     )
-    if as_json:
-        print_json(summary)
-    else:
-        _show(summary, out)
+    print_result(summary, as_json, _show, out)
     if summary["ended"]["wrong"]:
         interrupt.went_wrong(summary["ended"]["status"])
     if summary["ended"]["status"]:
         typer.echo(f"ended: {summary['ended']['said']}", err=True)
         raise typer.Exit(summary["ended"]["status"])
+
+
+def _started(out: Path, where: tuple[str, int]) -> None:
+    interrupt.keeps(f"the log up to here is in {out}; the loop ramps the correction out and ends by itself")
+    typer.echo(f"waiting for the robot at {where[0]}:{where[1]}", err=True)
+
+
+def _warn(line: str) -> None:
+    typer.echo(f"warning: {line}", err=True)
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:
@@ -196,7 +195,6 @@ def cell(
     from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job
     from counterflex.app.simulated_cell import scenario as shown
-    from counterflex.twin.devices.force_device import ForceDevice
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
     force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)
@@ -227,13 +225,13 @@ def cell(
         answer=shown.path_answer(trial.controller),
     )
 
-    def started(device: ForceDevice | None) -> None:
-        udp, http = (None, None) if device is None else (device.address, device.http_address)
-        if udp and http and not (force_port and sensor.http_port):  # else the caller knows it
-            typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
-
+    known = bool(force_port and sensor.http_port)  # the ports are the caller's
     with progress_bar(f"milling {program.name}") as progress:
-        summary = job.run(settings, out, started=started, progress=progress)
+        summary = job.run(settings, out, started=_silent if known else say_force_device, progress=progress)
     online = summary["online"]
     typer.echo(f"{online['ended']} after {online['cycles']} telegrams, {online['late_answers']} late; wrote {out}")
     require_not_abandoned(online["ended"])
+
+
+def _silent(_: object) -> None:
+    pass

@@ -17,6 +17,10 @@ from counterflex.core import file_content
 tracker = typer.Typer(no_args_is_help=True, help="Laser trackers: bring their measurements to the loop.")
 
 
+def _complain(what: str) -> None:
+    typer.echo(f"left out: {what}", err=True)
+
+
 def bridge(
     to: Annotated[str, argument("Where datagrams go: the loop's tracker.address.", arguments.host_port, "HOST:PORT")],
     file: Annotated[
@@ -37,15 +41,12 @@ def bridge(
     from counterflex.app.run.tracker_bridge import forward
     from counterflex.cli.output import print_json
 
-    def complain(what: str) -> None:
-        typer.echo(f"left out: {what}", err=True)
-
     peer = address(to, "HOST:PORT")
     if file is None:
-        summary = forward(sys.stdin, peer, "standard input", form=form, complain=complain)
+        summary = forward(sys.stdin, peer, "standard input", form=form, complain=_complain)
     else:
         lines = file_content.text(file).splitlines()
-        summary = forward(lines, peer, str(file), form=form, complain=complain)
+        summary = forward(lines, peer, str(file), form=form, complain=_complain)
     if as_json:
         print_json(summary)
     else:

@@ -7,6 +7,7 @@ from typing import Annotated, Final, Self
 
 from pydantic import Field, model_validator
 
+from counterflex.core.similar import twice
 from counterflex.files.dataset.units import UNITS, plain
 from counterflex.files.schema import Table
 
@@ -101,10 +102,8 @@ class AdsTable(Table):
             if not _NET_ID.fullmatch(net_id) or max(map(int, net_id.split("."))) > 255:
                 raise ValueError(f"not an AMS net id: {net_id!r}; expected six numbers up to 255: 192.168.1.20.1.1")
         _of(self.strain_unit, ("1", "V/V"), "strain_unit")
-        names = [one.name for one in self.parameters]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"two parameters are named '{twice}'")
+        if (name := twice([one.name for one in self.parameters])) is not None:
+            raise ValueError(f"two parameters are named '{name}'")
         return self
 
     @property

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import twice
 from counterflex.core.units import MM
 from counterflex.files.schema import PoseTable, Table
 from counterflex.geometry import pose
@@ -165,10 +166,8 @@ class SurroundingsTable(Table):
 
     @model_validator(mode="after")
     def _unique(self) -> SurroundingsTable:
-        names = [row.name for row in self.body]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two bodies are named '{name}'; names must differ")
+        if (name := twice([row.name for row in self.body])) is not None:
+            raise ValueError(f"two bodies are named '{name}'; names must differ")
         return self
 
     def bodies(self, folder: Path = Path()) -> tuple[list[Body], list[str]]:

@@ -95,7 +95,7 @@ class Cell:
 
     @property
     def holds_part(self) -> bool:
-        """Whether the robot holds the part against a spindle that stands; the chains end in the part frame then."""
+        """Return whether the robot holds the part against a standing spindle; the chains then end in the part frame."""
         return self.tables.part_on == "flange"
 
     @property
@@ -292,7 +292,7 @@ class Cell:
         }
 
     def process_limits(self, number: int) -> ProcessLimits:
-        """What spindle, robot and the tool with a number bear; a tool that the cell does not have has no length."""
+        """Return the limits of spindle, robot and tool; a tool that the cell does not have has no length."""
         tool = next((tool for tool in self.tables.tools if tool.number == number), None)
         table = self.tables.process_limits
         return table.limits() if tool is None else table.limits(tool.overhang_mm, tool.modulus_gpa)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import AfterValidator, Field, create_model, model_validator
 
@@ -58,6 +58,8 @@ class StatementsTable(Table):
     coolant_off: Statements | None = None
     tool_change: Statements | None = None
     m_codes: dict[str, Statements] = Field(default_factory=dict)
+    language: ClassVar[str] = ""
+    end: ClassVar[str] = ""  # Of every statement, and of no condition; empty where statements have none
 
     @model_validator(mode="after")
     def _codes(self) -> StatementsTable:
@@ -74,6 +76,19 @@ class StatementsTable(Table):
                 raise ValueError(f"m_codes.{name} stops or ends the program by itself and cannot be mapped")
         return self
 
+    @model_validator(mode="after")
+    def _ended(self) -> StatementsTable:
+        if not self.end:
+            return self
+        sign = _SIGNS.get(self.end, self.end)
+        for line in (line for lines in self.by_code().values() for line in lines):
+            if not line.rstrip().endswith(self.end):
+                raise ValueError(f"a {self.language} statement ends in {sign}: {line}")
+        for key in ("ready", "standing"):
+            if self.end in getattr(self, key):
+                raise ValueError(f"{key} is a condition, for example diSpindleReady=1; without {sign}")
+        return self
+
     def by_code(self) -> dict[int, Statements]:
         """Statements by M-code."""
         results = {code: getattr(self, key) for code, key in KEYS.items()}
@@ -81,28 +96,14 @@ class StatementsTable(Table):
         return {code: lines for code, lines in results.items() if lines is not None} | own
 
 
-def _statements_table(name: str, end: str) -> type[StatementsTable]:
-    """Table of a language whose statements all end in the same, and whose conditions do not."""
-
-    def ended(table: StatementsTable) -> StatementsTable:
-        for lines in table.by_code().values():
-            for line in lines:
-                if not line.rstrip().endswith(end):
-                    raise ValueError(f"a {name} statement ends in {_SIGNS.get(end, end)}: {line}")
-        for key in ("ready", "standing"):
-            if end in getattr(table, key):
-                raise ValueError(f"{key} is a condition, for example diSpindleReady=1; without {_SIGNS.get(end, end)}")
-        return table
-
-    if not end:
-        return StatementsTable
-    validators: dict[str, Any] = {"ended": model_validator(mode="after")(ended)}
-    return create_model(f"{name}StatementsTable", __base__=StatementsTable, __validators__=validators)
-
-
 class _SpindleTimes(Table):
     wait_s: Annotated[float, Field(ge=0.1, le=600.0)] = 20.0
     pause_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
+
+
+def _statements_table(language: str, end: str) -> type[StatementsTable]:
+    named = {"__module__": __name__, "language": language, "end": end}
+    return type(f"{language}StatementsTable", (StatementsTable,), named) if end else StatementsTable
 
 
 _TABLES: Final[dict[str, Any]] = {

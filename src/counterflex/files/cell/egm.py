@@ -46,27 +46,18 @@ class EgmTable(Table):
 
     def require(self, online: OnlineTable, where: str) -> None:
         """Check that EGM can do what the table ``[online]`` wants. Raises InputError: it cannot."""
-
-        def refuse(what: str, value: object, limit: object, hint: str) -> None:
-            raise InputError(what, where=where, value=value, limit=limit, hint=hint)
-
-        if online.output == "axes":
-            refuse("EGM takes no axis corrections", 'output = "axes"', "cartesian", 'Set output = "cartesian"')
-        if self.mode == "pose":
-            if online.period_ms != GUIDANCE_MS:
-                refuse("guidance runs in another cycle", online.period_ms, GUIDANCE_MS, "Set [online] period_ms = 4")
-            return
-        if online.period_ms % PATH_MS:
-            refuse(
-                "path correction runs in another cycle",
-                f"period_ms = {online.period_ms}",
-                f"multiples of {PATH_MS} ms",
-                "Set [online] period_ms = 24",
-            )
-        if online.orientation or online.along_feed:
-            refuse(
-                "path correction moves square to the path only, without turning",
-                "orientation or along_feed = true",
-                "false",
-                'Set both to false, or [egm] mode = "pose"',
-            )
+        pose, period = self.mode == "pose", f"period_ms = {online.period_ms}"
+        requirements = (  # broken, what, value, limit, what to do
+            (online.output == "axes", "EGM takes no axis corrections", 'output = "axes"', "cartesian",
+             'Set output = "cartesian"'),
+            (pose and online.period_ms != GUIDANCE_MS, "guidance runs in another cycle", online.period_ms, GUIDANCE_MS,
+             "Set [online] period_ms = 4"),
+            (not pose and online.period_ms % PATH_MS, "path correction runs in another cycle", period,
+             f"multiples of {PATH_MS} ms", "Set [online] period_ms = 24"),
+            (not pose and (online.orientation or online.along_feed),
+             "path correction moves square to the path only, without turning", "orientation or along_feed = true",
+             "false", 'Set both to false, or [egm] mode = "pose"'),
+        )  # fmt: skip
+        for broken, what, value, limit, hint in requirements:
+            if broken:
+                raise InputError(what, where=where, value=value, limit=limit, hint=hint)

@@ -254,7 +254,7 @@ class OnlineTable(Table):
 
     @property
     def axis_tolerance(self) -> AxisTolerance | None:
-        """How far axis angles and pose of a telegram may disagree; None: they are not held against each other."""
+        """Return how far axis angles and pose of a telegram may disagree; None: they are not compared."""
         if not self.axis_check:
             return None
         return AxisTolerance(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -230,38 +230,41 @@ def unusual(tables: CellTables) -> list[Unusual]:
     identified = [value.value for table in tables.identified for value in table.values]
     values = tables.model_dump(exclude_unset=True, exclude={"identified", "calibration"})
     own = set(_own(values))
-
-    def was_identified(value: float) -> bool:
-        return any(math.isclose(value, other, rel_tol=_ROUNDED) for other in identified)
-
-    results = [one for one in _unlike_axes(values) if one.key not in own and not was_identified(one.value)]
     numbers = list(_numbers(values))
     largest: dict[str, float] = {}
-    for key, name, value in numbers:
-        if name in _PLACES:
-            largest[_place(key)] = max(abs(value), largest.get(_place(key), 0.0))
+    for key, _, value in numbers:
+        largest[_place(key)] = max(abs(value), largest.get(_place(key), 0.0))
+    results = []
     for key, name, value in numbers:
         window = WINDOWS.get(_held_the_other_way(name) if tables.part_on == "flange" else name)
-        size = abs(value)
-        if size == 0.0 or was_identified(value):
-            continue
-        if window is not None and size < window.low and name in _PLACES and largest[_place(key)] >= window.low:
-            typed = name not in _OFFSETS and round(size, _TYPED_DECIMALS) == size
-            if not typed:
-                continue
-        unit = _unit(name)
-        radian = unit == "deg" and _is_radian(size)
-        if window is None or (window.low <= size <= window.high and not radian):
-            continue
-        refused = not window.least <= size <= window.most
-        if key in own and not refused:
-            continue
-        hint = "is it in rad?" if radian else _unit_hint(size, window, unit)
-        low, high = (window.least, window.most) if refused else (window.low, window.high)
-        results.append(Unusual(key, value, low, high, hint, refused))
-    reported = {one.key for one in results if one.hint != _AMONG}
-    results = [one for one in results if one.hint != _AMONG or one.key not in reported]
-    return sorted(results, key=lambda one: not one.refused)
+        one = None if window is None else _outside(key, name, value, window, largest[_place(key)])
+        if one is not None and (one.refused or key not in own) and not _is_among(value, identified):
+            results.append(one)
+    known = own | {one.key for one in results}
+    unlike = [one for one in _unlike_axes(values) if one.key not in known and not _is_among(one.value, identified)]
+    return sorted([*unlike, *results], key=lambda one: not one.refused)
+
+
+def _is_among(value: float, identified: Sequence[float]) -> bool:
+    return any(math.isclose(value, other, rel_tol=_ROUNDED) for other in identified)
+
+
+def _outside(key: str, name: str, value: float, window: Window, largest: float) -> Unusual | None:
+    """A number outside of its window; None inside, and for a component of a place that may be near zero.
+
+    Args:
+        largest: Magnitude of the largest component of the place.
+    """
+    size, unit = abs(value), _unit(name)
+    typed = name not in _OFFSETS and round(size, _TYPED_DECIMALS) == size
+    if size == 0.0 or (name in _PLACES and not typed and size < window.low <= largest):
+        return None
+    radian = unit == "deg" and _is_radian(size)
+    if window.low <= size <= window.high and not radian:
+        return None
+    refused = not window.least <= size <= window.most
+    low, high = (window.least, window.most) if refused else (window.low, window.high)
+    return Unusual(key, value, low, high, "is it in rad?" if radian else _unit_hint(size, window, unit), refused)
 
 
 def _held_the_other_way(name: str) -> str:
@@ -358,6 +361,6 @@ def _unit_hint(size: float, window: Window, unit: str) -> str:
 
 
 def _is_radian(size: float) -> bool:
-    """Whether an angle is a whole number of twelfths of pi: 1.5708 is a right angle in rad and hardly one in deg."""
+    """Return whether an angle is a whole number of twelfths of pi: 1.5708 is a right angle in rad, not in deg."""
     twelfths = size * 12.0 / math.pi
     return 0.5 < twelfths < 24.5 and abs(twelfths - round(twelfths)) < _SAME and size != round(size, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, Final, Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from counterflex.core.errors import InputError
+from counterflex.core.similar import twice
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.files.cell.measured import CalibrationTable
 from counterflex.files.schema import Angle, ComplianceTable, Length, Table
@@ -241,14 +243,14 @@ class RobotTable(Table):
 
     @model_validator(mode="after")
     def _one_table_each(self) -> RobotTable:
-        for what, axes in (("play", [row.axis for row in self.play]), ("servo", [row.axis for row in self.servo])):
-            for axis in axes:
-                if axes.count(axis) > 1:
-                    raise ValueError(f"{what} of axis {axis} is given {axes.count(axis)} times; expected once")
-        segments = [row.segment for row in self.calibration]
-        for segment in segments:
-            if segments.count(segment) > 1:
-                raise ValueError(f"calibration of {segment} is given {segments.count(segment)} times; expected once")
+        stated: tuple[tuple[str, Sequence[int | str]], ...] = (
+            ("play of axis", [row.axis for row in self.play]),
+            ("servo of axis", [row.axis for row in self.servo]),
+            ("calibration of", [row.segment for row in self.calibration]),
+        )
+        for what, names in stated:
+            if (name := twice(names)) is not None:
+                raise ValueError(f"{what} {name} is given {names.count(name)} times; expected once")
         return self
 
     @model_validator(mode="after")

@@ -267,7 +267,7 @@ def strain_holder(table: HolderTable | None) -> StrainHolder | None:
 
 
 def sensing_of(sensor: SensorTable | None, holder: HolderTable | None, chain: ElasticChain) -> dict[str, Any]:
-    """What measures forces in a cell, as objects, by the name of its table; nothing for tables that are not there.
+    """Return the force measurements of a cell by the name of their table; nothing for tables that are not there.
 
     Raises:
         InputError: The end effector has no such body, or a gauge sits on no surface of the holder.

@@ -99,15 +99,18 @@ def text_with_place(
         row = row_of(doc, "external_axes", "name", name)
         unit = "mm" if "at_mm" in row else "deg"
         row[f"at_{unit}"] = value
-        for key in (f"moves_{unit}", "moves_at_mm"):
-            row.pop(key, None)
-        given = (moves or {}).get(name, ())
-        if given:
-            row[f"moves_{unit}"] = [[round(one.from_mm, 3), round(one.to_mm, 3), one.value] for one in given]
-            row["moves_at_mm"] = [[round(float(x), 3) for x in one.point_mm] for one in given]
+        _enter_moves(row, f"moves_{unit}", (moves or {}).get(name, ()))
     _with_posture(doc, branch, rotation_deg)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
+
+
+def _enter_moves(row: Doc, key: str, moves: Sequence[AxisMove]) -> None:
+    for name in (key, "moves_at_mm"):
+        row.pop(name, None)
+    if moves:
+        row[key] = [[round(one.from_mm, 3), round(one.to_mm, 3), one.value] for one in moves]
+        row["moves_at_mm"] = [[round(float(x), 3) for x in one.point_mm] for one in moves]
 
 
 def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
@@ -118,9 +121,7 @@ def text_with_part(path: Path, pose: Mapping[str, float], folder: Path) -> str:
         folder: Where the new file will lie; paths in it that are relative are made relative to there.
     """
     doc = parsed(path)
-    table = table_of(doc, "part")
-    for key, value in pose.items():
-        table[key] = value
+    table_of(doc, "part").update(pose)
     move_paths(doc, path.parent, folder)
     return tomlkit.dumps(doc)
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from counterflex.core.errors import CounterflexError
+from counterflex.core.similar import twice
 from counterflex.core.units import DEG, MM, RPM
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
 from counterflex.files.cell.ads import AdsTable
@@ -308,23 +309,18 @@ class CellTables(Versioned):
 
     @model_validator(mode="after")
     def _unique(self) -> CellTables:
-        numbers = [tool.number for tool in self.tools]
-        if len(set(numbers)) != len(numbers):
-            twice = next(number for number in numbers if numbers.count(number) > 1)
-            raise ValueError(f"two tools have the number {twice}; tool numbers must differ")
-        axes = [axis.name for axis in self.external_axes]
-        if len(set(axes)) != len(axes):
-            raise ValueError(f"two external axes are named {next(n for n in axes if axes.count(n) > 1)}")
+        if (number := twice([tool.number for tool in self.tools])) is not None:
+            raise ValueError(f"two tools have the number {number}; tool numbers must differ")
+        if (axis := twice([axis.name for axis in self.external_axes])) is not None:
+            raise ValueError(f"two external axes are named {axis}")
         if self.tracker is not None and any(axis.carries == "robot" and axis.shown for axis in self.external_axes):
             raise ValueError(
                 "the robot stands elsewhere than where [tracker] was measured; measure the tracker with the robot "
                 "there, make that the zero of the axis (at_mm = 0), and give part and bodies as seen from there"
             )
         self._check_held_part()
-        names = [body.name for body in self.end_effector]
-        if len(set(names)) != len(names):
-            twice_named = next(name for name in names if names.count(name) > 1)
-            raise ValueError(f"two bodies of the end effector are named '{twice_named}'; names must differ")
+        if (body := twice([body.name for body in self.end_effector])) is not None:
+            raise ValueError(f"two bodies of the end effector are named '{body}'; names must differ")
         return self
 
     def _check_held_part(self) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 from counterflex.core import units as u
@@ -48,7 +47,10 @@ _UNITS: Final[dict[str, tuple[float, tuple[int, ...]]]] = {
     "coulomb": (1.0, (0, 0, 1, 1, 0, 0)),
 }
 """SI value and exponents of :data:`BASE`. Degree Celsius is left out: it has a zero of its own."""
-_WORD: Final = re.compile(r"\\([a-z]+)(?:\{(-?\d+(?:\.\d+)?)\})?")
+_TERM: Final = re.compile(
+    rf"(?P<per>\\per(?=\\))?(?:\\(?P<prefix>{'|'.join(_PREFIXES)})(?=\\))?\\(?P<unit>[a-z]+)"
+    r"(?:\\tothe\{(?P<power>-?\d+(?:\.\d+)?)\})?"
+)
 
 
 @dataclass(frozen=True)
@@ -74,41 +76,18 @@ def parse_unit(text: str, where: str) -> Unit:
     Raises:
         FileFormatError: Not D-SI, or a unit that is not known here.
     """
-    words = [(match[1], match[2], match.start(), match.end()) for match in _WORD.finditer(text)]
-    whole = bool(words) and words[0][2] == 0 and words[-1][3] == len(text)
-    if not whole or any(a[3] != b[2] for a, b in pairwise(words)):
-        raise _fault(text, where)
-    factor, exponents = 1.0, [0] * len(BASE)
-    prefix, divided, last = 0, False, -1.0
-    size, dims = 1.0, (0,) * len(BASE)
-    for word, number, _, _ in [*words, ("", None, 0, 0)]:
-        if word == "tothe":
-            if last < 0.0 or number is None or float(number) != int(float(number)):
-                raise _fault(text, where)
-            power, last = int(float(number)), -1.0
-        elif last >= 0.0:
-            power, last = 1, -1.0
-        else:
-            power = 0
-        if power:
-            power = -power if divided else power
-            factor *= size**power
-            exponents = [n + power * d for n, d in zip(exponents, dims, strict=True)]
-            divided = False
-        if word in ("", "tothe"):
-            continue
-        if number is not None:
+    factor, exponents, end = 1.0, [0] * len(BASE), 0
+    for term in _TERM.finditer(text):
+        power = float(term["power"] or 1.0)
+        if term.start() != end or term["unit"] not in _UNITS or not power.is_integer():
             raise _fault(text, where)
-        if word == "per" and not prefix and not divided:
-            divided = True
-        elif word in _PREFIXES and not prefix:
-            prefix = _PREFIXES[word]
-        elif word in _UNITS:
-            size, dims = _UNITS[word]
-            size, prefix, last = size * 10.0**prefix, 0, 1.0
-        else:
-            raise _fault(text, where)
-    if prefix or divided:
+        size, dims = _UNITS[term["unit"]]
+        size *= 10.0 ** _PREFIXES.get(term["prefix"], 0)
+        whole = -int(power) if term["per"] else int(power)
+        factor *= size**whole
+        exponents = [n + whole * d for n, d in zip(exponents, dims, strict=True)]
+        end = term.end()
+    if not text or end != len(text):
         raise _fault(text, where)
     return Unit(factor, tuple(exponents))
 

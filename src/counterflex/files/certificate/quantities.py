@@ -102,12 +102,14 @@ def _quantity(element: Any, number: int, path: Sequence[str], where: str) -> Qua
     if known is not None and local(known) == "hybrid":
         known = _in_si(known, place)
     if known is None:
-        form = next((local(one) for one in element if str(one.tag).startswith(f"{{{SI}}}")), "")
-        words = any(local(one) in _NO_NUMBERS for one in element)
-        return replace(made, unread=f"{form or 'this form'} is not read" if form or not words else "text, no number")
-    if local(known) == "realList":
-        return _real_list(made, known, place)
-    return _numbers(made, known, place)
+        return replace(made, unread=_reason_unread(element))
+    return (_real_list if local(known) == "realList" else _numbers)(made, known, place)
+
+
+def _reason_unread(element: Any) -> str:
+    form = next((local(one) for one in element if str(one.tag).startswith(f"{{{SI}}}")), "")
+    words = any(local(one) in _NO_NUMBERS for one in element)
+    return f"{form or 'this form'} is not read" if form or not words else "text, no number"
 
 
 def _in_si(hybrid: Any, place: str) -> Any:
@@ -157,24 +159,32 @@ def _real_list(made: Quantity, element: Any, place: str) -> Quantity:
     """Form ``si:realList``: each value an element of its own, unit and uncertainty there or common to all."""
     common_unit = text_of(child(element, "listUnit"))
     common = next((one for one in element if local(one) in _COMMON), None)
-    rows = []
-    for one in element:
-        if local(one) != "real":
-            continue
-        unit = text_of(child(one, "unit")) or common_unit
-        row = replace(made, values=_floats(one, "value", place), units=(unit,))
-        if len(row.values) != 1 or not unit:
-            raise FileFormatError("a value of a list without number or unit", where=place)
-        own = _with_uncertainty(row, one, place)
-        rows.append(own if own.sigma is not None or common is None else _with_uncertainty(row, common, place))
+    rows = [_real(made, one, common_unit, common, place) for one in element if local(one) == "real"]
     if not rows:
         raise FileFormatError("a quantity without a value", where=place)
-    whole = replace(made, values=tuple(r.values[0] for r in rows), units=tuple(r.units[0] for r in rows))
-    whole = replace(whole, unread=next((r.unread for r in rows if r.unread), "") or _region(element))
+    whole = replace(
+        made,
+        values=_joined(rows, "values"),
+        units=_joined(rows, "units"),
+        unread=next((r.unread for r in rows if r.unread), "") or _region(element),
+    )
     if any(row.sigma is None for row in rows):
         return whole
-    coverage = tuple(k for r in rows for k in r.coverage)
-    return replace(whole, sigma=tuple(r.sigma[0] for r in rows if r.sigma is not None), coverage=coverage)
+    return replace(whole, sigma=_joined(rows, "sigma"), coverage=_joined(rows, "coverage"))
+
+
+def _joined(rows: Sequence[Quantity], name: str) -> tuple[Any, ...]:
+    return tuple(value for row in rows for value in getattr(row, name))
+
+
+def _real(made: Quantity, element: Any, common_unit: str, common: Any, place: str) -> Quantity:
+    """One value of a list, with its own uncertainty or the common one."""
+    unit = text_of(child(element, "unit")) or common_unit
+    row = replace(made, values=_floats(element, "value", place), units=(unit,))
+    if len(row.values) != 1 or not unit:
+        raise FileFormatError("a value of a list without number or unit", where=place)
+    own = _with_uncertainty(row, element, place)
+    return own if own.sigma is not None or common is None else _with_uncertainty(row, common, place)
 
 
 def _with_uncertainty(made: Quantity, element: Any, place: str) -> Quantity:

@@ -47,27 +47,35 @@ def in_stated_unit(kind: ChannelKind, table: ChannelTable, count: int, cells: Ce
     return replace(cells, values=cells.values * stated, units=(None,) * len(cells.units))
 
 
+def _of_headers(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Float:
+    si = kind.si_units(count)
+    plain_numbers = all(unit == "1" for unit in si)
+    if COLUMNS_OF.get(table.rotation or "", 3) != 3 or (plain_numbers and kind.whole):
+        return np.ones(count)
+    if plain_numbers:  # "[um/m]" of a strain counts, "x_mm" of a direction is its name
+        check_headers(cells, ("1",) * count, si, where, all_of_them=False)
+        own = [h if h in units.UNITS["1"] else "1" for h in cells.units]
+        return np.array([units.factor(unit, "1", where) for unit in own])
+    pairs = list(zip(cells.units, si, strict=True))
+    if not all(unit in units.UNITS.get(s, {}) for unit, s in pairs):
+        raise FileFormatError("the unit is missing", where=where, hint=_say_unit(kind.file_units(count), cells))
+    return np.array([units.factor(str(unit), s, where) for unit, s in pairs])
+
+
+def _say_unit(file_units: Sequence[str], cells: Cells) -> str:
+    names = [f'"{name}"' for name in dict.fromkeys(file_units)]
+    shown = names[0] if len(names) == 1 else f"[{', '.join(names)}]"
+    raw = next((unit for unit in cells.units if unit in units.RAW), None)
+    remark = f"; the header says {raw}: what one of them is, is said by factor = ..." if raw else ""
+    return f"Say unit = {shown}, or whichever it is{remark}"
+
+
 def unit_factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells, where: str) -> Float:
     """SI value of one unit of each component, from the manifest or the headers."""
     count = 3 if kind.nature == "rotation" else count
-    si = kind.si_units(count)
     if table.unit is None:
-        plain_numbers = all(unit == "1" for unit in si)
-        if COLUMNS_OF.get(table.rotation or "", 3) != 3 or (plain_numbers and kind.whole):
-            return np.ones(count)
-        if plain_numbers:  # "[um/m]" of a strain counts, "x_mm" of a direction is its name
-            check_headers(cells, ("1",) * count, si, where, all_of_them=False)
-            own = [h if h in units.UNITS["1"] else "1" for h in cells.units]
-            return np.array([units.factor(unit, "1", where) for unit in own])
-        if not all(unit in units.UNITS.get(s, {}) for unit, s in zip(cells.units, si, strict=True)):
-            names = list(dict.fromkeys(kind.file_units(count)))
-            shown = f'"{names[0]}"' if len(names) == 1 else "[" + ", ".join(f'"{name}"' for name in names) + "]"
-            raw = next((unit for unit in cells.units if unit in units.RAW), None)
-            remark = f"; the header says {raw}: what one of them is, is said by factor = ..." if raw else ""
-            raise FileFormatError(
-                "the unit is missing", where=where, hint=f"Say unit = {shown}, or whichever it is{remark}"
-            )
-        return np.array([units.factor(str(unit), s, where) for unit, s in zip(cells.units, si, strict=True)])
+        return _of_headers(kind, table, count, cells, where)
+    si = kind.si_units(count)
     stated = spread(table.unit, kind, count)
     if len(stated) != count:
         raise FileFormatError(

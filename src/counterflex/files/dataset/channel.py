@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -85,18 +85,20 @@ class Raw:
     factors: Float
     where: str
 
-    def missing(self) -> tuple[Bool, Callable[[int], str]]:
-        """(n,) rows with a number missing, and where the first missing one of such a row stands."""
-        blocks = [self.cells] if self.sigma is None else [self.cells, self.sigma]
-        gaps = [np.isnan(block.values) for block in blocks]
+    @property
+    def missing(self) -> Bool:
+        """(n,) rows with a number missing."""
+        gaps: Bool = np.isnan(np.concatenate([block.values for block in self._blocks], axis=1)).any(axis=1)
+        return gaps
 
-        def place(row: int) -> str:
-            for block, gap in zip(blocks, gaps, strict=True):
-                if np.any(gap[row]):
-                    return block.place(row, int(np.argmax(gap[row])))
-            return self.where
+    def place_of_missing(self, row: int) -> str:
+        """Place of the first missing number of a row, for messages."""
+        gaps = [(block, np.isnan(block.values[row])) for block in self._blocks]
+        return next((block.place(row, int(np.argmax(gap))) for block, gap in gaps if np.any(gap)), self.where)
 
-        return np.any(np.concatenate(gaps, axis=1), axis=1), place
+    @property
+    def _blocks(self) -> list[Cells]:
+        return [self.cells] if self.sigma is None else [self.cells, self.sigma]
 
     def channel(self, keep: Bool, group: Int) -> Channel:
         """The channel in SI.

@@ -40,7 +40,6 @@ def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Colum
     """Read a file of an instrument; None where it is none.
 
     Args:
-        data: Its bytes.
         part: Segment of an ``.lvm`` (from 1), group of a ``.tdms``, variable or structure of a ``.mat``; None: all that
             go together.
 
@@ -75,6 +74,10 @@ def _lvm(path: Path, data: bytes, part: str | int | None) -> Columns:
                 "there is no such segment", where=f"{path}: part", value=repr(part), limit=f"1..{len(segments)}"
             )
         return segments[part - 1]
+    return _joined(segments, path)
+
+
+def _joined(segments: Sequence[Columns], path: Path) -> Columns:
     names = [one.names for one in segments]
     if len(set(names)) > 1:
         other = next(k for k, one in enumerate(names) if one != names[0])
@@ -120,21 +123,25 @@ def _segment(
         titles.pop()
     if not titles:
         raise FileFormatError("a segment has no channels", where=f"{path}:{start + 1}")
-    rows, places = [], []
-    k = first + 1
-    while k < len(lines) and lines[k].strip() and not lines[k].startswith(("Channels", "***")):
-        cells = lines[k].split(separator)[: len(titles)]
-        cells += [""] * (len(titles) - len(cells))
-        rows.append([_number(cell, decimal, path, k + 1) for cell in cells])
-        places.append(k + 1)
-        k += 1
-    values = np.array(rows, dtype=np.float64).reshape(-1, len(titles))
+    values = _values(path, lines, first + 1, separator, decimal, len(titles))
+    stop = first + 1 + len(values)
     names = [title or ("X_Value" if j == 0 else f"#{j + 1}") for j, title in enumerate(titles)]
     if len(values) and np.isnan(values[:, 0]).all() and "Delta_X" in head:  # files without a column of times
         x0, step = (_number((head.get(key) or ["0"])[0], decimal, path, start + 1) for key in ("X0", "Delta_X"))
         values[:, 0] = x0 + step * np.arange(len(values))
     columns = (*values.T, np.full(len(values), float(number)))
-    return Columns((*_once(names), "Segment"), columns, np.array(places, dtype=np.int64)), k
+    return Columns((*_once(names), "Segment"), columns, np.arange(first + 2, stop + 1, dtype=np.int64)), stop
+
+
+def _values(path: Path, lines: Sequence[str], first: int, separator: str, decimal: str, count: int) -> Float:
+    """Numbers (n, count) of the lines up to an empty one or the next header."""
+    rows = []
+    for number, line in enumerate(lines[first:], first + 1):
+        if not line.strip() or line.startswith(("Channels", "***")):
+            break
+        cells = line.split(separator)[:count]
+        rows.append([_number(cell, decimal, path, number) for cell in [*cells, *[""] * (count - len(cells))]])
+    return np.array(rows, dtype=np.float64).reshape(-1, count)
 
 
 def _number(cell: str, decimal: str, path: Path, line: int) -> float:

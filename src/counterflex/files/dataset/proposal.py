@@ -103,6 +103,20 @@ def read_proposal(path: str | Path) -> Proposal:
     )
 
 
+def _channel_lines(channel: str, own: list[str], *, measured: bool) -> list[str]:
+    """Table of a channel in the manifest, with a place for its standard deviation where it is to be measured."""
+    kind = CHANNELS[channel]
+    units = list(dict.fromkeys(kind.file_units(len(own))))
+    lines = ["", f"# {kind.text}", f"[channels.{channel}]", f"columns = {toml_line(own)}"]
+    if set(units) != {"1"}:
+        lines.append(f"unit = {toml_line(units[0] if len(units) == 1 else units)}")
+    if kind.nature == "rotation":
+        lines.append('rotation = "rotation_vector"')
+    if measured and not kind.whole and channel not in ("time_s", "temperature_c"):
+        lines.append("# sigma = " + ("..." if len(units) == 1 else "[..., ...]"))
+    return lines
+
+
 def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[str]]) -> None:
     """A table with the proposed columns filled in and those to be measured empty, and its manifest."""
     channels = CHANNELS_OF.get(proposal.kind)
@@ -126,18 +140,10 @@ def _write_form(folder: Path, proposal: Proposal, proposed: Mapping[str, list[st
         '# decimal = ","',
     ]
     for channel in channels:
-        kind = CHANNELS[channel]
-        own = column_names(channel, kind, kind.allowed[-1])
+        own = column_names(channel, CHANNELS[channel], CHANNELS[channel].allowed[-1])
         names += own
         cells += [proposed.get(name, [""] * count) for name in own]
-        units = list(dict.fromkeys(kind.file_units(len(own))))
-        lines += ["", f"# {kind.text}", f"[channels.{channel}]", f"columns = {toml_line(own)}"]
-        if set(units) != {"1"}:
-            lines.append(f"unit = {toml_line(units[0] if len(units) == 1 else units)}")
-        if kind.nature == "rotation":
-            lines.append('rotation = "rotation_vector"')
-        if not all(name in proposed for name in own) and not kind.whole and channel not in ("time_s", "temperature_c"):
-            lines.append("# sigma = " + ("..." if len(units) == 1 else "[..., ...]"))
+        lines += _channel_lines(channel, own, measured=not all(name in proposed for name in own))
     known = {key: value for key, value in proposal.settings.items() if settings_si(key, 0.0)[0] in SETTINGS}
     if known:
         lines += ["", "[settings]"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Int
 from counterflex.core.errors import FileFormatError
+from counterflex.core.similar import twice
 from counterflex.core.units import MM
 from counterflex.files.dataset.cells import Cells
 from counterflex.files.dataset.channel import Raw, build
@@ -40,6 +40,23 @@ def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
     tables = manifest.sensors
     if not tables and not read:
         return None
+    _require_described(manifest, read, where)
+    direction = np.array([t.direction for t in tables], dtype=np.float64)
+    normal = np.array([t.normal if t.normal is not None else [-v for v in t.direction] for t in tables])
+    point = np.array([t.point_mm if t.point_mm is not None else (np.nan,) * 3 for t in tables])
+    return SensorFrame(
+        names=tuple(t.name for t in tables),
+        position=np.array([t.position_mm for t in tables], dtype=np.float64) * MM,
+        direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        point=point * MM,
+        axes=str(manifest.settings["sensor_axes"]),
+        where=f"{where}: sensors",
+    )
+
+
+def _require_described(manifest: Manifest, read: Sequence[str], where: str) -> None:
+    tables = manifest.sensors
     if manifest.kind != KIND:
         raise FileFormatError(
             "sensors of a measuring frame are read in pulls only",
@@ -70,9 +87,8 @@ def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
                 value=f"{count} columns",
                 limit=f"{len(tables)} ({', '.join(t.name for t in tables)})",
             )
-    twice = [name for name, count in Counter(t.name for t in tables).items() if count > 1]
-    if twice:
-        raise FileFormatError("two sensors have the same name", where=f"{where}: sensors", value=twice[0])
+    if (same := twice([t.name for t in tables])) is not None:
+        raise FileFormatError("two sensors have the same name", where=f"{where}: sensors", value=same)
     axes = manifest.settings.get("sensor_axes")
     if axes not in AXES:
         raise FileFormatError(
@@ -83,18 +99,6 @@ def sensor_frame(manifest: Manifest, where: str) -> SensorFrame | None:
             hint='"tcp": those of the unloaded tool, from its tip (the frame is put up anew at each pose); "base": '
             'those of the robot base; "frame": its own, with channels p_base_frame and R_base_frame',
         )
-    direction = np.array([t.direction for t in tables], dtype=np.float64)
-    normal = np.array([t.normal if t.normal is not None else [-v for v in t.direction] for t in tables])
-    point = np.array([t.point_mm if t.point_mm is not None else (np.nan,) * 3 for t in tables])
-    return SensorFrame(
-        names=tuple(t.name for t in tables),
-        position=np.array([t.position_mm for t in tables], dtype=np.float64) * MM,
-        direction=direction / np.linalg.norm(direction, axis=1, keepdims=True),
-        normal=normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        point=point * MM,
-        axes=str(axes),
-        where=f"{where}: sensors",
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,12 +141,11 @@ class _Joined:
         names = tuple(self.tables[f].header[c] for f, c in places)
         ignored = {f for f, table in enumerate(self.tables) if table.how.header_units == "ignore"}
         stated = tuple(None if f in ignored else in_header(self.tables[f].header[c]) for f, c in places)
+        return Cells(values, names, stated, lambda row, k: self._place(places, row, k), tuple(places))
 
-        def place(row: int, k: int) -> str:
-            f, c = places[min(k, len(places) - 1)]
-            return self.tables[f].place_of(c, int(self.rows[f][row]))
-
-        return Cells(values, names, stated, place, tuple(places))
+    def _place(self, places: Sequence[tuple[int, int]], row: int, k: int) -> str:
+        f, c = places[min(k, len(places) - 1)]
+        return self.tables[f].place_of(c, int(self.rows[f][row]))
 
 
 def read_dataset(path: str | Path) -> Dataset:
@@ -177,13 +180,13 @@ def read_dataset(path: str | Path) -> Dataset:
         )
     keep: Bool = np.ones(n, dtype=np.bool_)
     for raw in raws:
-        gap, place = raw.missing()
+        gap = raw.missing
         if np.any(gap) and not manifest.rows.drop_incomplete:
             row = int(np.argmax(gap))
             raise FileFormatError(
                 f"the cell is empty or not a number ({int(np.count_nonzero(gap))} such row"
                 f"{'s' if np.count_nonzero(gap) > 1 else ''})",
-                where=place(row),
+                where=raw.place_of_missing(row),
                 hint="Repair it, or leave such rows out: [rows] drop_incomplete = true",
             )
         keep &= ~gap

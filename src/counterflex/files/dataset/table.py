@@ -34,6 +34,13 @@ _MARK_NAMES: Final = {"\t": "tab"}
 Reference = str | int
 """A column: text of its header, or its number from 1."""
 
+_COMMA_GROUPS: Final = r"[+-]?\d{1,3}(,\d{3})+\Z"
+_DECIMAL_COMMA: Final = r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\Z"
+_DECIMAL_POINT: Final = r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?\Z"
+_GROUPS: Final = r"[+-]?\d{1,3}([ '.,])\d{3}(\1\d{3})*.*\Z"
+_OTHER_NOTATION: Final = r"(?:[+-]?\d[\d.,]*[dD][+-]?\d+|0[xX][0-9a-fA-F]+)\Z"
+_WITH_UNIT: Final = r"[+-]?\d[\d.,]*\s*[A-Za-z°%]"
+
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
@@ -134,31 +141,26 @@ class TextTable:
         return f"{self.path}:{int(self.lines[row])}: column '{self.header[column]}'"
 
     def _fault(self, place: int, row: int, cell: str) -> FileFormatError:
-        hint = None
-        if self.how.separator == "," and re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+", cell):
-            hint = 'Does it group digits? Write thousands = "," into the manifest'
-        elif self.how.decimal == "." and re.fullmatch(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", cell):
-            hint = 'Is it a decimal comma? Write decimal = "," into the manifest'
-        elif self.how.decimal == "," and re.fullmatch(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?", cell):
-            hint = (
-                'Is it a decimal point? Write decimal = "." into the manifest, or thousands = "." if it groups digits'
-            )
-        elif re.fullmatch(r"[+-]?\d{1,3}([ '.,])\d{3}(\1\d{3})*.*", cell) and not self.how.thousands:
-            hint = f'Does it group digits? Write thousands = "{cell.lstrip("+-0123456789")[:1]}" into the manifest'
-        elif re.fullmatch(r"[+-]?\d[\d.,]*[dD][+-]?\d+|0[xX][0-9a-fA-F]+", cell):
-            hint = "Write it as 1234.5 or 1.2345E3"
-        elif not self.how.header_line and row == 0:
-            hint = f"Does the file have a header? header_line = {int(self.lines[row])}"
-        elif re.match(r"[+-]?\d[\d.,]*\s*[A-Za-z°%]", cell):
-            hint = "Units belong into the manifest, not into the cells"
-        elif row == 0 and self.how.header_line:
-            hint = f"A second line of headers or units is left out by skip_lines = [{int(self.lines[row])}]"
+        how, line = self.how, int(self.lines[row])
+        mark = cell.lstrip("+-0123456789")[:1]
+        hints = (
+            (how.separator == ",", _COMMA_GROUPS, 'Does it group digits? Write thousands = "," into the manifest'),
+            (how.decimal == ".", _DECIMAL_COMMA, 'Is it a decimal comma? Write decimal = "," into the manifest'),
+            (how.decimal == ",", _DECIMAL_POINT, 'Is it a decimal point? Write decimal = "." into the manifest, or '
+                                                 'thousands = "." if it groups digits'),
+            (not how.thousands, _GROUPS, f'Does it group digits? Write thousands = "{mark}" into the manifest'),
+            (True, _OTHER_NOTATION, "Write it as 1234.5 or 1.2345E3"),
+            (not how.header_line and row == 0, "", f"Does the file have a header? header_line = {line}"),
+            (True, _WITH_UNIT, "Units belong into the manifest, not into the cells"),
+            (row == 0, "", f"A second line of headers or units is left out by skip_lines = [{line}]"),
+            (True, "", "A mark for missing values is declared by missing = [...] in the manifest"),
+        )  # fmt: skip
         return FileFormatError(
             "the cell is not a number",
             where=self.place_of(place, row),
             value=repr(cell if len(cell) <= 40 else cell[:40] + "..."),
-            limit=f"a number with decimal '{self.how.decimal}'",
-            hint=hint or "A mark for missing values is declared by missing = [...] in the manifest",
+            limit=f"a number with decimal '{how.decimal}'",
+            hint=next(hint for applies, pattern, hint in hints if applies and re.match(pattern, cell)),
         )
 
 
@@ -231,32 +233,7 @@ def _text(path: Path, how: FileTable, data: bytes) -> TextTable:
     text = _decode(path, how, data)
     if "\0" in text:
         raise FileFormatError("not a text file: it contains zero bytes", where=str(path))
-    separator = {"tab": "\t", "space": " "}.get(how.separator, how.separator)
-    header: list[str] | None = None
-    lines: list[int] = []
-    rows: list[list[str]] = []
-    # One line end for all, so that the count of lines is that of every editor.
-    reader = csv.reader(
-        io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n"), newline=""),
-        delimiter=separator,
-        skipinitialspace=separator == " ",
-    )
-    begin = 1
-    try:
-        for cells in reader:
-            line, begin = begin, reader.line_num + 1
-            if line < how.header_line or line in how.skip_lines:
-                continue
-            if how.comment and cells and cells[0].lstrip().startswith(how.comment):
-                continue
-            cleaned = [_clean(cell) for cell in cells]
-            if line == how.header_line:
-                header = cleaned
-            elif any(cleaned):
-                lines.append(line)
-                rows.append(cleaned)
-    except csv.Error as fault:
-        raise FileFormatError(f"not a readable table: {fault}", where=f"{path}:{reader.line_num}") from fault
+    header, lines, rows = _rows(path, how, text)
     if not text.strip():
         raise FileFormatError("the file is empty", where=str(path))
     if how.header_line and header is None:
@@ -283,6 +260,37 @@ def _text(path: Path, how: FileTable, data: bytes) -> TextTable:
         row.extend([""] * (len(names) - len(row)))
     columns = tuple(list(column) for column in zip(*rows, strict=True)) if rows else tuple([] for _ in names)
     return TextTable(path, how, names, np.array(lines, dtype=np.int64), columns, data)
+
+
+def _rows(path: Path, how: FileTable, text: str) -> tuple[list[str] | None, list[int], list[list[str]]]:
+    """Cells of the header, if it is there; numbers of the lines that hold data, and their cells."""
+    separator = {"tab": "\t", "space": " "}.get(how.separator, how.separator)
+    header: list[str] | None = None
+    lines: list[int] = []
+    rows: list[list[str]] = []
+    # One line end for all, so that the count of lines is that of every editor.
+    reader = csv.reader(
+        io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n"), newline=""),
+        delimiter=separator,
+        skipinitialspace=separator == " ",
+    )
+    begin = 1
+    try:
+        for cells in reader:
+            line, begin = begin, reader.line_num + 1
+            if line < how.header_line or line in how.skip_lines:
+                continue
+            if how.comment and cells and cells[0].lstrip().startswith(how.comment):
+                continue
+            cleaned = [_clean(cell) for cell in cells]
+            if line == how.header_line:
+                header = cleaned
+            elif any(cleaned):
+                lines.append(line)
+                rows.append(cleaned)
+    except csv.Error as fault:
+        raise FileFormatError(f"not a readable table: {fault}", where=f"{path}:{reader.line_num}") from fault
+    return header, lines, rows
 
 
 def _other_separator(how: FileTable, names: Sequence[str]) -> str | None:

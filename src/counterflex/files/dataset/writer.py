@@ -49,14 +49,9 @@ def write_dataset(
     """
     if kind not in KINDS and kind not in added_kinds():
         raise InputError("there is no such kind of dataset", value=kind, limit=", ".join(KINDS))
-    columns: dict[str, list[str]] = {}
-    tables: dict[str, dict[str, Any]] = {}
-    if group is not None:
-        columns["group"] = [str(int(i)) for i in group]
-    for key, values in channels.items():
-        tables[key] = _channel(key, values, sigma.get(key), columns)
-    unknown = set(sigma) - set(channels)
-    if unknown:
+    columns: dict[str, list[str]] = {} if group is None else {"group": [str(int(i)) for i in group]}
+    tables = {key: _channel(key, values, sigma.get(key), columns) for key, values in channels.items()}
+    if unknown := set(sigma) - set(channels):
         raise InputError("a standard deviation is given for a channel that is not", value=min(unknown))
     lengths = {len(column) for column in columns.values()}
     if len(lengths) != 1 or 0 in lengths:
@@ -64,38 +59,37 @@ def write_dataset(
     path = Path(folder) / f"{name}.toml"
     rows = [",".join(columns), *(",".join(row) for row in zip(*columns.values(), strict=True))]
     manifest: dict[str, Any] = {"format": KIND, "version": VERSION, "name": name, "kind": kind}
-    if group is not None:
-        manifest["group"] = ["group"]
+    manifest |= {} if group is None else {"group": ["group"]}
     if settings:
-        for key in settings:
-            if settings_si(key, 0.0)[0] not in SETTINGS:
-                raise InputError("there is no such setting of a dataset", value=key, limit=", ".join(SETTINGS))
-        manifest["settings"] = dict(settings_shop(key, value) for key, value in settings.items())
+        _require_known(settings)
+        manifest["settings"] = _in_shop_units(settings)
     manifest["files"] = [{"path": f"{name}.csv"}]
     manifest["channels"] = tables
     if sensors:
-        manifest["sensors"] = [dict(settings_shop(key, value) for key, value in one.items()) for one in sensors]
+        manifest["sensors"] = [_in_shop_units(one) for one in sensors]
     with atomic.atomic_folder(folder) as staging:
         atomic.write_text(staging / f"{name}.csv", "\n".join(rows) + "\n")
         write_toml(staging / path.name, manifest)
     return path
 
 
+def _require_known(settings: Mapping[str, Any]) -> None:
+    for key in settings:
+        if settings_si(key, 0.0)[0] not in SETTINGS:
+            raise InputError("there is no such setting of a dataset", value=key, limit=", ".join(SETTINGS))
+
+
+def _in_shop_units(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(settings_shop(key, value) for key, value in settings.items())
+
+
 def _channel(name: str, values: Float, sigma: float | Float | None, columns: dict[str, list[str]]) -> dict[str, Any]:
     kind = channel_kind(name)
-    array = np.asarray(values, dtype=np.float64)
-    if kind.nature == "rotation" and array.ndim == 3:
-        array = rotation.log(array)
-    array = array[:, None] if array.ndim == 1 else array
-    if array.ndim != 2 or array.shape[1] not in kind.allowed:
-        raise InputError("a channel has another shape", where=name, value=array.shape, limit=f"(n, {kind.allowed})")
-    if not np.all(np.isfinite(array)):
-        raise InputError("a channel holds a number that is not finite", where=name)
+    array = _rows(name, kind, np.asarray(values, dtype=np.float64))
     count = array.shape[1]
     names = column_names(name, kind, count)
     factors = shop_factors(kind, count)
-    for k, column in enumerate(names):
-        columns[column] = [f"{v:.{DIGITS}g}" for v in array[:, k] / factors[k]]
+    columns.update(_texts(names, array / factors))
     units = list(dict.fromkeys(kind.file_units(count)))
     table: dict[str, Any] = {"columns": names}
     if set(units) != {"1"}:
@@ -107,13 +101,29 @@ def _channel(name: str, values: Float, sigma: float | Float | None, columns: dic
     spread = np.asarray(sigma, dtype=np.float64)
     if spread.ndim == 2:
         table["sigma_columns"] = [f"sigma_{column}" for column in names]
-        for k, column in enumerate(names):
-            columns[f"sigma_{column}"] = [f"{v:.{DIGITS}g}" for v in spread[:, k] / factors[k]]
+        columns.update(_texts(table["sigma_columns"], spread / factors))
     elif spread.ndim == 0 and len(units) == 1:
         table["sigma"] = float(f"{float(spread) / factors[0]:.{DIGITS}g}")
     else:
         table["sigma"] = [float(f"{v:.{DIGITS}g}") for v in np.broadcast_to(spread, (count,)) / factors]
     return table
+
+
+def _rows(name: str, kind: ChannelKind, array: Float) -> Float:
+    """Values (n, k) of a channel; rotations as rotation vectors."""
+    if kind.nature == "rotation" and array.ndim == 3:
+        array = rotation.log(array)
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or array.shape[1] not in kind.allowed:
+        raise InputError("a channel has another shape", where=name, value=array.shape, limit=f"(n, {kind.allowed})")
+    if not np.all(np.isfinite(array)):
+        raise InputError("a channel holds a number that is not finite", where=name)
+    return array
+
+
+def _texts(names: Sequence[str], values: Float) -> dict[str, list[str]]:
+    """Columns (n, k) as text, by name."""
+    return {name: [f"{v:.{DIGITS}g}" for v in column] for name, column in zip(names, values.T, strict=True)}
 
 
 def column_names(name: str, kind: ChannelKind, count: int) -> list[str]:

@@ -31,25 +31,23 @@ def columns_of(readable: Salvaged, made_by: str, file: Path) -> tuple[str, ...]:
     Raises:
         FileFormatError: Columns that this program does not know, or without which nothing can be said.
     """
-    for chunk in readable.chunks:
-        for opcode, content in chunk.records():
-            schema = parsed(Schema, content) if opcode == Opcode.SCHEMA else None
-            if schema is None or schema.name != CYCLES:
-                continue
-            columns = tuple(str(name) for name in json.loads(schema.data)["columns"])
-            unknown = [name for name in columns if name not in COLUMNS]
-            if unknown or len(set(columns)) != len(columns) or not set(_NEEDED) <= set(columns):
-                lacking = [name for name in _NEEDED if name not in columns]
-                raise FileFormatError(
-                    "the run log was written by another version of this program, whose columns mean something else",
-                    where=str(file),
-                    value=f"{len(columns)} columns of counterflex {made_by}, "
-                    + (f"with '{unknown[0]}'" if unknown else f"without '{lacking[0]}'" if lacking else "one twice"),
-                    limit=f"columns of counterflex {__version__}",
-                    hint="Read it with the version that wrote it: its log export writes CSV",
-                )
-            return columns
-    return COLUMNS
+    records = (record for chunk in readable.chunks for record in chunk.records())
+    schemas = (parsed(Schema, content) for opcode, content in records if opcode == Opcode.SCHEMA)
+    schema = next((one for one in schemas if one is not None and one.name == CYCLES), None)
+    if schema is None:
+        return COLUMNS
+    columns = tuple(str(name) for name in json.loads(schema.data)["columns"])
+    unknown = [f"with '{name}'" for name in columns if name not in COLUMNS]
+    lacking = [f"without '{name}'" for name in _NEEDED if name not in columns]
+    if wrong := [*unknown, *lacking, *(("one twice",) * (len(set(columns)) < len(columns)))]:
+        raise FileFormatError(
+            "the run log was written by another version of this program, whose columns mean something else",
+            where=str(file),
+            value=f"{len(columns)} columns of counterflex {made_by}, {wrong[0]}",
+            limit=f"columns of counterflex {__version__}",
+            hint="Read it with the version that wrote it: its log export writes CSV",
+        )
+    return columns
 
 
 def placed(rows: Float, columns: tuple[str, ...]) -> Float:

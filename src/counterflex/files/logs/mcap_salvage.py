@@ -104,6 +104,12 @@ class Salvaged:
     finished: bool = False  # The file ends as a finished one does
     magic: bool = False
 
+    def add_damage(self, begin: int, end: int) -> None:
+        """Add a stretch; it is one with the last where no sound chunk stands between them."""
+        if self.damage and self.damage[-1].chunks == len(self.chunks):
+            begin = self.damage.pop().begin
+        self.damage.append(Damage(begin, end, len(self.chunks)))
+
 
 def salvage(data: bytes | mmap) -> Salvaged:
     """Read every sound record of an MCAP file.
@@ -123,25 +129,18 @@ def salvage(data: bytes | mmap) -> Salvaged:
             break
         result = _sound(data, at)
         if result is None:
-            begin = at
-            after = None if unchecked is None else _chunk_within(data, unchecked, at)
-            if after is not None and unchecked is not None:
+            within = None if unchecked is None else _chunk_within(data, unchecked, at)
+            begin, after = at, _next(data, at) if within is None else within
+            if within is not None and unchecked is not None:
                 out.records.pop()
                 begin, unchecked = unchecked, None
-            else:
-                after = _next(data, at)
             if after is None:
                 break
-            if out.damage and out.damage[-1].chunks == len(out.chunks):  # one stretch with what was sound within it
-                begin = out.damage.pop().begin
-            out.damage.append(Damage(begin, after, len(out.chunks)))
+            out.add_damage(begin, after)
             at = after
             continue
         record, end = result
-        if isinstance(record, Chunk):
-            out.chunks.append(record)
-        else:
-            out.records.append(record)
+        (out.chunks if isinstance(record, Chunk) else out.records).append(record)
         unchecked = None if isinstance(record, Chunk) else at
         at = end
     return out

@@ -9,31 +9,22 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.evaluate.missing_cycles import MissingFinder
 from counterflex.evaluate.run_digest import DigestMaker
+from counterflex.files.logs import segment as form
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.run_log import BOOT_KEY
-from counterflex.files.logs.segment import (
-    KIND,
-    VERSION,
-    add_about,
-    add_action,
-    add_digest,
-    add_record,
-    add_state,
-    begin_segment,
-)
 from counterflex.files.logs.segments import Segment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0
 """A file written to within this time is taken for one that is being written, where no lock tells."""
-_BARE: Final = {"format": KIND, "version": VERSION}
+_BARE: Final = {"format": form.KIND, "version": form.VERSION}
 
 
 @dataclass(frozen=True)
@@ -87,7 +78,7 @@ def repair_segment(
     require_all(result.absent, result.about or about or {}, str(file), "written anew")
     _require_ended(file, result, locked, now_s)
     original = _free_name(file)
-    rows, states = result.rows, sorted(result.states, key=lambda state: state.cycle)
+    rows = result.rows
     made_of = result.about or about or {}
     finder = MissingFinder(_begin(result, made_of) if cycle is None else cycle)
     finder.add(rows)
@@ -106,26 +97,32 @@ def repair_segment(
     }
     with atomic.atomic_path(file) as part:
         with part.open("wb") as stream:
-            writer, channel, state_channel = begin_segment(stream, facts)
-            for row in rows:
-                while states and states[0].cycle < row[CYCLE]:  # also one whose own record is lost
-                    add_state(writer, state_channel, states.pop(0))
-                add_record(writer, channel, row)
-            for state in states:
-                add_state(writer, state_channel, state)
-            for action in result.actions:
-                add_action(writer, action)
-            add_about(writer, facts)
-            digests = DigestMaker()
-            digests.add(rows)
-            digest = digests.digest()
-            if digest is not None:
-                add_digest(writer, digest.plain())
-            writer.finish()
+            _write(stream, result, facts)
             stream.flush()
             os.fsync(stream.fileno())
         _keep(file, original)
     return Repaired(file.name, original.name, len(rows), "", missing, len(result.damage))
+
+
+def _write(stream: BinaryIO, segment: Segment, facts: Mapping[str, Any]) -> None:
+    """Write all that could be read of a segment: records, states before the next record, actions, facts, digest."""
+    states = sorted(segment.states, key=lambda state: state.cycle)
+    writer, channel, state_channel = form.begin_segment(stream, facts)
+    for row in segment.rows:
+        while states and states[0].cycle < row[CYCLE]:  # also one whose own record is lost
+            form.add_state(writer, state_channel, states.pop(0))
+        form.add_record(writer, channel, row)
+    for state in states:
+        form.add_state(writer, state_channel, state)
+    for action in segment.actions:
+        form.add_action(writer, action)
+    form.add_about(writer, facts)
+    digests = DigestMaker()
+    digests.add(segment.rows)
+    digest = digests.digest()
+    if digest is not None:
+        form.add_digest(writer, digest.plain())
+    writer.finish()
 
 
 def _is_locked(file: Path) -> bool | None:

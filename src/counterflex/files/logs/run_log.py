@@ -151,14 +151,7 @@ class RunLog:
             self._looked = now
             self._look_back()
         if self._writer is None:
-            if now < self._retry:
-                self.lost += len(rows)
-                return
-            try:
-                self._begin()
-            except OSError as fault:
-                self._fail(fault, remaining, now)
-                return
+            self._begin_again(remaining, now)
         writer, stream = self._writer, self._stream
         if writer is None or stream is None:
             return
@@ -169,13 +162,7 @@ class RunLog:
             if state is not None:
                 add_state(writer, self._states, state)
                 add_about(writer, self._facts)  # again, so that a damaged beginning is not the only one
-            if now - self._flushed >= FLUSH_S:
-                writer.flush()
-                stream.flush()
-                self._flushed = now
-                if now - self._synced >= SYNC_S:
-                    os.fsync(stream.fileno())
-                    self._synced = now
+            self._flush(writer, stream, now)
             self.written += remaining
             self._here += remaining
             remaining = 0
@@ -189,6 +176,27 @@ class RunLog:
             self._handle_lost(fault, now)
         except OSError as fault:
             self._fail(fault, remaining, now)
+
+    def _begin_again(self, rows: int, now: float) -> None:
+        """Begin a segment when it is time to try again; the rows are lost otherwise, and where that fails."""
+        if now < self._retry:
+            self.lost += rows
+            return
+        try:
+            self._begin()
+        except OSError as fault:
+            self._fail(fault, rows, now)
+
+    def _flush(self, writer: Writer, stream: BufferedWriter, now: float) -> None:
+        """Flush when due, and once in a while to the disk."""
+        if now - self._flushed < FLUSH_S:
+            return
+        writer.flush()
+        stream.flush()
+        self._flushed = now
+        if now - self._synced >= SYNC_S:
+            os.fsync(stream.fileno())
+            self._synced = now
 
     def note(self, facts: Mapping[str, Any]) -> None:
         """Note what an operator did; while the log cannot be written it waits for the next segment.

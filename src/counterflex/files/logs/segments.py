@@ -17,26 +17,10 @@ from mcap.records import Channel, Footer, Metadata, MetadataIndex, Statistics, S
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.run_digest import Digest, read_digest
+from counterflex.files.logs import segment as form
 from counterflex.files.logs.columns import columns_of, placed, require_all
-from counterflex.files.logs.mcap_salvage import MAGIC, Salvaged, message, parsed, salvage, uniform_data
+from counterflex.files.logs.mcap_salvage import MAGIC, Chunk, Salvaged, message, parsed, salvage, uniform_data
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
-from counterflex.files.logs.segment import (
-    ABOUT,
-    ACTION,
-    CYCLE_CHANNEL,
-    DIGEST,
-    KIND,
-    STATE_CHANNEL,
-    STATE_HEAD,
-    VERSION,
-    Unreadable,
-    lost_at_end,
-    read_about,
-    read_actions,
-    read_metadata,
-    require_ours,
-    unreadable_reason,
-)
 from counterflex.runtime.record_ring import COLUMNS, CYCLE
 from counterflex.runtime.state_slots import LoopState
 
@@ -90,7 +74,7 @@ def _without_copies(index: list[MetadataIndex]) -> list[MetadataIndex]:
     seen: set[tuple[str, int]] = set()
     out = []
     for one in index:
-        if one.name != ABOUT or (one.name, one.length) not in seen:
+        if one.name != form.ABOUT or (one.name, one.length) not in seen:
             out.append(one)
         seen.add((one.name, one.length))
     return out
@@ -120,10 +104,6 @@ def _records(data: bytes, opcode: int, kind: Any) -> list[Any]:
     return out
 
 
-BRIEF: Final = (ABOUT, ACTION, DIGEST)
-"""Metadata that is read in place of records."""
-
-
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One file of a run log."""
@@ -133,7 +113,7 @@ class Segment:
     about: dict[str, Any]  # What the run was made of; empty where nothing of it can be read
     finished: bool  # It ends as a finished file does; else it was cut short, or is being written
     states: tuple[LoopState, ...] = ()  # Of the loop, in order
-    damage: tuple[Unreadable, ...] = ()
+    damage: tuple[form.Unreadable, ...] = ()
     # Records behind the last one that can be read, as far as the file's own index still names them
     lost_at_end: int = 0
     absent: tuple[str, ...] = ()  # Columns that older code did not record: 0 in counts and flags, else not a number
@@ -170,46 +150,48 @@ def read_segment(path: str | Path) -> Segment:
         raise FileFormatError("no such file", where=str(file)) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(file)) from fault
-    about = read_about(result)
-    if about.get("format", KIND) != KIND:
+    about = form.read_about(result)
+    if about.get("format", form.KIND) != form.KIND:
         raise FileFormatError("not a run log", where=str(file), value=about["format"])
-    if about.get("version", 0) > VERSION:
+    if about.get("version", 0) > form.VERSION:
         raise FileFormatError(
-            "the run log is newer than this program reads", where=str(file), value=about["version"], limit=VERSION
+            "the run log is newer than this program reads", where=str(file), value=about["version"], limit=form.VERSION
         )
-    rows: list[Float] = []  # pieces (n, k)
-    count = pieces = 0
-    states: list[LoopState] = []
     layout = tuple((str(name), str(kind), int(count)) for name, kind, count in about.get(LAYOUT, ()))
     columns = columns_of(result, str(about.get("counterflex", UNKNOWN)), file)
-    before = [0]  # records before each chunk
-    for chunk in result.chunks:
-        together = uniform_data(chunk.content, CYCLE_CHANNEL, 8 * len(columns))
-        if together is not None:
-            rows.append(np.frombuffer(together, dtype="<f8").reshape(-1, len(columns)))
-        for opcode, content in () if together is not None else chunk.records():
-            if opcode == Opcode.MESSAGE:
-                channel, _, data = message(content)
-                if channel == STATE_CHANNEL and len(data) >= STATE_HEAD.size:
-                    words = np.frombuffer(data, dtype="<i8", offset=STATE_HEAD.size)
-                    cycle, time_ns = STATE_HEAD.unpack_from(data)
-                    states.append(LoopState(cycle, time_ns, words, layout))
-                elif channel == CYCLE_CHANNEL and len(data) == 8 * len(columns):
-                    rows.append(np.frombuffer(data, dtype="<f8")[None])
-            elif opcode == Opcode.CHANNEL:
-                require_ours(parsed(Channel, content), str(file))
-        count += sum(len(piece) for piece in rows[pieces:])
-        pieces = len(rows)
-        before.append(count)
-    if not about and not rows:
-        text, hint = unreadable_reason(result, file.stat().st_size)
+    states: list[LoopState] = []
+    rows = [_read_chunk(chunk, len(columns), layout, states, file) for chunk in result.chunks]
+    before = np.cumsum([0, *map(len, rows)]).tolist()  # records before each chunk
+    if not about and not before[-1]:
+        text, hint = form.unreadable_reason(result, file.stat().st_size)
         raise FileFormatError(text, where=str(file), nothing=True, hint=hint)
-    damage = tuple(Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
+    damage = tuple(form.Unreadable(d.begin, d.end, before[d.chunks]) for d in result.damage)
     table = placed(np.concatenate(rows) if rows else np.zeros((0, len(columns))), columns)
     absent = tuple(name for name in COLUMNS if name not in columns)
-    lost = lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
-    actions = tuple(read_actions(result))
+    lost = form.lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
+    actions = tuple(form.read_actions(result))
     return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent, actions)
+
+
+def _read_chunk(
+    chunk: Chunk, columns: int, layout: tuple[tuple[str, str, int], ...], states: list[LoopState], file: Path
+) -> Float:
+    """Records (n, columns) of a chunk; adds its states."""
+    together = uniform_data(chunk.content, form.CYCLE_CHANNEL, 8 * columns)
+    if together is not None:
+        return np.frombuffer(together, dtype="<f8").reshape(-1, columns)
+    rows = []
+    for opcode, content in chunk.records():
+        channel, _, data = message(content) if opcode == Opcode.MESSAGE else (None, None, b"")
+        if opcode == Opcode.CHANNEL:
+            form.require_ours(parsed(Channel, content), str(file))
+        elif channel == form.STATE_CHANNEL and len(data) >= form.STATE_HEAD.size:
+            words = np.frombuffer(data, dtype="<i8", offset=form.STATE_HEAD.size)
+            cycle, time_ns = form.STATE_HEAD.unpack_from(data)
+            states.append(LoopState(cycle, time_ns, words, layout))
+        elif channel == form.CYCLE_CHANNEL and len(data) == 8 * columns:
+            rows.append(np.frombuffer(data, dtype="<f8"))
+    return np.stack(rows) if rows else np.zeros((0, columns))
 
 
 def _salvaged(file: Path) -> Salvaged:
@@ -218,6 +200,11 @@ def _salvaged(file: Path) -> Salvaged:
             return Salvaged()
         with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             return salvage(data)
+
+
+def _metadata(index: Indexed, name: str) -> Iterator[dict[str, Any]]:
+    read = (form.read_metadata(one) for one in index.metadata if one.name == name)
+    return (values for values in read if values is not None)
 
 
 def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) -> Segment | None:
@@ -239,16 +226,14 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
         return None
     if index is None:
         return None
-    tables = {name: [read_metadata(one) for one in index.metadata if one.name == name] for name in BRIEF}
-    about = next((one for one in tables[ABOUT] if one is not None), None)
-    table = next((one for one in tables[DIGEST] if one is not None), None)
-    digest = None if table is None else read_digest(table[DIGEST])
-    if about is None or digest is None or about.get("format") != KIND or about.get("version", 0) > VERSION:
+    about, table = (next(_metadata(index, name), None) for name in (form.ABOUT, form.DIGEST))
+    digest = None if table is None else read_digest(table[form.DIGEST])
+    if about is None or digest is None or about.get("format") != form.KIND or about.get("version", 0) > form.VERSION:
         return None
-    if index.messages.get(CYCLE_CHANNEL, 0) != digest.sums["records"]:
+    if index.messages.get(form.CYCLE_CHANNEL, 0) != digest.sums["records"]:
         return None
     lost = int(about.get("repaired", {}).get("missing_at_end", 0))
-    actions = tuple(one for one in tables[ACTION] if one is not None)
+    actions = tuple(_metadata(index, form.ACTION))
     return Segment(file.name, digest.rows, about, True, lost_at_end=lost, actions=actions, digest=digest)
 
 

@@ -8,7 +8,7 @@ eq. 1); orientation ``qw qx qy qz``, left out for a reflector; further ``time_s`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -93,26 +93,36 @@ class TrackerLines:
         status = _whole(row["status"], where) if "status" in row else 0
         if not 0 <= time_ns < 1 << 64 or not 0 <= status < 1 << 32:
             raise FileFormatError("time or status out of range", where=where, value=(time_ns, status), limit=">= 0")
-        if self._spherical:
-            distance, azimuth, zenith = (number(row[name], where) for name in SPHERICAL)
-            if distance < 0.0:
-                raise FileFormatError("the distance is negative", where=where, value=distance, limit=">= 0 mm")
-            p = spherical_point(distance * MM, azimuth * DEG, zenith * DEG)
-        else:
-            p = np.array([number(row[name], where) for name in CARTESIAN]) * MM
-        R = np.eye(3)
+        p, R = self._position(row, where), np.eye(3)
         if self._oriented:
             quat = np.array([number(row[name], where) for name in ORIENTATION])
-            size = math.hypot(*quat.tolist())
-            if abs(size - 1.0) > _UNIT:
-                raise FileFormatError("a quaternion is not of unit length", where=where, value=size, limit=1)
-            R = rotation.from_quat_wxyz(quat / size)
+            R = rotation.from_quat_wxyz(quat / unit_length(quat, where))
         else:
             status |= NO_ORIENTATION
         sigma = number(row["sigma_mm"], where) if "sigma_mm" in row else 0.0
         if sigma < 0.0:
             raise FileFormatError("a standard deviation is negative", where=where, value=sigma, limit=">= 0")
         return TrackerPose(sequence & 0xFFFFFFFF, time_ns, status, 0, pose.make(R, p), sigma * MM)
+
+    def _position(self, row: Mapping[str, str], where: str) -> Float:
+        if not self._spherical:
+            return np.array([number(row[name], where) for name in CARTESIAN]) * MM
+        distance, azimuth, zenith = (number(row[name], where) for name in SPHERICAL)
+        if distance < 0.0:
+            raise FileFormatError("the distance is negative", where=where, value=distance, limit=">= 0 mm")
+        return spherical_point(distance * MM, azimuth * DEG, zenith * DEG)
+
+
+def unit_length(quat_wxyz: Float, where: str) -> float:
+    """Length of a quat_wxyzernion as it is written.
+
+    Raises:
+        FileFormatError: It is not 1.
+    """
+    size = math.hypot(*quat_wxyz.tolist())
+    if abs(size - 1.0) > _UNIT:
+        raise FileFormatError("a quat_wxyzernion is not of unit length", where=where, value=size, limit=1)
+    return size
 
 
 def measurements(lines: Iterable[str], where: str) -> Iterator[TrackerPose]:

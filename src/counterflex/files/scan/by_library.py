@@ -22,11 +22,7 @@ _PCD_FIRST: Final = (b"# .PCD", b"VERSION", b"FIELDS", b"COLUMNS")
 
 
 def library_format(head: bytes, suffix: str) -> Callable[[Path], Scan] | None:
-    """Reader of a file by its first bytes; None where no library here reads it.
-
-    Args:
-        head: First bytes.
-    """
+    """Reader of a file by its first bytes; None where no library here reads it."""
     if head.startswith(b"ASTM-E57"):
         return read_e57
     if head.startswith(b"LASF"):
@@ -54,20 +50,19 @@ def read_e57(path: Path) -> Scan:
     Raises:
         FileFormatError: It cannot be read, or the library is not installed.
     """
-    pye57 = needed("pye57", "E57", path)
+    return _stored(path, "E57", _e57_blocks(needed("pye57", "E57", path), path), 1.0)
 
-    def blocks() -> Iterator[Float]:
-        file = pye57.E57(str(path))
-        try:
-            if sum(file.get_header(k).point_count for k in range(file.scan_count)) > LIMIT_POINTS:
-                raise _too_many(path)
-            for k in range(file.scan_count):
-                data = file.read_scan(k, ignore_missing_fields=True)
-                yield np.column_stack([np.asarray(data[f"cartesian{axis}"], np.float64) for axis in "XYZ"])
-        finally:
-            file.close()
 
-    return _stored(path, "E57", blocks(), 1.0)
+def _e57_blocks(pye57: Any, path: Path) -> Iterator[Float]:
+    file = pye57.E57(str(path))
+    try:
+        if sum(file.get_header(k).point_count for k in range(file.scan_count)) > LIMIT_POINTS:
+            raise _too_many(path)
+        for k in range(file.scan_count):
+            data = file.read_scan(k, ignore_missing_fields=True)
+            yield np.column_stack([np.asarray(data[f"cartesian{axis}"], np.float64) for axis in "XYZ"])
+    finally:
+        file.close()
 
 
 def read_las(path: Path) -> Scan:
@@ -76,16 +71,15 @@ def read_las(path: Path) -> Scan:
     Raises:
         FileFormatError: It cannot be read, or the library is not installed.
     """
-    laspy = needed("laspy", "LAS", path)
+    return _stored(path, "LAS", _las_blocks(needed("laspy", "LAS", path), path), None)
 
-    def blocks() -> Iterator[Float]:
-        with laspy.open(path) as reader:
-            if reader.header.point_count > LIMIT_POINTS:
-                raise _too_many(path)
-            for points in reader.chunk_iterator(_ROWS):
-                yield np.column_stack([np.asarray(points[axis], np.float64) for axis in "xyz"])
 
-    return _stored(path, "LAS", blocks(), None)
+def _las_blocks(laspy: Any, path: Path) -> Iterator[Float]:
+    with laspy.open(path) as reader:
+        if reader.header.point_count > LIMIT_POINTS:
+            raise _too_many(path)
+        for points in reader.chunk_iterator(_ROWS):
+            yield np.column_stack([np.asarray(points[axis], np.float64) for axis in "xyz"])
 
 
 def read_pcd(path: Path) -> Scan:
@@ -99,11 +93,11 @@ def read_pcd(path: Path) -> Scan:
         head = stream.read(_HEAD)
     if max((int(count) for count in _PCD_POINTS.findall(head)), default=0) > LIMIT_POINTS:
         raise _too_many(path)
+    return _stored(path, "PCD", _pcd_blocks(pypcd4, path), None)
 
-    def blocks() -> Iterator[Float]:
-        yield np.asarray(pypcd4.PointCloud.from_path(path).numpy(("x", "y", "z")), np.float64)
 
-    return _stored(path, "PCD", blocks(), None)
+def _pcd_blocks(pypcd4: Any, path: Path) -> Iterator[Float]:
+    yield np.asarray(pypcd4.PointCloud.from_path(path).numpy(("x", "y", "z")), np.float64)
 
 
 def _stored(path: Path, kind: str, blocks: Iterator[Float], unit_m: float | None) -> Scan:

@@ -35,14 +35,10 @@ class Decimals:
         """
         numbers = [cell for cell in cells if _SHAPE.fullmatch(cell)]
         quote = next((m for m in ("'", " ", "\u00a0", "\u202f", "\u2019") if any(m in c.strip() for c in numbers)), "")
-        if any("." in c and "," in c and c.rfind(",") > c.rfind(".") for c in numbers) or any(
-            c.count(".") > 1 for c in numbers
-        ):
+        if any(0 <= c.rfind(".") < c.rfind(",") or c.count(".") > 1 for c in numbers):
             return cls(True, ".")
-        if any("." in c and "," in c for c in numbers) or any(c.count(",") > 1 for c in numbers):
-            return cls(False, ",")
         point, comma = any("." in c for c in numbers), any("," in c for c in numbers)
-        if point and comma:
+        if any(c.count(",") > 1 for c in numbers) or (point and comma):
             return cls(False, ",")
         return cls(comma, quote)
 

@@ -20,7 +20,7 @@ from counterflex.files.scan.cells import MISSING, Decimals, split
 from counterflex.files.scan.scan import UNITS, PointStore, Scan
 
 _AXES: Final = ("x", "y", "z")
-_MEASURED: Final = ("meas", "act", "ist", "actual")
+_MEASURED: Final = re.compile(r"(?<![a-z])(?:meas|act|ist)")
 _GIVEN: Final = re.compile(
     r"(?<![A-Za-z0-9_])([A-Za-z]{1,2})\s*[=:]\s*([+-]?[\d.,']+(?:[eE][+-]?\d+)?|\*+)(?![A-Za-z0-9])"
 )
@@ -84,13 +84,10 @@ def _columns(rows: list[list[str]], axis: int, separator: str | None, where: str
     label = axis - 1 if axis > 0 else None
     decimals = Decimals.of([cell for row in rows[first : first + 60] for cell in row])
     numeric = [k for k in range(axis + 1, len(rows[first])) if decimals.number(rows[first][k]) is not None]
-    for row in reversed(rows[:first]):
-        words = [re.sub(r"[^a-z]+", " ", cell.lower()).split() for cell in row]
-        measured = [k for k, cell in enumerate(words) if any(word.startswith(_MEASURED) for word in cell)]
-        if len(measured) == 1 and measured[0] in numeric:
-            return RowsOfAxes(separator, axis, measured[0], label)
-    if len(numeric) == 1:
-        return RowsOfAxes(separator, axis, numeric[0], label)
+    named = [[k for k, cell in enumerate(row) if _MEASURED.search(cell.lower())] for row in reversed(rows[:first])]
+    for columns in (*named, numeric):
+        if len(columns) == 1 and columns[0] in numeric:
+            return RowsOfAxes(separator, axis, columns[0], label)
     raise FileFormatError(
         "the report has one row for each axis, and its header does not say which value was measured",
         where=where,

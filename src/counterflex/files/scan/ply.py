@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,48 +53,58 @@ def read_header(path: Path) -> Header:
 
 
 def _header(stream: BinaryIO, path: Path) -> Header:
-    order, element, lines, plain = None, "", 0, True
+    order, element, plain = None, "", True
     counts: dict[str, int] = {}
-    properties: list[tuple[str, str]] = []
-    while True:
-        line = stream.readline(1000)
-        lines += 1
-        words = line.decode("ascii", "replace").split()
-        if not line or lines > 1000:
-            raise FileFormatError("the header of the PLY file does not end", where=str(path))
-        if words[:1] == ["end_header"]:
-            break
+    properties: dict[str, list[str]] = {"names": [], "types": []}
+    for number in itertools.count(1):
+        words = _header_words(stream, number, path)
         try:
-            if words[:1] == ["format"]:
-                order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[words[1]]
-            elif words[:1] == ["element"]:
-                element = words[1]
-                plain &= element != "vertex" or not counts
-                counts[element] = int(words[2])
-                if counts[element] < 0:
-                    raise ValueError(words[2])
-            elif words[:1] == ["property"] and element == "vertex":
-                plain &= words[1] != "list"
-                properties.append((words[-1], _TYPES[words[1] if words[1] != "list" else words[3]]))
+            match words:
+                case ["end_header", *_]:
+                    break
+                case ["format", *form]:
+                    order = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[form[0]]
+                case ["element", *of]:
+                    element = of[0]
+                    plain &= element != "vertex" or not counts
+                    counts[element] = _count(of[1])
+                case ["property", *kind] if element == "vertex":
+                    plain &= kind[0] != "list"
+                    properties["types"].append(_TYPES[kind[0] if kind[0] != "list" else kind[2]])
+                    properties["names"].append(kind[-1])
         except (KeyError, IndexError, ValueError) as fault:
-            text = " ".join(words)[:60]
-            raise FileFormatError("the header of the PLY file is wrong", where=f"{path}:{lines}", value=text) from fault
-    names = tuple(name for name, _ in properties)
+            raise FileFormatError(
+                "the header of the PLY file is wrong", where=f"{path}:{number}", value=" ".join(words)[:60]
+            ) from fault
+    names = tuple(properties["names"])
     if order is None or not {"x", "y", "z"} <= set(names):
         raise FileFormatError(
             "the PLY file has no vertices with x, y, z", where=str(path), value=", ".join(names) or "no vertices"
         )
     return Header(
-        order == "",
-        order or "<",
-        names,
-        tuple(kind for _, kind in properties),
-        counts["vertex"],
-        counts.get("face", 0),
-        stream.tell(),
-        lines,
-        plain,
+        text=order == "",
+        order=order or "<",
+        names=names,
+        types=tuple(properties["types"]),
+        vertices=counts["vertex"],
+        faces=counts.get("face", 0),
+        start=stream.tell(),
+        lines=number,
+        plain=plain,
     )
+
+
+def _header_words(stream: BinaryIO, number: int, path: Path) -> list[str]:
+    line = stream.readline(1000)
+    if not line or number > 1000:
+        raise FileFormatError("the header of the PLY file does not end", where=str(path))
+    return line.decode("ascii", "replace").split()
+
+
+def _count(word: str) -> int:
+    if int(word) < 0:
+        raise ValueError(word)
+    return int(word)
 
 
 def vertex_blocks(path: Path, header: Header) -> Iterator[Float]:

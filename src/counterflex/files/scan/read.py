@@ -303,22 +303,14 @@ def _read(path: Path, head: bytes) -> Scan:
     suffix = path.suffix.lower()
     if not head:
         raise FileFormatError("the file is empty", where=str(path))
-    if head[:4].rstrip() == b"ply":
-        header = read_header(path)
-        if header.faces:
-            return read_mesh(path, "ply")
-        if not header.plain:
-            return read_ply_cloud(path)
-        kind = f"cloud of points (PLY, {'text' if header.text else 'binary'})"
-        return PointStore(path, kind).extend(vertex_blocks(path, header)).scan()
-    reader = library_format(head, suffix)
+    reader = _read_ply if head[:4].rstrip() == b"ply" else library_format(head, suffix)
     if reader is not None:
         return reader(path)
     if suffix == ".ply":
         raise FileFormatError("the file is no PLY file", where=str(path), value=repr(head[:20]), limit="ply")
-    if suffix == ".stl" and not is_binary_stl(path) and not head.lstrip().startswith(b"solid"):
-        raise FileFormatError("the file is no STL file", where=str(path), value=repr(head[:20]))
     if suffix == ".stl":
+        if not is_binary_stl(path) and not head.lstrip().startswith(b"solid"):
+            raise FileFormatError("the file is no STL file", where=str(path), value=repr(head[:20]))
         return read_mesh(path, "stl")
     if suffix == ".obj" or re.search(rb"^v\s+[-+.\d]", head, re.MULTILINE):
         return read_mesh(path, "obj")
@@ -327,11 +319,19 @@ def _read(path: Path, head: bytes) -> Scan:
         raise FileFormatError(f"the file is {other}", where=str(path), limit="a cloud of points, a mesh or a table")
     if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<"):
         return read_qif(path)
-    encoding = utf16(head)
-    if encoding is not None:
+    if (encoding := utf16(head)) is not None:
         head = head.decode(encoding, "replace").removeprefix("\ufeff").encode()
-    if is_ptx(head):
-        return read_ptx(path)
-    if is_dmis(head):
-        return read_dmis(path)
+    for is_such, read in ((is_ptx, read_ptx), (is_dmis, read_dmis)):
+        if is_such(head):
+            return read(path)
     return read_table(path)
+
+
+def _read_ply(path: Path) -> Scan:
+    header = read_header(path)
+    if header.faces:
+        return read_mesh(path, "ply")
+    if not header.plain:
+        return read_ply_cloud(path)
+    kind = f"cloud of points (PLY, {'text' if header.text else 'binary'})"
+    return PointStore(path, kind).extend(vertex_blocks(path, header)).scan()

@@ -97,36 +97,58 @@ def _lines(head: bytes, path: Path) -> list[str]:
 
 
 def _layout(lines: list[str], path: Path) -> _Layout:
-    rows = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(("#", "//"))]
-    match = next(((k, s) for k in rows if (s := _separator(lines, rows, k)) is not None), None)
-    if match is None:
-        what = "the file is empty" if not rows else "no line holds three numbers"
-        raise FileFormatError(what, where=str(path), value=lines[rows[0]].strip()[:60] if rows else None, hint=FORMATS)
-    first, (separator, decimals) = match
+    rows = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+    first, separator, decimals = _first_row(lines, rows, path)
     words = split(lines[first], separator)
-    before = [lines[k] for k in rows if k < first]
-    count = int(before[-1]) if before and before[-1].strip().isdigit() else None
-    header = None if not before or count is not None else split(before[-1], separator)
-    comments = [line.lstrip("#/ \t") for line in lines[:first] if line.lstrip().startswith(("#", "//"))]
-    if header is None and comments and len(split(comments[-1], separator)) == len(words):
-        header = split(comments[-1], separator)
+    header, count = _above(lines[:first], words, separator)
+    named = None if header is None else _named_columns(header, len(words), separator, decimals, path)
     numeric = [k for k, word in enumerate(words) if decimals.number(word) is not None]
-    holds = [k for k, word in enumerate(words) if k in numeric or word.lower() in MISSING]
-    counted = _counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric)
-    xyz, unit = (numeric[counted], numeric[counted + 1], numeric[counted + 2]), None
-    if header is not None:
-        named = _columns(header, path)
-        if named is not None:
-            xyz, unit = named
-        elif _names_columns(header, len(words), separator, decimals):
-            raise FileFormatError(
-                "the header names no columns of x, y and z",
-                where=str(path),
-                value=", ".join(header)[:80],
-                hint="Name them x, y, z, or leave the header out where the first three numbers are x, y, z",
-            )
-    plain = len(holds) == len(words) and '"' not in lines[first]
+    x, y, z = numeric[_counts_up([lines[k] for k in rows if k >= first][:_SAMPLE], separator, numeric) :][:3]
+    xyz, unit = ((x, y, z), None) if named is None else named
+    holds = {*numeric, *(k for k, word in enumerate(words) if word.lower() in MISSING)}
+    plain = '"' not in lines[first] and len(holds) == len(words)
     return _Layout(first, len(words), xyz, separator, decimals, plain, unit, count)
+
+
+def _first_row(lines: list[str], rows: list[int], path: Path) -> tuple[int, str | None, Decimals]:
+    """The first line with three numbers, its separator, and how numbers are written."""
+    if not rows:
+        raise FileFormatError("the file is empty", where=str(path), hint=FORMATS)
+    for k in rows:
+        if (match := _separator(lines, rows, k)) is not None:
+            return k, *match
+    line = lines[rows[0]].strip()[:60]
+    raise FileFormatError("no line holds three numbers", where=str(path), value=line, hint=FORMATS)
+
+
+def _named_columns(
+    header: list[str], count: int, separator: str | None, decimals: Decimals, path: Path
+) -> tuple[tuple[int, int, int], str | None] | None:
+    """Columns and unit that the header names, or None."""
+    named = _columns(header, path)
+    if named is None and _names_columns(header, count, separator, decimals):
+        raise FileFormatError(
+            "the header names no columns of x, y and z",
+            where=str(path),
+            value=", ".join(header)[:80],
+            hint="Name them x, y, z, or leave the header out where the first three numbers are x, y, z",
+        )
+    return named
+
+
+def _above(lines: list[str], words: list[str], separator: str | None) -> tuple[list[str] | None, int | None]:
+    """Header and announced number of rows, as far as the lines above the first row state them."""
+    rows = [line for line in lines if line.strip() and not _is_comment(line)]
+    count = int(rows[-1]) if rows and rows[-1].strip().isdigit() else None
+    if rows and count is None:
+        return split(rows[-1], separator), None
+    comments = [line.lstrip("#/ \t") for line in lines if _is_comment(line)]
+    header = split(comments[-1], separator) if comments else []
+    return header if len(header) == len(words) else None, count
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "//"))
 
 
 def _counts_up(lines: list[str], separator: str | None, numeric: list[int]) -> bool:
@@ -172,26 +194,27 @@ def _columns(header: list[str], path: Path) -> tuple[tuple[int, int, int], str |
     for k, name in enumerate(header):
         words = [word for word in re.split(r"[^a-z0-9]+", name.lower()) if word]
         axis = next((letter[1] for word in words if (letter := _AXIS.fullmatch(word))), None)
-        if axis is None:
-            continue
-        if any(word.startswith((*_NOMINAL, *_DEVIATION)) for word in words):
+        if axis is None or any(word.startswith((*_NOMINAL, *_DEVIATION)) for word in words):
             continue
         unit = next((_UNIT_WORDS[word] for word in words if word in _UNIT_WORDS), unit)
         place[axis].append((any(word.startswith(_MEASURED) for word in words), k))
     if not any(place.values()):
         return None
-    chosen = []
-    for axis, named in place.items():
-        measured = [k for stated, k in named if stated] or [k for _, k in named]
-        if len(measured) != 1:
-            raise FileFormatError(
-                f"the header names {'no' if not measured else 'several'} columns of measured {axis}",
-                where=str(path),
-                value=", ".join(header)[:80],
-                hint="Name them x, y, z, or Meas X, Meas Y, Meas Z beside Nom X, Nom Y, Nom Z",
-            )
-        chosen.append(measured[0])
-    return (chosen[0], chosen[1], chosen[2]), unit
+    x, y, z = (_measured(axis, place[axis], header, path) for axis in "xyz")
+    return (x, y, z), unit
+
+
+def _measured(axis: str, named: list[tuple[bool, int]], header: list[str], path: Path) -> int:
+    """Column of an axis: the only one of those that say that they were measured, or of all."""
+    measured = [k for stated, k in named if stated] or [k for _, k in named]
+    if len(measured) != 1:
+        raise FileFormatError(
+            f"the header names {'no' if not measured else 'several'} columns of measured {axis}",
+            where=str(path),
+            value=", ".join(header)[:80],
+            hint="Name them x, y, z, or Meas X, Meas Y, Meas Z beside Nom X, Nom Y, Nom Z",
+        )
+    return measured[0]
 
 
 def _rows(path: Path, layout: _Layout) -> Iterator[Float]:

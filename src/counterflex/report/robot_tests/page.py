@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from counterflex.core.told_apart import with_interval
 from counterflex.core.units import UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
 from counterflex.evaluate.iso9283.path_cycles import Cycle
@@ -15,7 +16,7 @@ from counterflex.evaluate.iso9283.path_velocity import PathVelocity
 from counterflex.evaluate.iso9283.poses import PoseCycles
 from counterflex.report.figure_data import numbers
 from counterflex.report.robot_tests import path_figures as drawn
-from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, conditions, shown, test_page
+from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, conditions, test_page
 
 MOST: Final = 6
 _VIEWS: Final = (("x", "y", 0, 1), ("x", "z", 0, 2))
@@ -102,10 +103,10 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
     rows = summary["poses"]
     worst = max(rows, key=lambda row: row["AP_um"]["value"])
     least = max(rows, key=lambda row: row.get("RP_um", row["AP_um"])["value"])
-    verdict = f"Largest AP {shown(worst['AP_um'])} um at pose {worst['pose']}"
-    verdict += f"; largest RP {shown(least['RP_um'])} um at pose {least['pose']}." if "RP_um" in least else "."
-    radii = [row["RP_um"]["value"] if "RP_um" in row else 0.0 for row in rows]
-    keys = [key for key in rows[0] if isinstance(rows[0][key], dict) and "low" in rows[0][key]]
+    verdict = f"Largest AP {with_interval(worst['AP_um'])} um at pose {worst['pose']}"
+    verdict += f"; largest RP {with_interval(least['RP_um'])} um at pose {least['pose']}." if "RP_um" in least else "."
+    radii = [row.get("RP_um", {"value": 0.0})["value"] for row in rows]
+    keys = [key for key, value in rows[0].items() if isinstance(value, dict) and "low" in value]
     sections = [
         Section(
             "Attained positions",
@@ -118,10 +119,24 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
             "AP: barycentre minus command, um and mdeg. RP: mean distance from the barycentre plus three standard "
             "deviations. 95 % intervals in brackets.",
             columns=["pose", "cycles", *(key.rpartition("_")[0].replace("_", " ") for key in keys)],
-            rows=[[str(row["pose"]), str(row["cycles"]), *(shown(row.get(key)) for key in keys)] for row in rows],
+            rows=[
+                [str(row["pose"]), str(row["cycles"]), *(with_interval(row.get(key)) for key in keys)] for row in rows
+            ],
         ),
         Section("Over the cycles", "Distance of each attained position from the commanded one.", "cycles"),
     ]
+    sections += _further(summary)
+    sections.append(conditions(summary))
+    figures = {"clusters": cluster_figure(poses, radii)}
+    over = time_figure(poses)
+    if over is not None:
+        figures["cycles"] = over
+    return test_page(_title("Pose test", summary), _subtitle(summary), verdict, sections, figures)
+
+
+def _further(summary: Mapping[str, Any]) -> list[Section]:
+    """Sections of what not every pose test has."""
+    sections = []
     if summary["distances"]:
         sections.append(
             Section(
@@ -129,7 +144,12 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
                 "AD: mean distance minus commanded distance; RD: three standard deviations; um.",
                 columns=["poses", "commanded, mm", "AD", "RD"],
                 rows=[
-                    [f"{r['from']}, {r['to']}", f"{r['commanded_mm']:.3f}", shown(r["AD_um"]), shown(r.get("RD_um"))]
+                    [
+                        f"{r['from']}, {r['to']}",
+                        f"{r['commanded_mm']:.3f}",
+                        with_interval(r["AD_um"]),
+                        with_interval(r.get("RD_um")),
+                    ]
                     for r in summary["distances"]
                 ],
             )
@@ -142,10 +162,10 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
                 "Multi-directional variation of the accuracy",
                 f"Largest distance between the barycentres of {summary['directions']} directions of approach.",
                 columns=["pose", *(name.replace("_", " ") for name in names)],
-                rows=[[str(row["pose"]), *(shown(row[name]) for name in names)] for row in several],
+                rows=[[str(row["pose"]), *(with_interval(row[name]) for name in names)] for row in several],
             )
         )
-    timed = [row for row in rows if "stabilisation_time_s" in row or "drift" in row]
+    timed = [row for row in summary["poses"] if "stabilisation_time_s" in row or "drift" in row]
     if timed:
         sections.append(
             Section(
@@ -157,20 +177,35 @@ def pose_page(summary: Mapping[str, Any], poses: Sequence[PoseCycles]) -> str:
                 rows=[
                     [
                         str(row["pose"]),
-                        shown(row.get("stabilisation_time_s"), 3),
-                        shown(row.get("overshoot_um")),
-                        *(shown(row.get("drift", {}).get(key), 2) for key in ("dAP_um", "dRP_um", "hours")),
+                        with_interval(row.get("stabilisation_time_s"), 3),
+                        with_interval(row.get("overshoot_um")),
+                        *(with_interval(row.get("drift", {}).get(key), 2) for key in ("dAP_um", "dRP_um", "hours")),
                     ]
                     for row in timed
                 ],
             )
         )
-    sections.append(conditions(summary))
-    figures = {"clusters": cluster_figure(poses, radii)}
-    over = time_figure(poses)
-    if over is not None:
-        figures["cycles"] = over
-    return test_page(_title("Pose test", summary), _subtitle(summary), verdict, sections, figures)
+    return sections
+
+
+def _corners(corners: Sequence[Mapping[str, Any]]) -> Section:
+    return Section(
+        "Corners",
+        "CR: least distance of an attained path from the corner. CO: largest deviation from the second path on "
+        "its outer side. The largest of all cycles, and the least in brackets, um.",
+        "corners",
+        ["corner", "at, mm", "turn, deg", "CR", "CO"],
+        [
+            [
+                str(row["corner"]),
+                f"{row['at_mm']:g}",
+                f"{row['turn_deg']:.1f}",
+                f"{row['CR_um']:.1f} ({row['CR_least_um']:.1f})",
+                f"{row['CO_um']:.1f} ({row['CO_least_um']:.1f})",
+            ]
+            for row in corners
+        ],
+    )
 
 
 def path_page(
@@ -180,15 +215,11 @@ def path_page(
     cycles: Sequence[Cycle],
     velocity: PathVelocity | None,
 ) -> str:
-    """Page of a path test, as HTML text.
-
-    Args:
-        velocity: Or None.
-    """
+    """Page of a path test, as HTML text."""
     factor = drawn.magnified(path, figures)
     names = [key for key in summary if key[:3] in ("AT_", "RT_") and isinstance(summary[key], dict)]
-    verdict = f"AT {shown(summary['AT_um'])} um at {summary['AT_at_mm']:g} mm along the path"
-    verdict += f"; RT {shown(summary['RT_um'])} um at {summary['RT_at_mm']:g} mm." if summary["RT_um"] else "."
+    verdict = f"AT {with_interval(summary['AT_um'])} um at {summary['AT_at_mm']:g} mm along the path"
+    verdict += f"; RT {with_interval(summary['RT_um'])} um at {summary['RT_at_mm']:g} mm." if summary["RT_um"] else "."
     sections = [
         Section("Attained paths", f"Deviations are drawn {factor:g} times larger than the path.", "path"),
         Section(
@@ -203,7 +234,7 @@ def path_page(
             "intervals in brackets.",
             columns=["figure", "value"],
             rows=[
-                [key.replace("_um", ", um").replace("_mdeg", ", mdeg").replace("_", " "), shown(summary[key])]
+                [key.replace("_um", ", um").replace("_mdeg", ", mdeg").replace("_", " "), with_interval(summary[key])]
                 for key in names
             ],
         ),
@@ -212,25 +243,7 @@ def path_page(
     if "corner" in summary:
         largest = max(max(row["CR_um"], row["CO_um"]) for row in summary["corner"]) * UM
         plots["corners"] = drawn.corner_figure(path, cycles, 2.5 * max(largest, 20.0 * UM))
-        sections.append(
-            Section(
-                "Corners",
-                "CR: least distance of an attained path from the corner. CO: largest deviation from the second path on "
-                "its outer side. The largest of all cycles, and the least in brackets, um.",
-                "corners",
-                ["corner", "at, mm", "turn, deg", "CR", "CO"],
-                [
-                    [
-                        str(row["corner"]),
-                        f"{row['at_mm']:g}",
-                        f"{row['turn_deg']:.1f}",
-                        f"{row['CR_um']:.1f} ({row['CR_least_um']:.1f})",
-                        f"{row['CO_um']:.1f} ({row['CO_least_um']:.1f})",
-                    ]
-                    for row in summary["corner"]
-                ],
-            )
-        )
+        sections.append(_corners(summary["corner"]))
     if velocity is not None:
         v = summary["velocity"]
         plots["velocity"] = drawn.velocity_figure(velocity)
@@ -242,8 +255,8 @@ def path_page(
                 "velocity",
                 ["figure", "value"],
                 [
-                    ["AV, %", shown(v["AV_percent"], 3)],
-                    ["RV, %", shown(v["RV_percent"], 3)],
+                    ["AV, %", with_interval(v["AV_percent"], 3)],
+                    ["RV, %", with_interval(v["RV_percent"], 3)],
                     ["FV, mm/s", f"{v['FV_mm_s']:.3f}"],
                 ],
             )

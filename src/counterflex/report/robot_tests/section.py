@@ -32,17 +32,6 @@ def test_page(
     return render("robot_test.html.j2", dict(figures), [], data=head, verdict=verdict, sections=sections)
 
 
-def shown(value: Mapping[str, Any] | float | None, digits: int = 1) -> str:
-    """A figure with its interval in brackets; empty where there is none."""
-    if value is None:
-        return ""
-    if not isinstance(value, Mapping):
-        return f"{value:.{digits}f}"
-    if value["low"] is None:
-        return f"{value['value']:.{digits}f}"
-    return f"{value['value']:.{digits}f} ({value['low']:.{digits}f} to {value['high']:.{digits}f})"
-
-
 def conditions(summary: Mapping[str, Any]) -> Section:
     """Return how the figures were made."""
     rows = [

@@ -74,33 +74,41 @@ def history_page(summary: Mapping[str, Any]) -> str:
     sections = [_Section("Runs", lead, tuple(_HISTORY.values()), tuple(rows))]
     figures: dict[str, Any] = {}
     for k, program in enumerate(summary["programs"]):
-        if len(program["runs"]) < 2:
-            continue
-        trends = tuple(
-            (
-                one["title"] + (f", {one['unit']}" if one["unit"] else ""),
-                _text(one["mean"]),
-                f"{one['slope_per_run']:+.4g} ± {one['half_width95']:.2g}",
-                "changes" if one["clear"] else "no change to be told",
-                str(one["runs"]),
-            )
-            for one in program["trends"]
-        )
-        titles = {
-            one["figure"]: one["title"] + (f", {one['unit']}" if one["unit"] else "") for one in program["trends"]
-        }
-        drawn = trend_figure({name: program["figures"][name] for name in titles}, titles)
-        name = f"trend{k}"
-        if drawn is not None:
-            figures[name] = drawn
-        lead = "Change from run to run, least squares, with its 95 % interval; from four runs on."
-        heads = ("figure", "mean", "change per run", "verdict", "runs")
-        title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
-        sections.append(_Section(title, lead, heads, trends, name if drawn is not None else ""))
+        if len(program["runs"]) > 1:
+            sections.append(_trends(program, f"trend{k}", figures))
     notes = [f"{one['folder']} cannot be read: {one['why']}" for one in summary["unreadable"]]
     head = Head("Runs", summary["folder"], notes=notes)
     verdict = f"{len(summary['runs'])} runs of {len(summary['programs'])} known programs."
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
+
+
+def _trends(program: Mapping[str, Any], name: str, figures: dict[str, Any]) -> _Section:
+    """Trends of a program; adds their picture."""
+    titles = {one["figure"]: one["title"] + (f", {one['unit']}" if one["unit"] else "") for one in program["trends"]}
+    trends = tuple(
+        (
+            titles[one["figure"]],
+            _text(one["mean"]),
+            f"{one['slope_per_run']:+.4g} ± {one['half_width95']:.2g}",
+            "changes" if one["clear"] else "no change to be told",
+            str(one["runs"]),
+        )
+        for one in program["trends"]
+    )
+    drawn = trend_figure({key: program["figures"][key] for key in titles}, titles)
+    if drawn is not None:
+        figures[name] = drawn
+    lead = "Change from run to run, least squares, with its 95 % interval; from four runs on."
+    heads = ("figure", "mean", "change per run", "verdict", "runs")
+    title = f"{program['program'] or program['program_sha256'][:12]}: {len(program['runs'])} runs"
+    return _Section(title, lead, heads, trends, name if drawn is not None else "")
+
+
+def _compared(text: str, values: Sequence[float | None]) -> tuple[str, ...]:
+    """A figure of one run, or of two with their difference."""
+    known = [value for value in values if value is not None]
+    change = f"{known[1] - known[0]:+.4g}" if len(known) == 2 else "–"
+    return (text, *(_text(value) for value in values), *((change,) if len(values) == 2 else ()))
 
 
 def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mapping[str, str], notes: list[str]) -> str:
@@ -111,14 +119,7 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
         names: Headings of the figures by name, in order.
     """
     heads = ("figure", *(one.name for one in runs), *(("difference",) if len(runs) == 2 else ()))
-    rows = []
-    for name, text in names.items():
-        values = [one.figures[name] for one in runs]
-        change = []
-        if len(values) == 2:
-            known = values[0] is not None and values[1] is not None
-            change = [f"{(values[1] or 0.0) - (values[0] or 0.0):+.4g}" if known else "–"]
-        rows.append((text, *(_text(v) for v in values), *change))
+    rows = [_compared(text, [one.figures[name] for one in runs]) for name, text in names.items()]
     by_length = all(float(np.max(one.curves.length_m)) > 0.0 for one in runs)
     figures = {"curves": curves_figure([(one.name, one.curves, one.contained_m) for one in runs], by_length=by_length)}
     sections = [

@@ -40,8 +40,9 @@ def opcua(
     require_safe(settings)
     from counterflex.app.opcua.server import serve
 
-    def started(address: str) -> None:
-        typer.echo(f"OPC UA: {address}")
-        sys.stdout.flush()
+    serve(settings, _started)
 
-    serve(settings, started)
+
+def _started(address: str) -> None:
+    typer.echo(f"OPC UA: {address}")
+    sys.stdout.flush()

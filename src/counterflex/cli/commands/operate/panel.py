@@ -47,12 +47,13 @@ def panel(
     require_safe(settings)
     from counterflex.app.panel.server import serve
 
-    def started(links: list[tuple[str, str]]) -> None:
-        for who, link in links:
-            typer.echo(f"{who}: {link}")
-        sys.stdout.flush()
+    serve(settings, _started)
 
-    serve(settings, started)
+
+def _started(links: list[tuple[str, str]]) -> None:
+    for who, link in links:
+        typer.echo(f"{who}: {link}")
+    sys.stdout.flush()
 
 
 def panel_user(

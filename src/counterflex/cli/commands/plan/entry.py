@@ -9,7 +9,7 @@ import typer
 
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.core.units import DEG, MM
 from counterflex.programs.language import BY_ENDING
@@ -50,10 +50,7 @@ def entry(
     with progress_bar(f"entries of {program.name}") as progress:
         reading = Reading(dialect, parameters, complete=not without_end)
         summary = job.run(program, cell, out, moves, reading=reading, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        _show(summary, out)
+    print_result(summary, as_json, _show, out)
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
-from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written
+from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar, say_written
 from counterflex.programs.language import BY_ENDING
 
 
@@ -87,10 +87,7 @@ def stability(
             reading=Reading(dialect, parameters, complete=not without_end),
             progress=progress,
         )
-    if as_json:
-        print_json(summary)
-    else:
-        _show(summary)
+    print_result(summary, as_json, _show)
     if out is not None and not as_json:
         say_written(out, f"wrote {out}: report.html, stability.csv, lobes.csv, summary.json")
     if summary["verdict"] == "chatter":

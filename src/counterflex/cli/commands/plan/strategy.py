@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
-from counterflex.cli.output import line_of, print_json, print_table, progress_bar
+from counterflex.cli.output import line_of, print_result, print_table, progress_bar
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 from counterflex.programs.language import BY_ENDING
@@ -105,10 +105,7 @@ def strategy(
         answer = advice_table.run(
             cell, program, operation, assume_class=assume_class, reading=reading, progress=progress
         )
-    if as_json:
-        print_json(answer)
-    else:
-        _show(answer)
+    print_result(answer, as_json, _show)
 
 
 def _scaled(text: str | None, name: str, unit: float) -> tuple[float, float] | None:

@@ -10,7 +10,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
-from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar
+from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
 from counterflex.core.units import DEG, MM
 from counterflex.programs.language import BY_ENDING
 
@@ -68,10 +68,7 @@ def trochoid(
     with progress_bar(f"loops for {program.name}") as progress:
         reading = Reading(dialect, parameters, complete=not without_end)
         summary = job.run(program, cell, out, requested, reading=reading, progress=progress)
-    if as_json:
-        print_json(summary)
-    else:
-        _show(summary, out)
+    print_result(summary, as_json, _show, out)
 
 
 def _show(summary: dict[str, Any], out: Path) -> None:

@@ -11,7 +11,7 @@ from counterflex.cli import arguments
 from counterflex.cli.arguments import address, argument, option
 from counterflex.cli.commands.program import CellFile
 from counterflex.cli.commands.question import AsJson
-from counterflex.cli.commands.simulated.options import Fault, Seconds
+from counterflex.cli.commands.simulated.options import Fault, Seconds, say_force_device
 from counterflex.cli.output import print_json
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
@@ -43,7 +43,7 @@ def netft(
     trial = read_scenario(scenario or (), ("force_sensor",))
     from counterflex.app.simulated_cell import instruments as job
     from counterflex.app.simulated_cell.scenario import load, schedule
-    from counterflex.twin.devices.force_device import ForceDevice, ForceStart
+    from counterflex.twin.devices.force_device import ForceStart
 
     table, faults = trial.force_sensor, schedule(trial, fault)
     host, port = host_port(table.address) or ("127.0.0.1", 49152)
@@ -57,12 +57,7 @@ def netft(
     )
     shown = load(table, file, faults.seed)
 
-    def started(device: ForceDevice) -> None:
-        udp, http = device.address, device.http_address
-        if udp is not None and http is not None:
-            typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)
-
-    summary = job.run_force(job.LoneForce("netft", shown, start, seconds), started=started)
+    summary = job.run_force(job.LoneForce("netft", shown, start, seconds), started=say_force_device)
     if as_json:
         print_json(summary)
         return

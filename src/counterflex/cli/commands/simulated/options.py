@@ -55,3 +55,10 @@ def require_not_abandoned(ended: str) -> None:
     """
     if ended in ABANDONED:
         raise typer.Exit(3)
+
+
+def say_force_device(device: Any) -> None:
+    """Say where a simulated force sensor with a scaling document listens."""
+    udp, http = (None, None) if device is None else (device.address, device.http_address)
+    if udp and http:
+        typer.echo(f"force sensor at {udp[0]}:{udp[1]}, scaling at port {http[1]}", err=True)

@@ -18,7 +18,7 @@ from counterflex.cli.commands.simulated.options import (
     print_start,
     require_not_abandoned,
 )
-from counterflex.cli.output import keep_inputs, print_json, progress_bar
+from counterflex.cli.output import keep_inputs, print_result, progress_bar
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
 
@@ -86,10 +86,7 @@ def rsi(
     }
     with progress_bar(f"RSI {rsi.name}") as progress:
         summary = imported(ROBOT_LINKS["rsi"].alone)(Watched(record, print_start, progress), **settings)
-    if as_json:
-        print_json(summary)
-    else:
-        _tell_rsi(summary)
+    print_result(summary, as_json, _tell_rsi)
     require_not_abandoned(summary["ended"])
 
 

@@ -14,6 +14,7 @@ from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.output import keep_inputs, print_json, print_table, say_written
 from counterflex.core.errors import CounterflexError, InputError
+from counterflex.core.similar import twice
 
 dcc = typer.Typer(
     no_args_is_help=True, help="Digital calibration certificates (DCC): values into a cell file, results as a document."
@@ -24,10 +25,8 @@ def _keys(_: arguments.Param, value: Any) -> Any:
     """Keys, each with its quantity or without."""
     from counterflex.app.certificate.keys import pair_of
 
-    names = [pair_of(text)[0] for text in value or ()]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError("a key is given twice", where="--set", value=twice)
+    if (key := twice([pair_of(text)[0] for text in value or ()])) is not None:
+        raise InputError("a key is given twice", where="--set", value=key)
     return value
 
 

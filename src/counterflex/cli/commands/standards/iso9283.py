@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ from counterflex.cli.arguments import option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
+from counterflex.core.told_apart import with_interval
 
 
 def iso9283(
@@ -81,63 +82,48 @@ def iso9283(
     say_written(out, f"wrote {out}: report.html, figures.csv, attained.csv, attained.parquet, summary.json")
 
 
-def _figure(value: Mapping[str, Any] | float | None) -> str:
-    """A figure and its interval."""
-    if value is None:
-        return ""
-    if not isinstance(value, Mapping):
-        return f"{value:.1f}"
-    if value["low"] is None:
-        return f"{value['value']:.1f}"
-    return f"{value['value']:.1f} ({value['low']:.1f} to {value['high']:.1f})"
-
-
 def _show_poses(summary: Mapping[str, Any]) -> None:
     rows = summary["poses"]
-    turned = "AP_a_mdeg" in rows[0]
     print_table(
         f"Poses, {summary['cycles']} cycles; um, 95 % intervals in brackets",
         ["pose", "AP", "AP x", "AP y", "AP z", "RP"],
-        [
-            [str(row["pose"]), *(_figure(row.get(key)) for key in ("AP_um", "AP_x_um", "AP_y_um", "AP_z_um", "RP_um"))]
-            for row in rows
-        ],
+        [_pose_row(row, ("AP_um", "AP_x_um", "AP_y_um", "AP_z_um", "RP_um")) for row in rows],
     )
-    if turned:
+    if "AP_a_mdeg" in rows[0]:
         keys = [f"{name}_{axis}_mdeg" for name in ("AP", "RP") for axis in "abc"]
         print_table(
             "Orientation, mdeg (a, b, c about x, y, z)",
             ["pose", *(key.removesuffix("_mdeg").replace("_", " ") for key in keys)],
-            [[str(row["pose"]), *(_figure(row.get(key)) for key in keys)] for row in rows],
+            [_pose_row(row, keys) for row in rows],
         )
     if summary["distances"]:
         print_table(
             "Distances, um",
             ["poses", "commanded mm", "AD", "RD"],
-            [
-                [
-                    f"{row['from']}, {row['to']}",
-                    f"{row['commanded_mm']:.3f}",
-                    _figure(row["AD_um"]),
-                    _figure(row.get("RD_um")),
-                ]
-                for row in summary["distances"]
-            ],
+            [_distance(row) for row in summary["distances"]],
         )
     if "multi_directional" in summary:
-        keys = [key for key in summary["multi_directional"][0] if key != "pose"]
+        keys = list(summary["multi_directional"][0])[1:]
         print_table(
             f"Multi-directional variation, {summary['directions']} directions",
             ["pose", *keys],
-            [[str(row["pose"]), *(_figure(row[key]) for key in keys)] for row in summary["multi_directional"]],
+            [_pose_row(row, keys) for row in summary["multi_directional"]],
         )
-    timed = [row for row in rows if "stabilisation_time_s" in row or "drift" in row]
-    if timed:
+    if timed := [row for row in rows if {"stabilisation_time_s", "drift"} & row.keys()]:
         print_table(
             f"Over time (limit band {summary['limit_band_mm']:g} mm)",
             ["pose", "stabilisation s", "overshoot um", "drift of AP um", "of RP um", "of barycentre um", "hours"],
             [[str(row["pose"]), *_over_time(row)] for row in timed],
         )
+
+
+def _pose_row(row: Mapping[str, Any], keys: Sequence[str]) -> list[str]:
+    return [str(row["pose"]), *(with_interval(row.get(key)) for key in keys)]
+
+
+def _distance(row: Mapping[str, Any]) -> list[str]:
+    figures = [with_interval(row["AD_um"]), with_interval(row.get("RD_um"))]
+    return [f"{row['from']}, {row['to']}", f"{row['commanded_mm']:.3f}", *figures]
 
 
 def _over_time(row: Mapping[str, Any]) -> list[str]:
@@ -148,11 +134,16 @@ def _over_time(row: Mapping[str, Any]) -> list[str]:
 
 def _show_path(summary: Mapping[str, Any]) -> None:
     rows = [
-        ["AT", "um", _figure(summary["AT_um"]), f"{summary['AT_at_mm']:g} mm along the path"],
-        ["RT", "um", _figure(summary["RT_um"]), "" if summary["RT_um"] is None else f"{summary['RT_at_mm']:g} mm"],
+        ["AT", "um", with_interval(summary["AT_um"]), f"{summary['AT_at_mm']:g} mm along the path"],
+        [
+            "RT",
+            "um",
+            with_interval(summary["RT_um"]),
+            "" if summary["RT_um"] is None else f"{summary['RT_at_mm']:g} mm",
+        ],
     ]
     rows += [
-        [f"{name} {axis}", "mdeg", _figure(summary[f"{name}_{axis}_mdeg"]), ""]
+        [f"{name} {axis}", "mdeg", with_interval(summary[f"{name}_{axis}_mdeg"]), ""]
         for name in ("AT", "RT")
         for axis in "abc"
         if f"{name}_{axis}_mdeg" in summary
@@ -165,8 +156,8 @@ def _show_path(summary: Mapping[str, Any]) -> None:
     v = summary["velocity"]
     if "left_out" not in v:
         where = f"of {v['commanded_mm_s']:g} mm/s, middle of the stretches"
-        rows.append(["AV", "%", _percent(v["AV_percent"]), where])
-        rows.append(["RV", "%", _percent(v["RV_percent"]), ""])
+        rows.append(["AV", "%", with_interval(v["AV_percent"], 3), where])
+        rows.append(["RV", "%", with_interval(v["RV_percent"], 3), ""])
         rows.append(
             ["FV", "mm/s", f"{v['FV_mm_s']:.2f}", f"noise of one velocity: {v['noise_mm_s']:.2f} mm/s (1 sigma)"]
         )
@@ -177,14 +168,6 @@ def _show_path(summary: Mapping[str, Any]) -> None:
     )
     if "left_out" in v:
         typer.echo(f"no velocity figures: {v['left_out']}")
-
-
-def _percent(value: Mapping[str, Any] | None) -> str:
-    if value is None:
-        return ""
-    if value["low"] is None:
-        return f"{value['value']:.3f}"
-    return f"{value['value']:.3f} ({value['low']:.3f} to {value['high']:.3f})"
 
 
 def _show_conditions(summary: Mapping[str, Any]) -> None:

@@ -140,17 +140,20 @@ class DTrackLines:
             raise FileFormatError("blocks of a target", where=where, value=rest[:60], limit=f"{sizes} numbers")
         values = [np.array([number(text, where) for text in block]) for block in blocks[: len(sizes)]]
         seen = values[0][1] >= 0.0
-        R = np.eye(3)
-        if word == "6d" and seen:
-            R = values[2].reshape(3, 3).T
-            if float(np.abs(R @ R.T - np.eye(3)).max()) > _TURNED or float(np.linalg.det(R)) < 0.0:
-                raise FileFormatError("the matrix of a target is no rotation", where=where, value=rest[:60])
-            u, _, vt = np.linalg.svd(R)
-            R = u @ vt
+        R = _rotation(values[2].reshape(3, 3).T, rest, where) if word == "6d" and seen else np.eye(3)
         status = (0 if word == "6d" else NO_ORIENTATION) | (0 if seen else BEAM_BROKEN)
         frame_id = int(values[0][0])
         T = pose.make(R, values[1][:3] * MM)
         return TrackerPose(sequence & 0xFFFFFFFF, self._time_ns, status, frame_id, T, 0.0)
+
+
+def _rotation(R: Float, text: str, where: str) -> Float:
+    """The rotation nearest to a matrix."""
+    if float(np.abs(R @ R.T - np.eye(3)).max()) > _TURNED or float(np.linalg.det(R)) < 0.0:
+        raise FileFormatError("the matrix of a target is no rotation", where=where, value=text[:60])
+    u, _, vt = np.linalg.svd(R)
+    nearest: Float = u @ vt
+    return nearest
 
 
 class ExportLines(Protocol):

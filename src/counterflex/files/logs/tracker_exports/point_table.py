@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.units import NS
 from counterflex.files.dataset.units import factor, in_header
 from counterflex.files.logs.tracker_exports.stamps import stamp_ns
+from counterflex.files.logs.tracker_log import unit_length
 from counterflex.files.small_table import number
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import NO_ORIENTATION, TrackerPose, spherical_point
@@ -43,8 +44,9 @@ _KNOWN: Final = {text: name for name, texts in _NAMES.items() for text in texts}
 _SI: Final = {"time": "s", "azimuth": "rad", "zenith": "rad", "elevation": "rad", "qw": "1", "qx": "1", "qy": "1",
               "qz": "1"}  # fmt: skip
 _UNIT_TEXT: Final = re.compile(r"\s*[\[(][^\[\]()]*[\])]\s*$|_[a-z]+$")
+_QUATERNION: Final = ("qw", "qx", "qy", "qz")
+_ANGULAR: Final = ("distance", "azimuth", "zenith", "elevation")
 _MOST_BEFORE: Final = 50
-_UNIT: Final = 1e-4
 
 
 class PointTableLines:
@@ -85,24 +87,19 @@ class PointTableLines:
         cells = text.split(self._separator)
         if len(cells) < self._count:
             raise FileFormatError("values in a line", where=where, value=len(cells), limit=self._count)
-
-        def value(name: str) -> float:
-            return number(cells[self._place[name]], where, self._decimal) * float(self._unit[name] or 1.0)
-
         R, status = np.eye(3), NO_ORIENTATION
         if "qw" in self._place:
-            quat = np.array([value(name) for name in ("qw", "qx", "qy", "qz")])
-            if abs(math.hypot(*quat.tolist()) - 1.0) > _UNIT:
-                raise FileFormatError(
-                    "a quaternion is not of unit length", where=where, value=math.hypot(*quat.tolist()), limit=1
-                )
+            quat = np.array([self._value(cells, where, name) for name in _QUATERNION])
+            unit_length(quat, where)
             R, status = rotation.from_quat_wxyz(quat), 0
         stamp = cells[self._place["time"]]
-        time_ns = stamp_ns(stamp, where) if ":" in stamp else round(self._time(value("time"), where) / NS)
-        sigma = value("sigma") if "sigma" in self._place else 0.0
+        time_ns = (
+            stamp_ns(stamp, where) if ":" in stamp else round(self._time(self._value(cells, where, "time"), where) / NS)
+        )
+        sigma = self._value(cells, where, "sigma") if "sigma" in self._place else 0.0
         if sigma < 0.0 or time_ns < 0:
             raise FileFormatError("time or standard deviation is negative", where=where, value=(time_ns, sigma))
-        T = pose.make(R, self._position(value))
+        T = pose.make(R, self._position(lambda name: self._value(cells, where, name)))
         return TrackerPose(sequence & 0xFFFFFFFF, time_ns, status, 0, T, sigma)
 
     def _time(self, value: float, where: str) -> float:
@@ -118,33 +115,44 @@ class PointTableLines:
         zenith = get("zenith") if "zenith" in self._place else 0.5 * math.pi - get("elevation")
         return spherical_point(get("distance"), get("azimuth"), zenith)
 
+    def _value(self, cells: Sequence[str], where: str, name: str) -> float:
+        return number(cells[self._place[name]], where, self._decimal) * float(self._unit[name] or 1.0)
+
     def _header(self, text: str, where: str) -> bool:
         """Take the line as the header where it names a time and a position."""
         separator = next((mark for mark in ("\t", ";", ",") if mark in text), ",")
         heads = [head.strip().strip('"') for head in text.split(separator)]
-        plain = [_UNIT_TEXT.sub("", head.lower()).strip() for head in heads]
-        place = {}
-        for k, name in enumerate(plain):
-            if name in _KNOWN:
-                if _KNOWN[name] in place:
-                    raise FileFormatError("two columns of one quantity", where=where, value=f"{heads[k]!r} again")
-                place[_KNOWN[name]] = k
+        place = _places(heads, where)
         cartesian = {"x", "y", "z"} <= place.keys()
         spherical = {"distance", "azimuth"} <= place.keys() and ("zenith" in place) != ("elevation" in place)
         if "time" not in place or not (cartesian or spherical):
             return False
         if cartesian:
-            place = {name: k for name, k in place.items() if name not in ("distance", "azimuth", "zenith", "elevation")}
-        if 0 < len({"qw", "qx", "qy", "qz"} & place.keys()) < 4:
+            place = {name: k for name, k in place.items() if name not in _ANGULAR}
+        if len(set(_QUATERNION) & place.keys()) in (1, 2, 3):
             raise FileFormatError("a quaternion needs four columns", where=where, limit="qw, qx, qy, qz")
-        for name, k in place.items():
-            si = _SI.get(name, "m")
-            unit = in_header(heads[k]) or {"s": "s", "ns": "ns", "m": "m"}.get(heads[k].rpartition("_")[2].lower())
-            if unit is None and name != "time" and si != "1":
-                raise FileFormatError(
-                    "a column has no unit", where=where, value=repr(heads[k]), limit=f"such as {heads[k]} [mm]"
-                )
-            self._unit[name] = None if unit is None else factor(unit, si, f"{where}: {heads[k]}")
+        self._unit |= {name: _factor(name, heads[k], where) for name, k in place.items()}
         self._place, self._separator, self._count = place, separator, max(place.values()) + 1
         self._decimal = "." if separator == "," else ","
         return True
+
+
+def _places(heads: Sequence[str], where: str) -> dict[str, int]:
+    """Columns of the quantities that a header names."""
+    place: dict[str, int] = {}
+    for k, head in enumerate(heads):
+        name = _KNOWN.get(_UNIT_TEXT.sub("", head.lower()).strip())
+        if name in place:
+            raise FileFormatError("two columns of one quantity", where=where, value=f"{head!r} again")
+        if name is not None:
+            place[name] = k
+    return place
+
+
+def _factor(name: str, head: str, where: str) -> float | None:
+    """SI value of one of a column; None where it has no unit and needs none."""
+    si = _SI.get(name, "m")
+    unit = in_header(head) or {"s": "s", "ns": "ns", "m": "m"}.get(head.rpartition("_")[2].lower())
+    if unit is None and name != "time" and si != "1":
+        raise FileFormatError("a column has no unit", where=where, value=repr(head), limit=f"such as {head} [mm]")
+    return None if unit is None else factor(unit, si, f"{where}: {head}")
