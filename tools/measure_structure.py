@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1245,
-    "lines": 212_000,
+    "lines": 212_200,
     _BIG: 6,
     _WIDE: 9,
     _PATHS: 161,
@@ -50,7 +50,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 504,
     "class names used twice or more": 142,
-    "import lines": 14_954,
+    "import lines": 14_957,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 155_000,
     "links of docs/index.md": 25,
