@@ -16,7 +16,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.plan.inputs import Inputs, solve_joints
 from counterflex.plan.plan import Plan
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 _POINTS: Final = 500
@@ -77,7 +77,7 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
 
 
-def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float | None, name: str) -> CutPoints | None:
+def points_of_posture(cell: Cell, cut: LoadedPath, q: Float, T_base_part: Float | None, name: str) -> CutPoints | None:
     """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
 
     Args:

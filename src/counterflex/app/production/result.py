@@ -21,8 +21,8 @@ from counterflex.files.identification_file import figure_rows, fit_table
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, constants
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.constants import SIGNIFICANT, Estimate
-from counterflex.identify.production.drift import LEVEL, Drift, Named, RunFactor
+from counterflex.identify.production.constants import SIGNIFICANT, ConstantEstimate
+from counterflex.identify.production.drift import LEVEL, ForceDrift, NamedEvents, RunFactor
 from counterflex.identify.production.hypotheses import Kind
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture
 
@@ -54,9 +54,9 @@ class Produced:
     material: str
     runs: Sequence[KeptRun]
     new: Sequence[KeptRun]
-    estimate: Estimate
+    estimate: ConstantEstimate
     factors: Sequence[RunFactor]
-    drift: Drift
+    drift: ForceDrift
     known: Mapping[str, float]
     options: Mapping[str, Any]
     remarks: tuple[str, ...]
@@ -196,7 +196,7 @@ _TEXT = {
 }
 
 
-def _event_remark(p: Produced, event: Named) -> str:
+def _event_remark(p: Produced, event: NamedEvents) -> str:
     """Sentence on an event: where, how large, what it may be, and what follows."""
     run = p.runs[event.at].facts["run"]
     first = f"The force {'rises' if event.size > 0.0 else 'falls'} by {abs(100.0 * event.size):.1f} % at {run}"
@@ -216,7 +216,7 @@ def _event_remark(p: Produced, event: Named) -> str:
     return f"{first} (odds against none {odds} to 1): {may}{then}"
 
 
-def _drift_remarks(p: Produced, grown: Drift) -> list[str]:
+def _drift_remarks(p: Produced, grown: ForceDrift) -> list[str]:
     limit = float(p.options["wear_limit"])
     out = [_event_remark(p, event) for event in grown.events]
     if not grown.is_known:

@@ -164,18 +164,18 @@ def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:
     return replace(sensor, w_bias=sensor.w_bias + warmer * sensor.w_kelvin, reference_c=reference_c)
 
 
-def _effects(blocks: Sequence[residuals.SensorReadings], s: Mapping[str, Any]) -> residuals.Effects:
+def _effects(blocks: Sequence[residuals.SensorReadings], s: Mapping[str, Any]) -> residuals.SensorEffects:
     time_s = np.concatenate([b.time_s for b in blocks])
     warm = np.concatenate([b.warmer_k for b in blocks])
     moving = any(np.any(b.alpha != 0.0) for b in blocks)
-    return residuals.Effects(
+    return residuals.SensorEffects(
         drift=bool(s["drift"]) and float(np.ptp(time_s)) > 60.0,
         temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
         inertia=bool(s["inertia"]) and moving,
     )
 
 
-def _significant(fit: Fit, effects: residuals.Effects) -> residuals.Effects:
+def _significant(fit: Fit, effects: residuals.SensorEffects) -> residuals.SensorEffects:
     """Drift and temperature only where a component stands out of its noise."""
     clear = np.abs(fit.values - fit.parameters.nominal) > SIGNIFICANT * fit.sigma
     return replace(
@@ -210,7 +210,7 @@ def _figures(force: HeldOut, moment: HeldOut, fit: Fit, identified: FlangeSensor
     )
 
 
-def _changes(cell: CellModel, identified: FlangeSensor, effects: residuals.Effects) -> tuple[Change, ...]:
+def _changes(cell: CellModel, identified: FlangeSensor, effects: residuals.SensorEffects) -> tuple[Change, ...]:
     changes: list[Change] = [TableValues("sensor", _table(identified, effects))]
     chain = cell.chain
     split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
@@ -223,7 +223,7 @@ def _seg_com(identified: FlangeSensor) -> Float:
     return out
 
 
-def _table(identified: FlangeSensor, effects: residuals.Effects) -> dict[str, Any]:
+def _table(identified: FlangeSensor, effects: residuals.SensorEffects) -> dict[str, Any]:
     """The table of the cell file, in its units."""
     place = np.concatenate(
         [identified.T_seg_sensor[:3, 3] / MM, rotation.to_zyx(identified.T_seg_sensor[:3, :3]) / DEG]
@@ -258,8 +258,8 @@ def _remarks(
     cell: CellModel,
     identified: FlangeSensor,
     fit: Fit,
-    effects: residuals.Effects,
-    rest: hose_pack.Rest,
+    effects: residuals.SensorEffects,
+    rest: hose_pack.HoseTerms,
     blocks: Sequence[residuals.SensorReadings],
 ) -> list[str]:
     out = []
@@ -308,7 +308,7 @@ def _mass_remark(chain: ElasticChain, identified: FlangeSensor) -> str:
     )
 
 
-def _hose_remarks(identified: FlangeSensor, rest: hose_pack.Rest) -> list[str]:
+def _hose_remarks(identified: FlangeSensor, rest: hose_pack.HoseTerms) -> list[str]:
     listed = ", ".join(
         f"degree {degree} in {body}: {held_out.mean()[0]:.2f} N" if degree else f"none: {held_out.mean()[0]:.2f} N"
         for (body, degree), held_out in rest.candidates.items()

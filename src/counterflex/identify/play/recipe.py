@@ -92,7 +92,7 @@ def _by_axis(records: Sequence[Motion]) -> dict[int, list[Motion]]:
     return {axis: [m for m in records if m.axis == axis] for axis in sorted({m.axis for m in records})}
 
 
-def _trusted(estimates: Sequence[_Axis], records: Sequence[Motion], *, as_stated: bool) -> list[_Axis]:
+def _trusted(estimates: Sequence[_AxisResult], records: Sequence[Motion], *, as_stated: bool) -> list[_AxisResult]:
     """Axes whose values are used; refuse data of which none are."""
     judged = [one for one in estimates if one.errors is not None]
     if not judged:
@@ -114,7 +114,7 @@ def _trusted(estimates: Sequence[_Axis], records: Sequence[Motion], *, as_stated
 
 
 @dataclass(frozen=True, eq=False)
-class _Axis:
+class _AxisResult:
     """Result of the motions of one axis; ``withheld`` says why its values are not to be used."""
 
     axis: int
@@ -134,7 +134,7 @@ def _axis(
     other: Sequence[Motion],
     settings: Mapping[str, Any],
     progress: Progress,
-) -> _Axis:
+) -> _AxisResult:
     remarks = _turned_torque(mine, bool(settings["as_stated"]))
     large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
     p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
@@ -168,7 +168,7 @@ def _axis(
     withheld = why_not(axis, mine, *friction)
     fit, wide = _named(fit, axis, friction, withheld is not None)
     progress(1.0)
-    return _Axis(
+    return _AxisResult(
         axis,
         fit,
         play,
