@@ -6,6 +6,7 @@ third of the files, and of the files that the last commit has changed (:mod:`thi
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -19,6 +20,7 @@ sys.path.append(str(Path(__file__).parents[1] / "tools"))
 import thirds
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MUJOCO_GL", "disable")
 os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is shows in no output
 LONGEST = (
     "app/proof/test_accuracy_goals.py",
@@ -64,6 +66,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         taken = [not one.get_closest_marker("long") or now.takes(one.nodeid.partition("::")[0]) for one in items]
         config.hook.pytest_deselected(items=[one for one, is_taken in zip(items, taken, strict=True) if not is_taken])
         items[:] = [one for one, is_taken in zip(items, taken, strict=True) if is_taken]
+
+
+def pytest_collection_finish() -> None:
+    """Take libraries and collected tests from the garbage collector: going through them took a quarter of the time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

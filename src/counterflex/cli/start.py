@@ -28,6 +28,7 @@ def run() -> None:
     # Matrices are small here: on a busy machine the threads of BLAS wait for one another, fifty times longer than they
     # compute. Must be said before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nothing is drawn; looking for a screen takes 0.2 s
     sys.excepthook = print_fault
     with interruptible(), everything_is_text():
         try:

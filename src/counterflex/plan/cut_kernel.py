@@ -266,8 +266,9 @@ def engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[flo
         for level in range(depth.shape[0]):
             column += depth[level, b]
         highest = max(highest, column)
-        total += column
-        sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
+        if column > 0.0:  # most bins are out of the cut
+            total += column
+            sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
     if total <= 0.0:
         return 0.0, math.nan, math.nan, 0.0
     length = max(2.0 * cell, 0.125 * radius)

@@ -39,8 +39,8 @@ class Motion(NamedTuple):
     weight: Float2  # (rows, 6) N m, torque of weight and counterbalance on the torsions
     posture: Int1  # (rows,) which of the postures holds at a row
     place: Int1  # (rows,) which of the Jacobians does
-    answer: Float3  # (postures, n, n) `h (M + h/2 D + h^2/4 K)^-1`
-    keep: Float3  # (postures, n, n) `(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)`
+    answer: Float3  # (postures, n, n) `h (M + h/2 D + h^2/4 K)^-1`, transposed
+    keep: Float3  # (postures, n, n) `(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)`, transposed
     J_tcp_part: Float3  # (places, 6, n) motion of the tool per coordinate, part axes
     J_drive_part: Float3  # (places, 6, 6) what is added per motor angle, for gears that yield beside their axis
     stiffness: Float2  # (rows, n) of each coordinate, even between rows; one row where it is the same everywhere
@@ -121,20 +121,22 @@ def rest(motion: Motion, row: int) -> None:
 @kernel("void(Motion, int64)", Motion=MOTION)
 def _shake(motion: Motion, row: int) -> None:
     """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
-    h, J = motion.step_s, motion.J_tcp_part[motion.place[row]]
+    h, J, due = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
     share = 1.0
+    for a in range(AXES):
+        due[a] = motion.program[a] / h - motion.drives[7, a]
     if motion.shaken[row] != 0:
         square = 0.0
         for k in range(3):
             change = 0.0
             for a in range(AXES):
-                change += J[k, a] * (motion.program[a] / h - motion.drives[7, a])
+                change += J[k, a] * due[a]
             square += change * change
         most = h * motion.acceleration
         if square > most * most:
             share = most / math.sqrt(square)
     for a in range(AXES):
-        change = share * (motion.program[a] / h - motion.drives[7, a])
+        change = share * due[a]
         motion.drives[7, a] += change
         if motion.shaken[row] != 0:
             motion.rate[a] -= change
@@ -153,8 +155,10 @@ def _push_back(motion: Motion, row: int) -> None:
             descent -= thrust[UP + k] * J_drive[k, a] * turned
     for i in range(n):
         pushed[i] = 0.0
-        for j in range(n):
-            pushed[i] += A[i, j] * (thrust[UP] * J[0, j] + thrust[UP + 1] * J[1, j] + thrust[UP + 2] * J[2, j])
+    for j in range(n):
+        up, row_of = thrust[UP] * J[0, j] + thrust[UP + 1] * J[1, j] + thrust[UP + 2] * J[2, j], A[j]
+        for i in range(n):
+            pushed[i] += row_of[i] * up
     for i in range(n):
         up = thrust[UP] * J[0, i] + thrust[UP + 1] * J[1, i] + thrust[UP + 2] * J[2, i]
         descent -= up * motion.fresh[i]
@@ -186,10 +190,11 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
     while motion.clock[0] + h <= until_s:
         share = min(max((motion.clock[0] + h - start) / length, 0.0), 1.0) if length > 0.0 else 1.0
         for i in range(n):
-            total = 0.0
-            for k in range(6):
-                total += J[k, i] * wrench[k]
-            load[i] = total
+            load[i] = 0.0
+        for k in range(6):
+            push, row_of = wrench[k], J[k]
+            for i in range(n):
+                load[i] += row_of[i] * push
         for a in range(AXES):
             place = motion.q_ref[row - 1, a] + share * (motion.q_ref[row, a] - motion.q_ref[row - 1, a])
             q = motion.q_command[row - 1, a] + share * (motion.q_command[row, a] - motion.q_command[row - 1, a]) - place
@@ -221,10 +226,11 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
         for i in range(AXES, n):
             load[i] -= (before_k[i] + share * (after_k[i] - before_k[i])) * x[i]
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += B[i, j] * v[j] + A[i, j] * load[j]
-            fresh[i] = total
+            fresh[i] = 0.0
+        for j in range(n):  # by columns: n sums side by side run in vectors, one sum behind the other does not
+            rate, push, kept, answered = v[j], load[j], B[j], A[j]
+            for i in range(n):
+                fresh[i] += kept[i] * rate + answered[i] * push
         if motion.thrust[AMPLITUDE] > 0.0:
             _push_back(motion, row)
         for i in range(n):

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
@@ -59,6 +58,8 @@ class Scene:
         Args:
             bodies: At least one.
         """
+        import mujoco  # of whoever looks for collisions alone
+
         kinds = {
             "box": mujoco.mjtGeom.mjGEOM_BOX,
             "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -81,10 +82,13 @@ class Scene:
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
+        self._distance_of: Any = mujoco.mj_geomDistance
         self._T_body_geom = {k: self._shifted(name) for k, name in meshes.items()}
 
     def _shifted(self, mesh: str) -> Float:
         """(4, 4) where MuJoCo has put the axes of a mesh: along those of its inertia."""
+        import mujoco
+
         number = self._model.mesh(mesh).id
         R = np.zeros(9)
         mujoco.mju_quat2Mat(R, self._model.mesh_quat[number])
@@ -121,7 +125,7 @@ class Scene:
         return value - radius
 
     def _ask(self, a: int, b: int, most_m: float) -> float:
-        return float(mujoco.mj_geomDistance(self._model, self._data, a, b, most_m, None))
+        return float(self._distance_of(self._model, self._data, a, b, most_m, None))
 
 
 @dataclass(frozen=True)

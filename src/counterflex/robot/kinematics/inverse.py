@@ -20,7 +20,7 @@ from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics import inverse_kernel, reach_errors
-from counterflex.robot.kinematics.inverse_seeds import arm_length, branch_of, extension, seeds
+from counterflex.robot.kinematics.inverse_seeds import arm_length, branches_of, extension, seeds
 from counterflex.robot.model import opw
 from counterflex.robot.model.controller_axes import room
 
@@ -98,17 +98,16 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
     for q, sigma, wrist in _distinct(problem, target, [*seeds(chain, target), *([] if near is None else [near])]):
         if near is not None and not within_limits:
             row = q + opw.TURN * np.round((near - q) / opw.TURN)
-            results.append(_solution(chain, target, row, sigma, wrist))
+            results += _solutions(chain, target, row[None], sigma, wrist)
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        for row in choices:
-            one = _solution(chain, target, row, sigma, wrist)
+        for one in _solutions(chain, target, choices, sigma, wrist):
             (outside if _breaks_coupled(chain, one) else results).append(one)
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
-            outside.append(_solution(chain, target, row, sigma, wrist))
+            outside += _solutions(chain, target, row[None], sigma, wrist)
     if not within_limits and near is None:
         per_branch: dict[str, Solution] = {}
         for s in sorted(results + outside, key=lambda s: -s.limit_margin_rad):
@@ -290,12 +289,17 @@ def _follow(
     )
 
 
-def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist: float) -> Solution:
-    rooms = room(chain.axes, chain.joint_limits_rad, q)
-    axis = int(np.argmin(rooms))
-    branch = branch_of(chain, q)
-    reserve = extension(chain, target, branch)
-    return Solution(q, branch, float(rooms[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
+def _solutions(chain: ElasticChain, target: Float, rows: Float, sigma: float, wrist: float) -> list[Solution]:
+    """One solution in several turns of its axes, (n, 6): there may be hundreds."""
+    branches = branches_of(chain, rows)
+    reserves = {branch: extension(chain, target, branch) for branch in set(branches)}
+    results = []
+    for q, branch in zip(rows, branches, strict=True):
+        rooms, reserve = room(chain.axes, chain.joint_limits_rad, q), reserves[branch]
+        axis = int(np.argmin(rooms))
+        margin, inside = float(rooms[axis]), None if reserve is None else float(reserve)
+        results.append(Solution(q, branch, margin, axis, wrist, sigma, inside))
+    return results
 
 
 def _breaks_coupled(chain: ElasticChain, solution: Solution) -> bool:

@@ -39,8 +39,6 @@ class NetftLink:
         inbox: Where the records come in; None takes them from a socket.
 
     Attributes:
-        w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
-        samples: (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time.
         good: Good samples in the last drain.
         first: Sequence number of the first good sample that was taken last.
         saturated: One of them was beyond the range, or the sensor said so.
@@ -67,7 +65,8 @@ class NetftLink:
         r.limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * r.scale)
         r.sequence = r.first = -1
         self._inbox: Inbox = Datagrams(_connected(peer)) if inbox is None else inbox
-        self.w_sensor: Float = r.wrench
+        self.w_sensor: Float = r.wrench  # (6,) N, N m, mean of the good samples since the last :meth:`drain`
+        # (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.good, self.first = 0, -1
         self.saturated = self.frozen = False
