@@ -19,6 +19,7 @@ from hypothesis import settings
 sys.path.append(str(Path(__file__).parents[1] / "tools"))
 import thirds
 
+gc.disable()  # until all tests are collected
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MUJOCO_GL", "disable")
 os.environ.setdefault("COUNTERFLEX_PROGRESS_S", "0")  # how slow a machine is shows in no output
@@ -28,9 +29,17 @@ LONGEST = (
     "lab/test_composed_stories.py",
     "identify/test_interval_coverage.py",
     "app/production/test_production_twin.py",
+    "app/test_controller_axes_judged.py",
     "robot/test_compliance.py",
     "lab/test_fault_scenarios.py",
     "cli/test_help.py",
+    "app/strategy/test_advice.py",
+    "cli/test_bad_files.py",
+    "app/run/test_online_run.py",
+    "app/opcua/test_opcua_run.py",
+    "app/panel/test_panel_page.py",
+    "app/test_preflight_programs.py",
+    "app/run/test_run_lost.py",
     "runtime/test_force_step.py",
     "runtime/test_step_explored.py",
     "runtime/test_supervisor_explored.py",
@@ -73,6 +82,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000)
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

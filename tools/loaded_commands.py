@@ -68,7 +68,7 @@ def load() -> None:
 
 
 def context(*, many: bool = False) -> Any:
-    """Where processes for :func:`ended` come from; None where the system has no forks.
+    """Context that starts processes for :func:`ended`; None where the system has no forks.
 
     Args:
         many: So many that it is worth reading all compiled kernels for them (:mod:`loaded_kernels`), some seconds.

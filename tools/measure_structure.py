@@ -10,8 +10,7 @@ pages of docs that no program writes; --entered runs a shipped program twice and
 is called, without what importing calls: once as `counterflex compensate`, once as the call `compensate(program,
 read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line, report and writing of
 files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below: a
-ceiling is what stands today, and is lowered with what it counts. The table in docs/adr/0011-folders.md is what it
-prints.
+ceiling is what stands today, and is lowered with what it counts.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 504,
     "class names used twice or more": 142,
-    "import lines in 1000": 83,
+    "import lines": 14_981,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 155_000,
     "links of docs/index.md": 25,
@@ -305,6 +304,7 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
         "circles": circles(modules),
         "dataclasses that only carry data": sum(only_data(m) for m in modules),
         "class names used twice or more": sum(count > 1 for count in classes.values()),
+        "import lines": sum(import_lines(m) for m in modules),
         "import lines in 1000": f"{1000 * sum(import_lines(m) for m in modules) / len(full):.0f}",
         "comment lines in 1000": f"{1000 * comments / len(full):.1f}",
         "module docstrings that begin with What, How, Which": begun(ast.Module),

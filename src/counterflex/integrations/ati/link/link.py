@@ -18,7 +18,7 @@ from counterflex.core.records import Record, records
 from counterflex.integrations.ati.link import kernel as reading
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.drain_kernel import ARRAYS, drain_records
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox
+from counterflex.protocols.system.datagrams import Datagrams, Inbox, batches
 
 SATURATED: Final = 0.95
 """Share of the range at which a reading is not believed any more."""
@@ -100,12 +100,8 @@ class NetftLink:
         inbox, received = self._inbox, self._received
         received["total"] = 0.0
         received["good"] = received["saturated"] = 0
-        while True:
-            count = inbox.take()
-            if count:
-                reading.take_records(inbox.data, inbox.lengths, count, self.samples, received)
-            if count < ROWS:
-                break
+        for count in batches(inbox):
+            reading.take_records(inbox.data, inbox.lengths, count, self.samples, received)
 
     @property
     def lost(self) -> int:
