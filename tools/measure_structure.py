@@ -5,8 +5,8 @@
     python tools/measure_structure.py --entered --files
     python tools/measure_structure.py --hold
 
-Figures are counted from the syntax trees below src/counterflex; words outside code blocks of README.md and of the
-pages of docs that no program writes; --entered runs a shipped program twice and counts the files of which a function
+Figures are counted from the syntax trees below src/counterflex; words of README.md and of docs are those outside
+code blocks that no program writes; --entered runs a shipped program twice and counts the files of which a function
 is called, without what importing calls: once as `counterflex compensate`, once as the call `compensate(program,
 read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line, report and writing of
 files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below: a
@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import argparse
 import ast
+import functools
+import gc
 import os
 import re
 import subprocess
@@ -57,7 +59,11 @@ CEILINGS = {
 _OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
 _GENERATED = ("statements", "reference", "_build", "gallery"), ("nomenclature.md", "licences.md")
 """Folders and pages of docs that are made from tables and sources, beside those that say "written by"."""
-_CODE_BLOCK = re.compile(r"^[ \t]*```.*?^[ \t]*```", re.MULTILINE | re.DOTALL)
+_NOT_PROSE = re.compile(
+    r"^[ \t]*```.*?^[ \t]*```|^<!-- (\w+): (?:begin|written by)[^\n]*-->.*?^<!-- (?:end of \1|\1: end) -->",
+    re.MULTILINE | re.DOTALL,
+)
+"""Code blocks, and tables that a program writes between two comments."""
 _CONSTANT = re.compile(r"_?[A-Z][A-Z0-9]*(_[A-Z0-9]+)*$")
 _ENTERED = """
 import sys, threading
@@ -114,9 +120,14 @@ class Module:
         text = file.read_text(encoding="utf-8")
         return cls(".".join(parts[:-1] if package else parts), package, text, ast.parse(text))
 
+    @functools.cached_property
+    def nodes(self) -> list[ast.AST]:
+        """All nodes of its tree, as `ast.walk` finds them."""
+        return list(ast.walk(self.tree))
+
     def functions(self) -> Iterator[tuple[Function, bool]]:
         """Each function, and whether it is a compiled kernel."""
-        for node in ast.walk(self.tree):
+        for node in self.nodes:
             if isinstance(node, Function):
                 yield node, any("kernel" in ast.unparse(mark).split("(")[0].lower() for mark in node.decorator_list)
 
@@ -165,14 +176,14 @@ def only_data(module: Module) -> int:
     return sum(
         any("dataclass" in ast.unparse(mark) for mark in node.decorator_list)
         and not any(isinstance(part, Function) for part in node.body)
-        for node in ast.walk(module.tree)
+        for node in module.nodes
         if isinstance(node, ast.ClassDef)
     )
 
 
 def import_lines(module: Module) -> int:
     """Lines that import, also inside of functions."""
-    nodes = (node for node in ast.walk(module.tree) if isinstance(node, ast.Import | ast.ImportFrom))
+    nodes = (node for node in module.nodes if isinstance(node, ast.Import | ast.ImportFrom))
     return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in nodes)
 
 
@@ -196,7 +207,7 @@ def index_constants(function: Function) -> int:
 def imported(module: Module, names: set[str]) -> set[str]:
     """Modules of the package that a module imports anywhere, also inside functions and under TYPE_CHECKING."""
     found: set[str] = set()
-    for node in ast.walk(module.tree):
+    for node in module.nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -253,12 +264,12 @@ def entered(root: Path, way: str) -> list[str]:
 
 
 def hand_written_words(root: Path) -> int:
-    """Words of README.md and of the hand-written pages of docs, outside code blocks; a word holds a letter or digit."""
+    """Words of README.md and of docs without code and what programs write; a word holds a letter or digit."""
     folders, names = _GENERATED
     pages = [page for page in (root / "docs").rglob("*.md") if page.name not in names]
     pages = [page for page in pages if not set(page.relative_to(root).parts) & set(folders)]
     texts = [page.read_text(encoding="utf-8") for page in [root / "README.md", *pages]]
-    words = " ".join(_CODE_BLOCK.sub("", text) for text in texts if "<!-- written by:" not in text[:400]).split()
+    words = " ".join(_NOT_PROSE.sub("", text) for text in texts if "<!-- written by:" not in text[:400]).split()
     return sum(any(map(str.isalnum, word)) for word in words)
 
 
@@ -279,10 +290,10 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
     lengths = [m.text.count("\n") for m in own]
     full = [line.strip() for line in text.split("\n") if line.strip()]
     comments = sum(line.startswith("#") for line in full)
-    classes = Counter(node.name for m in modules for node in ast.walk(m.tree) if isinstance(node, ast.ClassDef))
+    classes = Counter(node.name for m in modules for node in m.nodes if isinstance(node, ast.ClassDef))
 
     def begun(*kinds: type[ast.AST]) -> int:
-        nodes = (node for m in modules for node in ast.walk(m.tree) if isinstance(node, kinds))
+        nodes = (node for m in modules for node in m.nodes if isinstance(node, kinds))
         return sum(bool(_OPENING.match(ast.get_docstring(node) or "")) for node in nodes)  # type: ignore[arg-type]
 
     figures = {
@@ -334,6 +345,7 @@ def _code_lines(function: Function) -> int:
 
 def main() -> None:
     """Print the table."""
+    gc.disable()  # syntax trees of 1400 modules stay
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--before", type=Path, help="a second tree to compare with, for example a git worktree")
     parser.add_argument(

@@ -330,6 +330,20 @@ def test_examples_can_be_copied_in_one_piece(counterflex: Any) -> None:
             assert example in counterflex(*words, "--help").out
 
 
+def test_what_a_command_has_loaded_is_not_collected_at_its_end() -> None:
+    """Going through the objects of all libraries once more took a third of a short command."""
+    program = (
+        "import atexit, gc, sys; atexit.register(lambda: print('FROZEN', gc.get_freeze_count()))\n"
+        "sys.argv = ['counterflex', 'compensate', '--help']\n"
+        "from counterflex.cli.start import run\n"
+        "run()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    word, count = ended.stdout.splitlines()[-1].split()
+    assert word == "FROZEN"
+    assert int(count) > 10_000
+
+
 @pytest.mark.parametrize("word", ["--help", "--version"])
 def test_help_and_version_load_no_heavy_library(word: str) -> None:
     program = (

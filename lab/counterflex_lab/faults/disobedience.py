@@ -59,14 +59,7 @@ def _first(found: int, k: int, so: bool) -> int:
 
 
 def _answers(effort: Effort, *, answer: Callable[[Float], Float], end: str, within_s: float) -> Outcome:
-    """The robot answers so from the beginning.
-
-    Args:
-        effort: How much it may take.
-        answer: What it makes of a correction (3,), m.
-        end: ``told``, ``fault``, ``wrong`` (a fault within ``within_s``), or ``right``: nothing happens.
-        within_s: After the correction has begun.
-    """
+    """The robot answers so from the beginning."""
     with rigged(effort, force=steady, context=RsiContext()) as rig:
         rig.shown = _makes(answer)
         rig.activate()

@@ -41,17 +41,7 @@ def _tracker(
     settings: OnlineSettings | None = None,
     named: Cause | None = None,
 ) -> Outcome:
-    """The tracker lies from some cycle on; with ``cycles`` so many, and then no more.
-
-    Args:
-        effort: How much it may take.
-        lie: Makes it lie.
-        cycles: See above; 0: to the end.
-        goes_on: Nothing but going on is right.
-        set_back: Its clock is set back: that is noticed once, said, and its samples are used again.
-        settings: Of the loop; None: the measured force and the tracker's integrator.
-        named: Cause that must be said.
-    """
+    """The tracker lies from some cycle on; with ``cycles`` so many, and then no more."""
     with rigged(effort, sensors="both", force=steady, context=RsiContext(), settings=settings) as rig:
         after, tracker = settled(rig, STANDING), _tracker_of(rig)
         lie(tracker)

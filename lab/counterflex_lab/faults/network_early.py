@@ -33,14 +33,7 @@ class _Late(Schedule):
 
 
 def _early(effort: Effort, *, made: Impairment, back: Impairment | None = None, arms: bool = False) -> Outcome:
-    """The line is bad from the first telegram on, then good.
-
-    Args:
-        effort: How much it may take.
-        made: What the line does to telegrams.
-        back: And to answers.
-        arms: It is good enough: armed all the same.
-    """
+    """The line is bad from the first telegram on, then good."""
     with rigged(effort, made, back) as rig:
         rig.control[Request.ARM] = 1
         rig.run(_BEFORE)

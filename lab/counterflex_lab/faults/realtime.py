@@ -193,11 +193,7 @@ def real_run(cycles: int, *, timeout: int = PATIENT, busy: int = 0, stop: tuple[
 
 
 def _message(pipe: Any) -> Any:
-    """Wait for a message of the other process.
-
-    Raises:
-        SimulationError: It does not.
-    """
+    """Wait for a message of the other process."""
     try:
         if pipe.poll(_LONGEST_S):
             return pipe.recv()

@@ -117,12 +117,7 @@ def _living(numbers: list[int]) -> list[int]:
 
 
 def _ended(ask: Callable[[RunRig], None], status: int) -> Callable[[Effort], Outcome]:
-    """Something ends it in the cut: ramped out with the feed held, the exit status says it, the log reads back.
-
-    Args:
-        ask: Does it.
-        status: Expected.
-    """
+    """Something ends it in the cut: ramped out with the feed held, the exit status says it, the log reads back."""
 
     def run(effort: Effort) -> Outcome:
         with tempfile.TemporaryDirectory() as place, RunRig(Path(place), effort.seed) as rig:

@@ -111,11 +111,7 @@ def _base_of(link: str) -> str:
 
 
 async def _show_page(session: Any, link: str, counts: Any, ended: Any) -> None:
-    """Be a page of the panel without a browser, until ``ended``: read all that is sent, and say that it was.
-
-    Raises:
-        OutputError: The page looks otherwise than a page of the panel.
-    """
+    """Be a page of the panel without a browser, until ``ended``: read all that is sent, and say that it was."""
     import socketio
 
     base = _base_of(link)

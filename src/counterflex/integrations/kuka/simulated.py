@@ -201,12 +201,8 @@ class FakeRsi:
         return ""
 
     def _apply(self) -> None:
-        latched, context = self._latched.tolist(), self.context
-
-        def number(place: int | None, without: float = 0.0) -> float:
-            return without if place is None else float(latched[place])
-
-        pose = [number(k) * (MM if i < 3 else DEG) for i, k in enumerate(self._pose_places)]
+        context, number = self.context, self._value
+        pose = [number(k) * unit for k, unit in zip(self._pose_places, (MM, MM, MM, DEG, DEG, DEG), strict=True)]
         axis = [(number(one) + number(other)) * DEG for one, other in self._axis_places]
         if context.mode == "relative":
             pose = [a + b for a, b in zip(self.correction.tolist(), pose, strict=True)]
@@ -218,10 +214,18 @@ class FakeRsi:
         self.stat = CLAMPED if over else CORRECTING if any(clamped) or any(axis_clamped) else FREE
         if math.hypot(*clamped[:3]) > context.monitor_m or max(map(abs, clamped[3:])) > context.monitor_rad:
             self.stopped = "POSCORRMON"
-        self.feed_hold = number(self._hold_place) > 0.5
-        self.reported_state = int(number(self._state_place, -1.0))
-        self.override = min(1.0, max(0.0, number(self._override_place, 100.0) / 100.0))
-        if number(self._stop_place) > 0.5:
+        self._command()
+
+    def _value(self, place: int | None, without: float = 0.0) -> float:
+        """Number of the answer in force; ``without`` where the configuration has no such tag."""
+        return without if place is None else float(self._latched[place])
+
+    def _command(self) -> None:
+        """Feed hold, state, override and stop of the answer in force."""
+        self.feed_hold = self._value(self._hold_place) > 0.5
+        self.reported_state = int(self._value(self._state_place, -1.0))
+        self.override = min(1.0, max(0.0, self._value(self._override_place, 100.0) / 100.0))
+        if self._value(self._stop_place) > 0.5:
             self.stopped = "Stop"
 
     def again(self, ahead_ms: int) -> FakeRsi:

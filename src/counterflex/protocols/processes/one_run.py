@@ -56,10 +56,8 @@ class OneRun:
             raise
 
     def _locked_handle(self, folder: Path) -> tuple[int, bool]:
-        """A handle of the file that has this name: one that has just been given back is no lock any more.
-
-        And whether it is held, which not every file system can do.
-        """
+        """A handle of the file that has this name: one that has just been given back is no lock any more."""
+        # And whether it is held, which not every file system can do.
         while True:
             handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
             locked = own(handle)

@@ -46,15 +46,7 @@ _TAKEN, _TROUBLE = int(Kept.TAKEN), int(Kept.TROUBLE)
 _RUN, _GONE = int(Life.RUN_NS), int(Life.GONE)
 
 
-_ROOMS: Final = (
-    "core",
-    "robot.elasticity.kernels.batch",
-    "signals",
-    "sensing",
-    "runtime",
-    "protocols",
-    "integrations",
-)
+_ROOMS: Final = ("core", "robot.elasticity.kernels.batch", "signals", "sensing", "runtime", "protocols", "integrations")
 """Where kernels stand that a session may call."""
 
 
@@ -69,16 +61,14 @@ class OnlineSession:
     Args:
         link: The robot.
         loop: The step.
-        sensing: See there; None: nothing but what the robot says.
+        sensing: None: nothing but what the robot says.
         ring: Where records go, or None.
         control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
             all that :mod:`counterflex.protocols.processes.control_array` says; or None.
-        checks: See :class:`SessionChecks`.
-        watch: When telegrams are no longer good enough.
+        watch: Limits beyond which telegrams are no longer good enough.
         clock_ns: Monotonic clock; time of day is never used.
 
     Attributes:
-        watch: See :class:`TelegramWatch`.
         wrench: Makes a process wrench of the force sensor's reading, or None.
         cycles: Telegrams answered or passed over in silence.
         compute_ns: Time of the last cycle from the return of the receive call to the return of the send call.
@@ -165,14 +155,7 @@ class OnlineSession:
         return self.handle_cycle(self.link.wait(timeout_s))
 
     def handle_cycle(self, received: bool) -> bool:
-        """Handle the telegram that :attr:`link` received, or a cycle in which none was received.
-
-        Args:
-            received: There is a telegram.
-
-        Returns:
-            The same.
-        """
+        """Handle the telegram that :attr:`link` received, or a cycle in which none was; returns ``received``."""
         link, loop, result, senses = self.link, self.loop, self._result, self._senses
         received_ns = self._clock_ns()
         self._another = self._another or (received and link.restarted)
@@ -375,11 +358,10 @@ class OnlineSession:
         return soft
 
     def _run_lost(self, now_ns: int) -> bool:
-        control, longest = self.control, self._run_silent_ns
         if self._teller is None:
             return False
-        cause = int(control[_RUN])
-        return bool(control[_GONE]) or (longest is not None and cause != 0 and now_ns - cause > longest)
+        last_ns, longest = int(self.control[_RUN]), self._run_silent_ns
+        return bool(self.control[_GONE]) or (longest is not None and last_ns != 0 and now_ns - last_ns > longest)
 
     def _log_lost(self, armed: bool) -> bool:
         control, ring = self.control, self.ring
@@ -398,10 +380,8 @@ class OnlineSession:
             self._tare.again()
 
     def _let_go(self, reset: bool) -> None:
-        """Another session may come from another port: after a person's reset, or when nothing is going on at all.
-
-        Also where the controller's computer already sends from another port, and nothing is in effect.
-        """
+        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
+        # Also where the controller's computer already sends from another port, and nothing is in effect.
         state, silent = self._result.state, self._silent_cycles
         again = state <= _ARMED and self._next.port(silent) != 0
         if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):
@@ -409,10 +389,7 @@ class OnlineSession:
 
     @property
     def another_port(self) -> int:
-        """Port of another session of the controller that cannot be answered: something is in effect in this one.
-
-        0: there is none.
-        """
+        """Port of another session that cannot be answered while something is in effect in this one; 0: none."""
         return self._next.port(self._silent_cycles) if self._result.state > _ARMED else 0
 
     @property

@@ -165,12 +165,10 @@ class TelegramWatch:
         return soft, hard
 
     def _clocks_part(self, offset_ns: int) -> bool:
-        """Return whether the clocks moved apart too far: at once, or against where they stood up to a second ago.
-
-        A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
-        telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
-        late telegram when ten in a row do. One that lies below it is the clock at once, after the first ten.
-        """
+        """Return whether the clocks moved apart too far: at once, or against where they stood up to a second ago."""
+        # A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
+        # telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
+        # late telegram when ten in a row do. One that lies below it is the clock at once, after the first ten.
         most = self.settings.clock_cycles * self._period_ns
         known, recent, floors = self._known, self._recent, self._floors
         if known == 0:

@@ -195,14 +195,7 @@ def send_to(fd: int, data: Bytes, length: int, name: Bytes) -> bool:
 
 @kernel("void(int64[::1], int64, int64, int64[::1])", waits=True, entry=True)
 def _beat_on(words: Int, place: int, every_ns: int, end: Int) -> None:
-    """Write the monotonic time into a word again and again, without the interpreter lock.
-
-    Args:
-        words: Shared.
-        place: Of the word.
-        every_ns: Pause between two, less than a second.
-        end: (1,) it ends when this is no longer 0.
-    """
+    """Write the monotonic time into a word again and again, without the interpreter lock."""
     work = np.zeros(4, dtype=np.int64)  # two struct timespec
     while end[0] == 0:
         if _clock_gettime(_MONOTONIC, work.ctypes.data) != 0:

@@ -181,13 +181,9 @@ def estimate_loads(
 
 @kernel("void(Settings, float64[::1], int64, Past[::1], State)", **LOOP_TYPES)
 def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Record) -> None:
-    """Amplitude with which the arm may swing: ``|p''| / w^2`` of its lowest mode, dying out.
-
-    Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
-    error of the model.
-
-    ``bent``: (18,) D of this cycle.
-    """
+    """Amplitude with which the arm may swing: ``|p''| / w^2`` of its lowest mode, dying out."""
+    # Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
+    # error of the model.
     later, earlier = row_back(here, _SPAN), row_back(here, 2 * _SPAN)
     now, one, two = ring[here], ring[later], ring[earlier]
     square = 0.0

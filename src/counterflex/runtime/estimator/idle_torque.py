@@ -25,10 +25,7 @@ _MEMORY: Final = 125.0
 
 @kernel("float64(float64, State, int64)", inline=True, **LOOP_TYPES)
 def _presliding(q: float, state: Record, k: int) -> float:
-    """Elastic part of the way of a sliding contact, -1 .. 1: ``z = clamp(z + dq / presliding)``.
-
-    ``q``: angle now, rad; ``k``: which: of the motors, then of the links.
-    """
+    """Elastic part of the way of a sliding contact, -1 .. 1: ``z = clamp(z + dq / presliding)``."""
     if state.has_angles > 0.0:
         z = state.presliding[k] + (q - state.angles_before[k]) / PRESLIDING_RAD
         state.presliding[k] = min(max(z, -1.0), 1.0)

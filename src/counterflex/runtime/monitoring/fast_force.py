@@ -42,17 +42,7 @@ LEAST_RATE: Final = 10.0
 
 @kernel("void(Samples, float64[::1], int64, float64, float64, float64, int64)", **MONITOR_TYPES)
 def _take_sample(d: Record, sample: Float, lines: int, share: float, forget: float, gain: float, early: int) -> None:
-    """One sample through high-passes and notches; the energies of the rest and of what lies about the corner.
-
-    Args:
-        d: SAMPLES; changed.
-        sample: (>= 3,) N.
-        lines: Number of lines.
-        share: Of the new value in the low-passes.
-        forget: Of the new value in the energies.
-        gain: mu of the notches.
-        early: Samples after which energies are filtered.
-    """
+    """One sample through high-passes and notches; the energies of the rest and of what lies about the corner."""
     whole = (1.0 - 0.5 * share) / (1.0 - share)  # gain 1 at half the sampling rate
     energy = slower = 0.0
     for axis in range(3):

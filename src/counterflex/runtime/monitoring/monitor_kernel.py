@@ -198,18 +198,7 @@ def _overload(m: Record, s: Record, given: Record, size: float, ceiling: float, 
 def _detect(
     m: Record, s: Record, given: Record, here: Record, there: Record, size: float, moved: float, planned: bool
 ) -> None:
-    """All detectors on the forces of this cycle, against what no cut needs and what no cut explains.
-
-    Args:
-        m: MEMORY; changed.
-        s: SETTINGS.
-        given: Of the step.
-        here: Row of the plan.
-        there: The next one.
-        size: Of the measured force, unfiltered, N.
-        moved: Way along the plan since the last cycle, m.
-        planned: The plan is believed.
-    """
+    """All detectors on the forces of this cycle, against what no cut needs and what no cut explains."""
     filtered, least, most = m.force_size[1], m.lowest[1], m.highest[1]
     quiet, rest = quiet_force(m, s), noise(m, s)
     ceiling = most * (1.0 + s.model_error) + quiet + s.margin

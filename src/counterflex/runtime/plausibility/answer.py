@@ -45,16 +45,8 @@ def _norm(x: Float, begin: int) -> float:
 
 @kernel("float64(float64[::1], float64[::1], Limits, Memory)", **LOOP_TYPES)
 def _bend_of_path(moved: Float, before: Float, limits: Record, memory: Record) -> float:
-    """Follow the direction of motion; return by how much a bend of the path may throw the robot off, m.
-
-    ``t_f |v| sin(turn)``, and what is left of it behind the bend.
-
-    Args:
-        moved: (3,) way of the commanded point over the last cycles, m.
-        before: (3,) the same some time ago, over as many cycles.
-        limits: Of the tests.
-        memory: Of the tests; direction and bend are changed.
-    """
+    """Follow the direction of motion; return by how much a bend of the path may throw the robot off, m."""
+    # ``t_f |v| sin(turn)``, and what is left of it behind the bend.
     way, earlier = _norm(moved, 0), _norm(before, 0)
     thrown = 0.0
     for k in range(3):
@@ -72,10 +64,7 @@ def _bend_of_path(moved: Float, before: Float, limits: Record, memory: Record) -
 
 @kernel("float64(float64[::1], Limits, Memory)", **LOOP_TYPES)
 def _yield_of_drives(bent: Float, limits: Record, memory: Record) -> float:
-    """By how much the drives may yield to the load that has lately come or gone, m: ``s_l |d - mean(d)|``.
-
-    ``bent``: (3,) deflection d under the load as it is known, m. ``memory``: of the tests; the mean is changed.
-    """
+    """By how much the drives may yield to the load that has lately come or gone, m: ``s_l |d - mean(d)|``."""
     square = 0.0
     for k in range(3):
         off = bent[k] - memory.bent[k]
@@ -96,14 +85,7 @@ def _across(memory: Record, x: Float, begin: int) -> None:
 
 @kernel("void(float64[::1], int64, float64[::1], float64[::1])")
 def _nearest_on_leg(legs: Float, begin: int, shown: Float, nearest: Float) -> None:
-    """Take the point of a leg that is nearest to what is shown, where it is nearer than the one before.
-
-    Args:
-        legs: (>= begin + 6,) its two ends from ``begin`` on.
-        begin: Place of the first one.
-        shown: (3,) answer of the robot.
-        nearest: (7,) nearest point so far, what is shown less it, and its distance; changed.
-    """
+    """Take the point of a leg that is nearest to what is shown, where it is nearer than the one before."""
     along = square = 0.0
     for k in range(3):
         leg = legs[begin + 3 + k] - legs[begin + k]
@@ -132,12 +114,7 @@ def _nearest_answer(
     nearest: Float,
     memory: Record,
 ) -> None:
-    """Nearest of the answers of a robot that is at most ``late`` cycles later than thought, across the motion.
-
-    ``state``: of the step: the correction that was sent, and the one in effect as the loop computes it. ``shown``: (3,)
-    answer of the robot, across the motion. ``legs``: (6,) work space. ``nearest``: (7,) of :func:`_nearest_on_leg`;
-    written.
-    """
+    """Nearest of the answers of a robot that is at most ``late`` cycles later than thought, across the motion."""
     nearest[6] = math.inf
     for k in range(3):
         legs[k], legs[3 + k] = state.correction[k], state.in_effect[k]
@@ -155,11 +132,7 @@ def _nearest_answer(
 
 @kernel("int64(float64[::1], float64, Limits, Memory)", **LOOP_TYPES)
 def _judge_missing(gap: Float, explained_m: float, limits: Record, memory: Record) -> int:
-    """Mean of what is missing over the time ``settle_s``: RIGHT, SHORT or TOO_SHORT.
-
-    ``gap``: (3,) what the robot shows less the nearest answer, m; ``explained_m``: what bends of the path and drives
-    explain of it.
-    """
+    """Mean of what is missing over the time ``settle_s``: RIGHT, SHORT or TOO_SHORT."""
     size = _norm(gap, 0)
     share = max(0.0, 1.0 - explained_m / size) if size > 0.0 else 0.0
     for k in range(3):
@@ -176,11 +149,7 @@ def _judge_missing(gap: Float, explained_m: float, limits: Record, memory: Recor
 def _says_nothing(
     difference: Float, moved: Float, state: Record, corrects: bool, limits: Record, memory: Record
 ) -> bool:
-    """Return whether the reported pose says nothing of the correction now: too little is sent, or the arm settles.
-
-    ``difference``: (3,) reported less commanded position, m. ``moved``: (3,) way of the commanded point over the last
-    cycles, m. ``corrects``: the correction may act; else the difference at rest is learnt.
-    """
+    """Return whether the reported pose says nothing of the correction now: too little is sent, or the arm settles."""
     in_effect = _norm(state.in_effect[:], 0)
     if not corrects and in_effect < _STILL_M and _norm(moved, 0) < _STILL_M:
         for k in range(3):

@@ -11,26 +11,9 @@ import math
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
+from counterflex.runtime.plausibility import kernel as tests
 from counterflex.runtime.plausibility.answer import SHORT, TOO_SHORT, WRONG, judge_answer
 from counterflex.runtime.plausibility.force_step import REPORTED, SUSPECTED
-from counterflex.runtime.plausibility.kernel import (
-    DOUBT_ANSWER,
-    DOUBT_BRIDGED,
-    DOUBT_DIFFERS,
-    DOUBT_DIRECTION,
-    DOUBT_FRAME,
-    DOUBT_IDLE,
-    DOUBT_OFFSET,
-    DOUBT_RESIDUAL,
-    DOUBT_RETURN,
-    DOUBT_SHORT,
-    DOUBT_STEP,
-    DOUBT_TOO_SHORT,
-    direction_is_wrong,
-    frame_is_wrong,
-    idle_is_wrong,
-    residual_grows,
-)
 from counterflex.runtime.plausibility.tracker_gate import tracker_cause
 from counterflex.runtime.plausibility.tracker_sample import judge_sample, judges
 from counterflex.runtime.primitives.causes import next_cause
@@ -78,10 +61,10 @@ def watch_force(
     """
     memory.air = 0 if cuts else min(memory.air + 1, limits.settled)
     doubt = 0
-    if direction_is_wrong(measured, predicted, good, limits, memory):
-        doubt |= DOUBT_DIRECTION
-    if idle_is_wrong(measured, good and memory.air >= limits.settled, swing_n, limits, memory):
-        doubt |= DOUBT_IDLE
+    if tests.direction_is_wrong(measured, predicted, good, limits, memory):
+        doubt |= tests.DOUBT_DIRECTION
+    if tests.idle_is_wrong(measured, good and memory.air >= limits.settled, swing_n, limits, memory):
+        doubt |= tests.DOUBT_IDLE
     return doubt
 
 
@@ -125,10 +108,10 @@ def watch_robot(
     _way(ring, here - 1 - _TURN_BACK * window, here - 1 - (_TURN_BACK + 1) * window, before)
     answer = judge_answer(difference, moved, before, bent, state, ring, corrects, work.answer[:], limits, memory)
     if answer == WRONG:
-        return DOUBT_ANSWER
+        return tests.DOUBT_ANSWER
     if answer == TOO_SHORT:
-        return DOUBT_TOO_SHORT
-    return DOUBT_SHORT if answer == SHORT else 0
+        return tests.DOUBT_TOO_SHORT
+    return tests.DOUBT_SHORT if answer == SHORT else 0
 
 
 @kernel("int64(float64[::1], Past[::1], int64, int64, Limits, Memory)", **LOOP_TYPES)
@@ -145,7 +128,7 @@ def watch_frame(deviation: Float, ring: Records, here: int, at_state: int, limit
     for k in range(3):
         now = ring[(here - 1 + rows) % rows].nominal[9 + k]
         way += (now - ring[(here - 1 - limits.window + rows) % rows].nominal[9 + k]) ** 2
-    return DOUBT_FRAME if frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, memory) else 0
+    return tests.DOUBT_FRAME if tests.frame_is_wrong(deviation, math.sqrt(way) > _STANDS_M, limits, memory) else 0
 
 
 @kernel("void(Memory)", **LOOP_TYPES)
@@ -168,11 +151,11 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
     """
     soft = hard = 0
     wrong = 0
-    if doubt & (DOUBT_ANSWER | DOUBT_DIRECTION):
+    if doubt & (tests.DOUBT_ANSWER | tests.DOUBT_DIRECTION):
         wrong = _WRONG_FRAME
-    elif doubt & DOUBT_TOO_SHORT:
+    elif doubt & tests.DOUBT_TOO_SHORT:
         wrong = _SHORT
-    elif doubt & DOUBT_RESIDUAL:
+    elif doubt & tests.DOUBT_RESIDUAL:
         wrong = _DIVERGENCE
     if at_state == _FAULT:
         return 0, 0
@@ -180,9 +163,9 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
         hard = wrong
     elif wrong != 0:
         soft = wrong
-    elif doubt & DOUBT_FRAME:
+    elif doubt & tests.DOUBT_FRAME:
         soft = _WRONG_FRAME
-    elif doubt & DOUBT_IDLE:
+    elif doubt & tests.DOUBT_IDLE:
         soft = _OFFSET
     return soft, hard
 
@@ -229,7 +212,7 @@ def before_step(
     if judges(given, settings):
         early = judge_sample(given, settings, acts, state, ring, result, limits, memory, work)
         why = memory.why if memory.why != 0 else _TRACKER_LOST
-        if early & DOUBT_RETURN and settings.force == 0 and soft == 0:
+        if early & tests.DOUBT_RETURN and settings.force == 0 and soft == 0:
             soft = why
         if settings.tracker_lost_holds == 1:
             lost = tracker_cause(limits, memory)
@@ -284,13 +267,13 @@ def after_step(
         predicted = state.predicted_before[:]
         doubt |= watch_force(measured, predicted, good, cuts, swing_n, limits, memory)
         if memory.step == SUSPECTED:
-            doubt |= DOUBT_STEP
+            doubt |= tests.DOUBT_STEP
         elif memory.step == REPORTED:
-            doubt |= DOUBT_OFFSET
+            doubt |= tests.DOUBT_OFFSET
         if memory.calm_told == 1:
-            doubt |= DOUBT_DIFFERS
+            doubt |= tests.DOUBT_DIFFERS
         if not good and given.force_age < settings.bridge:
-            doubt |= DOUBT_BRIDGED
+            doubt |= tests.DOUBT_BRIDGED
     if given.is_reported == 1 and given.elapsed > 0:
         whole = work.two[:3]
         for k in range(3):
@@ -307,8 +290,8 @@ def after_step(
         size = math.sqrt(bent[0] ** 2 + bent[1] ** 2 + bent[2] ** 2)
         deviation = result.deviation[:]
         in_force = state.in_effect[:3]
-        if residual_grows(deviation, in_force, size, now == _ACTIVE, limits, memory):
-            doubt |= DOUBT_RESIDUAL
+        if tests.residual_grows(deviation, in_force, size, now == _ACTIVE, limits, memory):
+            doubt |= tests.DOUBT_RESIDUAL
     result.doubt, result.rejected = doubt, memory.rejected
     if judges(given, settings) and result.degraded in (0, _TRACKER_LOST):
         why = memory.why if memory.why != 0 else tracker_cause(limits, memory)

@@ -95,10 +95,8 @@ def _unlike(now: Record, kind: Record) -> float:
 
 @kernel("int64(Kind, Memory, float64)", **LOOP_TYPES)
 def _most_like(now: Record, memory: Record, least: float) -> int:
-    """Row of the kind of cut most like this one, of those seen so often; -1 where there is none.
-
-    Where the plan knows no difference between several, the one with the residual nearest to this one: a harder skin.
-    """
+    """Row of the kind of cut most like this one, of those seen so often; -1 where there is none."""
+    # Where the plan knows no difference between several, the one with the residual nearest to this one: a harder skin.
     smallest = nearest = -1.0
     best = -1
     for i in range(memory.calm_rows):

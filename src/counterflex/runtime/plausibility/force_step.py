@@ -114,11 +114,7 @@ def _sample_back(place: int, samples: int) -> int:
 
 @kernel("void(Given, float64, float64, State, Limits, Memory)", **LOOP_TYPES)
 def _take(given: Record, way: float, swing_n: float, state: Record, limits: Record, memory: Record) -> None:
-    """Keep a sample, and what swings on of what plan, program and force did before.
-
-    ``way``: of the commanded point in a few cycles, m: its speed; ``swing_n``: force of what hangs behind the sensor,
-    as the program accelerates it now and it may swing on.
-    """
+    """Keep a sample, and what swings on of what plan, program and force did before."""
     place, few = memory.sample_row, limits.step_few
     row, last = memory.samples[place], memory.samples[_sample_back(place, 1)]
     square = change = 0.0
@@ -152,13 +148,10 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
 
 @kernel("float64(Cut, Cut, float64, float64, int64, Memory)", **LOOP_TYPES)
 def _bound(now: Record, before: Record, step_n: float, share: float, samples: int, memory: Record) -> float:
-    """By how much the mean residual of so many samples may differ from an earlier one, N.
-
-    ``step + |dp| + |m| dv / v + s D + 0.4 I + 0.7 C + 4 noise``: change of the planned force and of the speed between
-    the two, and what swings on: of the planned force's change D, of inertia I, of the residual's own changes C before.
-
-    ``now``: means; ``step_n``: smallest step; ``share``: of a change of the planned force that swings on.
-    """
+    """By how much the mean residual of so many samples may differ from an earlier one, N."""
+    # ``step + |dp| + |m| dv / v + s D + 0.4 I + 0.7 C + 4 noise``: change of the planned force and of the speed between
+    # the two, and what swings on: of the planned force's change D, of inertia I, of the residual's own changes C
+    # before.
     explained = distance(now.planned[:], before.planned[:])
     explained += _uneven(now, before) * memory.force_size + share * memory.plan_change
     explained += _INERTIA * memory.swing_n + _AGAIN * memory.residual_change
@@ -204,11 +197,7 @@ def _judge(
     memory: Record,
     work: Record,
 ) -> None:
-    """Suspect, tell, or believe again, by the samples so far.
-
-    ``planned``: (3,) force before the filters, N; ``jac``: (36,) Jacobian of the TCP, base axes; ``shown``: there are
-    motor currents.
-    """
+    """Suspect, tell, or believe again, by the samples so far."""
     few, period = limits.step_few, limits.step_period
     fresh, mean, before = work.fresh, work.period_mean, memory.cut_before
     mean_cut(memory, 0, few, fresh)

@@ -120,12 +120,10 @@ def pose_at(given: Record, ring: Records, here: int, ago: float, state: Record, 
 
 @kernel("boolean(Given, float64[::1], Memory)", **LOOP_TYPES)
 def _stands_in_its_noise(given: Record, stands: Float, memory: Record) -> bool:
-    """Return whether the samples stay within their noise although the program has moved the tool by many times as much.
-
-    Against the first of them: one that leaves the noise is the next first one. So is one that agrees better with the
-    program than the first did: that one was held against a place that the robot had left while telegrams were lost,
-    and a living tracker of a robot that now stands would be called frozen for as long as it stands.
-    """
+    # "Return whether the samples stay within their noise although the program has moved the tool by many times as
+    # much.""" Against the first of them: one that leaves the noise is the next first one. So is one that agrees better
+    # with the program than the first did: that one was held against a place that the robot had left while telegrams
+    # were lost, and a living tracker of a robot that now stands would be called frozen for as long as it stands.
     if memory.anchor[6] < 0.0:
         return False
     noise = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma)
@@ -157,10 +155,8 @@ def watch_session(given: Record, limits: Record, memory: Record) -> None:
 
 @kernel("boolean(Given, float64[::1], Memory)", **LOOP_TYPES)
 def _repeats(given: Record, stands: Float, memory: Record) -> bool:
-    """Return whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise.
-
-    By its program, or by more than :data:`CORRECTED_M` of a correction.
-    """
+    """Return whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise."""
+    # By its program, or by more than :data:`CORRECTED_M` of a correction.
     same = True
     for k in range(12):
         same = same and given.actual[k] == memory.pose[k]

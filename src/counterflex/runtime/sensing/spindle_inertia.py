@@ -54,14 +54,7 @@ INERTIA: Final = record(
 
 @kernel("void(Inertia, float64[::1], float64[::1], float64[::1])", Inertia=INERTIA)
 def _place(s: Record, T: Float, w: Float, C: Float) -> None:
-    """Centre of gravity in part axes (3), and the turn of the tool by its deflection (3): into ``now``.
-
-    Args:
-        s: INERTIA.
-        T: (12,) pose of the tool, part frame.
-        w: (6,) wrench that the sensor shows, weight taken off, about the TCP in part axes.
-        C: (36,) compliance at the TCP, base axes.
-    """
+    """Centre of gravity in part axes (3), and the turn of the tool by its deflection (3): into ``now``."""
     R, c, out = s.R_base_part[:], s.com[:], s.now[:]
     for k in range(6):
         out[k] = 0.0
@@ -130,16 +123,7 @@ def _begin(s: Record, w: Float, moves: bool) -> None:
 
 @kernel("void(float64[::1], int64, float64[::1], float64[::1], int64, Inertia[::1])", Inertia=INERTIA, entry=True)
 def _remove(poses: Float, at: int, w: Float, C: Float, elapsed: int, inertias: Records) -> None:
-    """One telegram; see :class:`SpindleInertia`.
-
-    Args:
-        poses: Array that holds the pose of the tool (12, part frame) from ``at`` on.
-        at: See above.
-        w: (6,) wrench that the sensor shows, weight taken off, about the TCP in part axes.
-        C: (36,) compliance at the TCP, base axes.
-        elapsed: Cycles since the last telegram; 0 begins.
-        inertias: (1,) INERTIA; changed.
-    """
+    """One telegram; see :class:`SpindleInertia`."""
     s, T = inertias[0], poses[at : at + 12]
     _place(s, T, w, C)
     _turn_on(s, T, elapsed > 0)

@@ -1,5 +1,12 @@
 """States of the loop, the events that move between them, and the output allowed in each.
 
+::
+
+    IDLE --healthy--> READY --arm--> ARMED --enable--> ACTIVE --soft cause--> HOLD --good again--> ACTIVE
+                      READY <--stop, soft cause-- ARMED        (ACTIVE, HOLD) --the end, where it may ramp--> RAMP_OUT
+    IDLE, READY <--at zero-- RAMP_OUT --in the cut and moving--> HOLD --too long--> RAMP_OUT where it stands, else FAULT
+    every state but IDLE --hard cause--> FAULT --reset by a person, at zero--> IDLE
+
 A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
 (HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
 goes on although it is to hold is told to stop with the correction as it is (FAULT), because a program that goes on is
@@ -66,20 +73,11 @@ _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
     Supervision=SUPERVISION,
 )
 def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, cause: int) -> None:
-    """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it.
-
-    It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts again,
-    with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the correction off
-    and is out of the cut. Where the correction is away in the cut, or wanted again without having been armed, it begins
-    too.
-
-    Args:
-        at: State of the supervisor before its change; ``feed_hold`` and ``stop`` are changed.
-        given: Inputs of the cycle.
-        settings: Cycles.
-        following: The next state.
-        cause: Its cause.
-    """
+    """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it."""
+    # It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts
+    # again, with the operator's acknowledgment outside of HOLD and FAULT, and where the program has switched the
+    # correction off and is out of the cut. Where the correction is away in the cut, or wanted again without having been
+    # armed, it begins too.
     state, before = at.state, at.feed_hold
     if following in (_HOLD, _FAULT):
         at.feed_hold = 1

@@ -102,16 +102,12 @@ def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int)
 
 @kernel("int64(Given, int64, int64, State)", **LOOP_TYPES)
 def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int:
-    """Test whether the program wants the correction, a flicker of its signal aside; act where it does not.
-
-    While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the
-    cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on
-    without its correction, also one that comes into the next cut while the correction is still ramped out. The same
-    where the signal is back for as long, and nobody has armed again; and where the program goes through a cut for as
-    long although it was armed and the correction never acted: disarmed by a check, or never switched on.
-
-    ``cuts``: NO_CUT, CUT or MAY_CUT; ``standing``: 1: the program stands.
-    """
+    """Test whether the program wants the correction, a flicker of its signal aside; act where it does not."""
+    # While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In
+    # the cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go
+    # on without its correction, also one that comes into the next cut while the correction is still ramped out. The
+    # same where the signal is back for as long, and nobody has armed again; and where the program goes through a cut
+    # for as long although it was armed and the correction never acted: disarmed by a check, or never switched on.
     now, enable = state.supervisor.state, given.enable
     if given.reset == 1 and now != _HOLD:
         # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet.

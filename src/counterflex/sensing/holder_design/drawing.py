@@ -181,11 +181,7 @@ def _brick_m(at: float, coarse: float, fine: list[tuple[float, float, float]]) -
 
 
 def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, float]]) -> Float:
-    """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine.
-
-    ``fine``: Intervals (low, high, largest distance in them); away from one the distance grows by :data:`GROWTH` times
-    the way to it.
-    """
+    """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine."""
     places = np.unique(np.round(marks, 12))
     out = [float(places[0])]
     for low, high in pairwise(places.tolist()):

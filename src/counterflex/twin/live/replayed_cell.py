@@ -153,10 +153,8 @@ class ReplayedCell:
         tracker: tuple[str, int] | None,
         echo: tuple[str, int] | None,
     ) -> tuple[bytes | None, float, float, float]:
-        """Send the telegram, unless ``peer`` is None, and further readings, and wait for the answer between them.
-
-        Returns the answer or None, how long it took, how long the echo took, and the latest waking, s.
-        """
+        """Send the telegram, unless ``peer`` is None, and further readings, and wait for the answer between them."""
+        # Returns the answer or None, how long it took, how long the echo took, and the latest waking, s.
         data: bytes | None = None
         reply_s, echo_s, woken_s = np.nan, np.nan, 0.0
         answers, sent = self.controller.answers, time.perf_counter()
@@ -204,10 +202,8 @@ class ReplayedCell:
         self._moved = np.zeros(3)
 
     def _miss(self, cycles: int, *, running: bool) -> None:
-        """The robot went on while this machine stood still: its counters too, and no answer came.
-
-        The first of these telegrams has been made already, and the next one counts on by itself.
-        """
+        """The robot went on while this machine stood still: its counters too, and no answer came."""
+        # The first of these telegrams has been made already, and the next one counts on by itself.
         self._time_s += cycles * self.controller.cycle_s
         if running:
             self.controller.counter += round((cycles - 1) * self.controller.cycle_s / MS)
@@ -241,10 +237,8 @@ class ReplayedCell:
         return self.controller.telegram(report)
 
     def _instruments(self, row: int, tick: int, tracker: tuple[str, int] | None, due: float) -> None:
-        """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again.
-
-        A pose is stamped with the time at which it is measured, however late this machine sends it.
-        """
+        """Readings of a millisecond: no two are the same, also while the robot stands and its row is played again."""
+        # A pose is stamped with the time at which it is measured, however late this machine sends it.
         k = self._readings = (self._readings + 1) % _SCATTERED
         if self.sensor is not None:
             self.sensor.send(self.played.w_sensor[row, tick] + self._w_scatter[k])

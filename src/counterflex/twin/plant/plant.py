@@ -197,13 +197,7 @@ class Plant:
         mujoco.mj_step1(self._model, self._data)
 
     def _settle(self, q: Float, load: Float, dry: Float) -> Float:
-        """Move the elastic coordinates into equilibrium with the load; the forces on all coordinates there.
-
-        ``dry``: (6,) N m of dry friction, which holds a lightly loaded link afloat within its play.
-
-        Raises:
-            SimulationError: No equilibrium is found.
-        """
+        """Move the elastic coordinates into equilibrium with the load; the forces on all coordinates there."""
         c, d = self.coordinates, self._data
         band, floating = np.zeros(len(c.kind)), np.ones(len(c.kind))
         sprung = np.flatnonzero(c.torsion >= 0)

@@ -43,10 +43,8 @@ class HolderShape:
 
 
 def _rectangle(t: float, b: float) -> tuple[float, float, float, float]:
-    """Area, second moments about the axes along t and along b ... and torsion constant of a section t x b.
-
-    Returns area, moment for bending across b (``t b^3 / 12``), moment for bending across t (``b t^3 / 12``), torsion.
-    """
+    """Area, second moments about the axes along t and along b ... and torsion constant of a section t x b."""
+    # Returns area, moment for bending across b (``t b^3 / 12``), moment for bending across t (``b t^3 / 12``), torsion.
     short, long = min(t, b), max(t, b)
     torsion = long * short**3 * (1.0 / 3.0 - 0.21 * short / long * (1.0 - (short / long) ** 4 / 12.0))
     return t * b, t * b**3 / 12.0, b * t**3 / 12.0, torsion

@@ -147,10 +147,8 @@ def _sprung(bodies: tuple[Body, ...]) -> list[tuple[int, Body]]:
 
 
 def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[kinds.GearCurve, ...]:
-    """Cycloidal gears (a small soft zone, more hysteresis) or strain wave gears, axis by axis.
-
-    Strain wave gears have K1 / K2 of 0.6 to 0.8 up to about a sixth of the rated torque and K3 / K2 of 1.1 to 1.3.
-    """
+    """Cycloidal gears (a small soft zone, more hysteresis) or strain wave gears, axis by axis."""
+    # Strain wave gears have K1 / K2 of 0.6 to 0.8 up to about a sixth of the rated torque and K3 / K2 of 1.1 to 1.3.
     out = []
     for axis, body in _sprung(bodies):
         rated = _rated_nm(body)
@@ -173,12 +171,10 @@ def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[kinds.GearCurve, ...]:
 
 
 def _frictions(truth: Truth, seed: int) -> tuple[kinds.BristleFriction, ...]:
-    """Bristles in place of slip elements, as strong as these together.
-
-    Bittencourt and Gunnarsson 2012 (at the motor, torque over the largest one): dry friction of 0.03 that doubles at
-    1.3 times the largest torque; a Stribeck speed of about 9 rad/s, 0.05 rad/s behind a gear of 200. The largest torque
-    is taken as 2.5 times the rated one. Warming up takes a share of it within an hour.
-    """
+    """Bristles in place of slip elements, as strong as these together."""
+    # Bittencourt and Gunnarsson 2012 (at the motor, torque over the largest one): dry friction of 0.03 that doubles at
+    # 1.3 times the largest torque; a Stribeck speed of about 9 rad/s, 0.05 rad/s behind a gear of 200. The largest
+    # torque is taken as 2.5 times the rated one. Warming up takes a share of it within an hour.
     out = []
     for axis, body in _sprung(truth.bodies):
         dry = sum(truth.drives[axis].link_friction_nm)
@@ -203,10 +199,9 @@ def _frictions(truth: Truth, seed: int) -> tuple[kinds.BristleFriction, ...]:
 
 
 def _with_bearings(bodies: tuple[Body, ...], seed: int) -> tuple[Body, ...]:
-    """Bearings of axes 1 to 3 that tilt where a description has them rigid, 2 to 5 times as stiff as the gear twists.
-
-    The order of moment rigidity over torsional rigidity in rating tables of cycloidal gears with output bearings.
-    """
+    # "Bearings of axes 1 to 3 that tilt where a description has them rigid, 2 to 5 times as stiff as the gear
+    # twists.""" The order of moment rigidity over torsional rigidity in rating tables of cycloidal gears with output
+    # bearings.
     out = []
     for body in bodies:
         if body.joint in (0, 1, 2) and body.compliance[5] > 0.0:

@@ -15,52 +15,42 @@ from counterflex.core.atomic import write_text
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
+from counterflex.twin.truth import table as tables
 from counterflex.twin.truth.family import MILD, family_of
 from counterflex.twin.truth.other_file import other_from, other_to_dict
-from counterflex.twin.truth.table import (
-    DIRECTIONS,
-    Table,
-    TableKey,
-    closed,
-    from_table,
-    in_unit,
-    optional,
-    pose_to,
-    to_table,
-)
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
 _CUTTING: Final = (
-    TableKey("k11_n_mm2", "k_pa", N_PER_MM2, numbers=3),
-    TableKey("h_ref_mm", "h_ref_m", MM),
-    TableKey("exponent", "exponent", numbers=3),
-    TableKey("edge_n_mm", "edge_n_m", N_PER_MM, numbers=3),
-    TableKey("edge_onset_um", "edge_onset_m", UM),
-    TableKey("runout_um", "runout_m", UM),
+    tables.TableKey("k11_n_mm2", "k_pa", N_PER_MM2, numbers=3),
+    tables.TableKey("h_ref_mm", "h_ref_m", MM),
+    tables.TableKey("exponent", "exponent", numbers=3),
+    tables.TableKey("edge_n_mm", "edge_n_m", N_PER_MM, numbers=3),
+    tables.TableKey("edge_onset_um", "edge_onset_m", UM),
+    tables.TableKey("runout_um", "runout_m", UM),
 )
 _BALANCE: Final = (
-    TableKey("axis", "joint", "joint"),
-    TableKey("anchor_column_mm", "anchor_column_m", MM),
-    TableKey("anchor_arm_mm", "anchor_arm_m", MM),
-    TableKey("angle_of_least_force_deg", "q_min_force_rad", DEG),
-    TableKey("piston_area_mm2", "piston_area_m2", MM**2),
-    TableKey("gas_constant_j", "gas_constant_j"),
-    TableKey("gas_volume_max_mm3", "gas_volume_max_m3", MM**3),
+    tables.TableKey("axis", "joint", "joint"),
+    tables.TableKey("anchor_column_mm", "anchor_column_m", MM),
+    tables.TableKey("anchor_arm_mm", "anchor_arm_m", MM),
+    tables.TableKey("angle_of_least_force_deg", "q_min_force_rad", DEG),
+    tables.TableKey("piston_area_mm2", "piston_area_m2", MM**2),
+    tables.TableKey("gas_constant_j", "gas_constant_j"),
+    tables.TableKey("gas_volume_max_mm3", "gas_volume_max_m3", MM**3),
 )
 _DRIVE: Final = (
-    TableKey("rotor_inertia_kg_m2", "rotor_inertia_kg_m2"),
-    TableKey("servo_inertia_kg_m2", "servo_inertia_kg_m2"),
-    TableKey("speed_bandwidth_per_s", "speed_bandwidth_per_s"),
-    TableKey("position_gain_per_s", "position_gain_per_s"),
-    TableKey("integral_time_ms", "integral_time_s", MS),
-    TableKey("dead_band_half_urad", "dead_band_rad", URAD),
-    TableKey("motor_friction_nm", "motor_friction_nm"),
-    TableKey("motor_slip_urad", "motor_slip_rad", URAD),
-    TableKey("link_friction_nm", "link_friction_nm", numbers=3),
-    TableKey("link_slip_urad", "link_slip_rad", URAD, numbers=3),
-    TableKey("following_gain_per_s", "following_gain_per_s", optional=True),
+    tables.TableKey("rotor_inertia_kg_m2", "rotor_inertia_kg_m2"),
+    tables.TableKey("servo_inertia_kg_m2", "servo_inertia_kg_m2"),
+    tables.TableKey("speed_bandwidth_per_s", "speed_bandwidth_per_s"),
+    tables.TableKey("position_gain_per_s", "position_gain_per_s"),
+    tables.TableKey("integral_time_ms", "integral_time_s", MS),
+    tables.TableKey("dead_band_half_urad", "dead_band_rad", URAD),
+    tables.TableKey("motor_friction_nm", "motor_friction_nm"),
+    tables.TableKey("motor_slip_urad", "motor_slip_rad", URAD),
+    tables.TableKey("link_friction_nm", "link_friction_nm", numbers=3),
+    tables.TableKey("link_slip_urad", "link_slip_rad", URAD, numbers=3),
+    tables.TableKey("following_gain_per_s", "following_gain_per_s", optional=True),
 )
 
 _HINT: Final = "counterflex truth writes one"
@@ -72,25 +62,25 @@ def to_dict(truth: Truth) -> dict[str, Any]:
     if truth.seed is not None:
         out |= {"seed": truth.seed, "family": truth.family}
     out["stock_top_offset_mm"] = truth.stock_top_offset_m / MM
-    out["gravity_base_m_s2"] = in_unit(truth.gravity_base, 1.0)
-    out["tcp"] = pose_to(truth.T_last_tcp)
-    out["cutting"] = to_table(truth.cutting, _CUTTING)
+    out["gravity_base_m_s2"] = tables.in_unit(truth.gravity_base, 1.0)
+    out["tcp"] = tables.pose_to(truth.T_last_tcp)
+    out["cutting"] = tables.to_table(truth.cutting, _CUTTING)
     if truth.counterbalance is not None:
-        out["counterbalance"] = to_table(truth.counterbalance, _BALANCE)
+        out["counterbalance"] = tables.to_table(truth.counterbalance, _BALANCE)
     if truth.sensor is not None:
-        out["sensor"] = {"segment": truth.sensor.segment, **pose_to(truth.sensor.T_seg_sensor)}
+        out["sensor"] = {"segment": truth.sensor.segment, **tables.pose_to(truth.sensor.T_seg_sensor)}
     if truth.regions:
         out["elastic_regions"] = [
             {
                 "body": r.segment,
-                "direction": DIRECTIONS[r.direction],
+                "direction": tables.DIRECTIONS[r.direction],
                 "axis": r.axis + 1,
                 "angles_deg": [a / DEG for a in r.angles_rad],
                 "factors": list(r.factors),
             }
             for r in truth.regions
         ]
-    out["drives"] = [to_table(drive, _DRIVE) for drive in truth.drives]
+    out["drives"] = [tables.to_table(drive, _DRIVE) for drive in truth.drives]
     out |= other_to_dict(truth.other)
     out["bodies"] = [_body_to(body) for body in truth.bodies]
     return out
@@ -102,18 +92,18 @@ def _body_to(body: Body) -> dict[str, Any]:
         row |= {"axis": body.joint + 1, "sign": body.sign}
     return row | {
         "offset_deg": body.offset_rad / DEG,
-        **pose_to(body.T_prev_seg),
-        "translation_um_per_kn": in_unit(body.compliance[:3], UM_PER_KN),
-        "rotation_urad_per_knm": in_unit(body.compliance[3:], URAD_PER_KNM),
+        **tables.pose_to(body.T_prev_seg),
+        "translation_um_per_kn": tables.in_unit(body.compliance[:3], UM_PER_KN),
+        "rotation_urad_per_knm": tables.in_unit(body.compliance[3:], URAD_PER_KNM),
         "damping_ms": body.damping_s / MS,
-        "bearing_mm": in_unit(body.p_seg_bearing, MM),
+        "bearing_mm": tables.in_unit(body.p_seg_bearing, MM),
         "mass_kg": body.mass_kg,
-        "com_mm": in_unit(body.p_seg_com, MM),
-        "inertia_kg_m2": in_unit(body.inertia_kg_m2, 1.0),
+        "com_mm": tables.in_unit(body.p_seg_com, MM),
+        "inertia_kg_m2": tables.in_unit(body.inertia_kg_m2, 1.0),
     }
 
 
-def _family_of(table: Table, seed: int | None) -> str:
+def _family_of(table: tables.Table, seed: int | None) -> str:
     """Files of before the families are of the first one."""
     if "family" not in table:
         return "" if seed is None else MILD.name
@@ -125,7 +115,7 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
 
     Raises FileFormatError: the data is not a truth of version 1, or a value is impossible.
     """
-    top = Table(data, where)
+    top = tables.Table(data, where)
     if top.text("format") != FORMAT:
         raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
     version = top.integer("version")
@@ -140,10 +130,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     if version != VERSION:
         raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
     try:
-        cutting = Table(top.raw("cutting"), f"{where}: cutting")
+        cutting = tables.Table(top.raw("cutting"), f"{where}: cutting")
         drives = top.rows("drives")
         bodies = top.rows("bodies")
-        tcp = Table(top.raw("tcp"), f"{where}: tcp")
+        tcp = tables.Table(top.raw("tcp"), f"{where}: tcp")
         seed = top.integer("seed") if "seed" in top else None
         truth = Truth(
             name=top.text("name"),
@@ -151,14 +141,16 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             family=_family_of(top, seed),
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
-            T_last_tcp=closed(tcp, Table.pose),
-            cutting=from_table(cutting, CuttingTruth, _CUTTING),
-            counterbalance=optional(top, "counterbalance", Counterbalance, _BALANCE),
-            sensor=closed(Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
-            drives=tuple(from_table(row, Drive, _DRIVE) for row in drives),
-            regions=tuple(closed(row, _region_from) for row in top.rows("elastic_regions", ())),
+            T_last_tcp=tables.closed(tcp, tables.Table.pose),
+            cutting=tables.from_table(cutting, CuttingTruth, _CUTTING),
+            counterbalance=tables.optional(top, "counterbalance", Counterbalance, _BALANCE),
+            sensor=tables.closed(tables.Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from)
+            if "sensor" in top
+            else None,
+            drives=tuple(tables.from_table(row, Drive, _DRIVE) for row in drives),
+            regions=tuple(tables.closed(row, _region_from) for row in top.rows("elastic_regions", ())),
             other=other_from(top),
-            bodies=tuple(closed(row, _body_from) for row in bodies),
+            bodies=tuple(tables.closed(row, _body_from) for row in bodies),
         )
     except FileFormatError:
         raise
@@ -168,28 +160,28 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     return truth
 
 
-def _sensor_from(t: Table) -> SensorPlace:
+def _sensor_from(t: tables.Table) -> SensorPlace:
     return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
 
 
-def _region_from(t: Table) -> ElasticRegion:
+def _region_from(t: tables.Table) -> ElasticRegion:
     direction = t.text("direction")
-    if direction not in DIRECTIONS:
+    if direction not in tables.DIRECTIONS:
         raise FileFormatError(
-            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(DIRECTIONS)
+            "no such direction", where=f"{t.where}: direction", value=direction, limit=" ".join(tables.DIRECTIONS)
         )
     angles = t.raw("angles_deg")
     count = len(angles) if isinstance(angles, list) else 0
     return ElasticRegion(
         segment=t.text("body"),
-        direction=DIRECTIONS.index(direction),
+        direction=tables.DIRECTIONS.index(direction),
         axis=t.axis(),
-        angles_rad=Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        angles_rad=tables.Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
         factors=t.numbers("factors", count),
     )
 
 
-def _body_from(t: Table) -> Body:
+def _body_from(t: tables.Table) -> Body:
     driven = "axis" in t
     return Body(
         name=t.text("name"),

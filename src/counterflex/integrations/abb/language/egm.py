@@ -203,27 +203,25 @@ def _refuse_stops(path: list[str], number: int, where: str) -> None:
 
 def _corrected(path: list[str], where: str, *, master: bool, first: bool = True) -> list[str]:
     """Lines with EGMMoveL in place of MoveL, but for the first of the path; ends in a fine point."""
-    moves = [i for i, line in enumerate(path) if _LINEAR.match(_code(line))]
-    calls = [line for line in path if _CALL.match(_code(line))]
-    if not moves and not (master and calls):
+    moves = [(i, match.groups()) for i, line in enumerate(path) if (match := _LINEAR.match(_code(line))) is not None]
+    if not moves and not (master and any(_CALL.match(_code(line)) for line in path)):
         raise ProgramError("no path to correct: no MoveL", where=where)
-    out = list(path)
-    before = ""
-    for k, i in enumerate(moves):
-        match = _LINEAR.match(_code(path[i]))
-        if match is None:
-            continue
-        space, target, speed, zone, tool = match.groups()
+    out, before = list(path), ""
+    for k, (i, (space, target, speed, zone, tool)) in enumerate(moves):
         same, before = target == before, target
         if k == 0 and first:
             continue
         if same and k < len(moves) - 1:
             out[i] = ""  # a movement of no length has no path frame
             continue
-        following = [line for line in path[i + 1 :] if _code(line).strip()]
-        stops = k == len(moves) - 1 or not (following and _LINEAR.match(_code(following[0])))
+        stops = k == len(moves) - 1 or not _LINEAR.match(_following(path, i))
         out[i] = f"{space}EGMMoveL {IDENTITY},{target},{speed},{'fine' if stops else zone.strip()},{tool};"
-    return [line for line in out if line]
+    return list(filter(None, out))
+
+
+def _following(path: list[str], index: int) -> str:
+    """Code of the next statement behind a line; empty where none comes."""
+    return next((code for line in path[index + 1 :] if (code := _code(line)).strip()), "")
 
 
 def _setup(switching: EgmSwitching, way: str) -> list[str]:

@@ -120,6 +120,7 @@ def _rate(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
 
 
 def _guidance(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
+    """Activation and motions of a guided path."""
     for item in calls.of("EGMACTPOSE"):
         where = _at(calls, item)
         if "maxspeeddeviation" not in item.switches:
@@ -134,33 +135,37 @@ def _guidance(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding
                 "EGM_FRAME_WOBJ twice", 'Or set [egm] frame = "base"',
             )  # fmt: skip
     for item in calls.of("EGMRUNPOSE"):
-        where = _at(calls, item)
-        free = [axis for axis in _AXES if axis not in item.switches]
-        if free:
-            yield _finding(
-                "axes", "error", where, "not every direction is guided", "without " + ", ".join(free),
-                "\\x\\y\\z\\rx\\ry\\rz",
-            )  # fmt: skip
-        if "nowaitcond" in item.switches:
-            yield _finding(
-                "no-wait", "error", where, "a timeout cannot be handled with NoWaitCond", "\\NoWaitCond", "without it"
-            )
-        if item.number("poscorrgain") == 0.0:
-            yield _finding(
-                "velocity", "error", where, "only the speed is followed: nothing brings the robot back",
-                "\\PosCorrGain:=0", "\\PosCorrGain:=1",
-            )  # fmt: skip
-        if "EGM_STOP_HOLD" not in (text.upper() for text in item.arguments):
-            yield _finding(
-                "stop", "error", where, "at its end the robot would go back to where it began",
-                ", ".join(item.arguments[1:2]) or "none", "EGM_STOP_HOLD",
-            )  # fmt: skip
-        standing = item.number("condtime")
-        if standing is None or standing < SHORTEST_STANDING_S:
-            yield _finding(
-                "standing", "warning", where, "the movement may end while the robot waits for its path",
-                "none" if standing is None else f"{standing:g} s", f"\\CondTime:= {SHORTEST_STANDING_S:g} s or more",
-            )  # fmt: skip
+        yield from _guided(item, _at(calls, item))
+
+
+def _guided(item: Instruction, where: str) -> Iterator[Finding]:
+    """EGMRunPose: all directions, with a timeout, to the pose itself, holding at its end."""
+    free = [axis for axis in _AXES if axis not in item.switches]
+    if free:
+        yield _finding(
+            "axes", "error", where, "not every direction is guided", "without " + ", ".join(free),
+            "\\x\\y\\z\\rx\\ry\\rz",
+        )  # fmt: skip
+    if "nowaitcond" in item.switches:
+        yield _finding(
+            "no-wait", "error", where, "a timeout cannot be handled with NoWaitCond", "\\NoWaitCond", "without it"
+        )
+    if item.number("poscorrgain") == 0.0:
+        yield _finding(
+            "velocity", "error", where, "only the speed is followed: nothing brings the robot back",
+            "\\PosCorrGain:=0", "\\PosCorrGain:=1",
+        )  # fmt: skip
+    if "EGM_STOP_HOLD" not in (text.upper() for text in item.arguments):
+        yield _finding(
+            "stop", "error", where, "at its end the robot would go back to where it began",
+            ", ".join(item.arguments[1:2]) or "none", "EGM_STOP_HOLD",
+        )  # fmt: skip
+    standing = item.number("condtime")
+    if standing is None or standing < SHORTEST_STANDING_S:
+        yield _finding(
+            "standing", "warning", where, "the movement may end while the robot waits for its path",
+            "none" if standing is None else f"{standing:g} s", f"\\CondTime:= {SHORTEST_STANDING_S:g} s or more",
+        )  # fmt: skip
 
 
 def _fine(calls: EgmCalls) -> Iterator[Finding]:

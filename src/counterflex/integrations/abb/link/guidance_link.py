@@ -157,11 +157,12 @@ class EgmGuidanceLink(EgmLink):
         self._stopping = stop
         if axes is not None or self.empty or not all(map(math.isfinite, correction)):
             return False
-        if self.phase == Phase.WAITING and not stop and not feed_hold:
+        held = stop or feed_hold
+        if self.phase == Phase.WAITING and not held:
             self._start(state)
         twist = None
         if self.phase == Phase.RUNNING:
-            self.stream.advance(0.0 if stop or feed_hold else override)
+            self.stream.advance(0.0 if held else override)
             nominal = self._on_path()
             if self.guidance.speed_reference:
                 twist = self.stream.twist()

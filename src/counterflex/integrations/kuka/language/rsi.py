@@ -92,43 +92,16 @@ def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str
         ProgramError: It is no program of a start position and a path of LIN and CIRC, it switches RSI itself, or it
             changes the tool or stops for a person on its path.
     """
-    end_of_line = "\r\n" if "\r\n" in text else "\n"
     lines = text.splitlines()
-    begin = next((i for i, line in enumerate(lines) if _ROUTINE.match(_code(line))), None)
-    if begin is None:
-        raise ProgramError("not a KRL program: no DEF NAME( )", where=where)
-    end = next((i for i in range(begin + 1, len(lines)) if _END.match(_code(lines[i]))), None)
-    if end is None:
-        raise ProgramError("the program is cut off: no END", where=where)
-    body = range(begin + 1, end)
+    begin, end = _routine(lines, where)
     check_path(lines, where, first_only=True, output=switching.output)
-    starts = [i for i in body if _POINT_TO_POINT.match(_code(lines[i]))]
-    early = next((i for i in body if _PATH.match(_code(lines[i])) and (not starts or i < starts[0])), None)
-    if early is not None:
-        raise ProgramError(
-            "the first motion is not PTP", where=f"{where}:{early + 1}", hint="Begin with PTP to a start position"
-        )
-    behind = [i for i in body if starts and i > starts[0]]  # calls before the start position change the tool
-    moves = [i for i in behind if _moves(_code(lines[i]), parts)] or [i for i in behind if _CALL.match(_code(lines[i]))]
-    if not moves:
-        raise ProgramError(
-            "no path to correct: neither LIN, CIRC nor a call after a PTP to a start position", where=where
-        )
-    path, after = moves[0], moves[-1] + 1
-    late = next((i for i in starts if i > path), None)
-    if late is not None:
-        raise _no_ptp(where, late)
-    changed = next((i for i in body if i > path and _TOOL.match(_code(lines[i]))), None)
-    if changed is not None:
-        raise _one_tool(where, changed, lines[changed])
-    halt = next((i for i in range(path, after) if _HALT.match(_code(lines[i]))), None)
-    if halt is not None:
-        raise stop_under_correction(lines[halt], f"{where}:{halt + 1}", "HALT")
+    start, path, after = _found_path(lines, where, range(begin + 1, end), parts)
+    _refuse_on_path(lines, where, range(path, end), after)
     _straight(lines, where, begin + 1, path, after)
     first = begin + 1
-    while first < starts[0] and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
+    while first < start and (not _code(lines[first]).strip() or _DECLARATION.match(lines[first])):
         first += 1
-    initialised = any(_INITIALISED.search(_code(lines[i])) for i in range(begin + 1, starts[0]))
+    initialised = any(_INITIALISED.search(_code(lines[i])) for i in range(begin + 1, start))
     out = [
         *lines[: begin + 1],
         *rsi_switching._DECLARED,
@@ -143,7 +116,53 @@ def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str
         *lines[after:],
         *rsi_switching._routines(switching),
     ]
-    return end_of_line.join([*out, ""])
+    return ("\r\n" if "\r\n" in text else "\n").join([*out, ""])
+
+
+def _routine(lines: list[str], where: str) -> tuple[int, int]:
+    """Lines of the first DEF and of its END."""
+    begin = _first(lines, _ROUTINE, range(len(lines)))
+    if begin is None:
+        raise ProgramError("not a KRL program: no DEF NAME( )", where=where)
+    end = _first(lines, _END, range(begin + 1, len(lines)))
+    if end is None:
+        raise ProgramError("the program is cut off: no END", where=where)
+    return begin, end
+
+
+def _found_path(lines: list[str], where: str, body: range, parts: Collection[str]) -> tuple[int, int, int]:
+    """Lines of the start position and of the first motion of the path, and the line behind its last one."""
+    start = _first(lines, _POINT_TO_POINT, body)
+    early = _first(lines, _PATH, body if start is None else range(body.start, start))
+    if early is not None:
+        raise ProgramError(
+            "the first motion is not PTP", where=f"{where}:{early + 1}", hint="Begin with PTP to a start position"
+        )
+    # Calls before the start position change the tool.
+    behind = range(0) if start is None else range(start + 1, body.stop)
+    moves = [i for i in behind if _moves(_code(lines[i]), parts)] or [i for i in behind if _CALL.match(_code(lines[i]))]
+    if start is None or not moves:
+        raise ProgramError(
+            "no path to correct: neither LIN, CIRC nor a call after a PTP to a start position", where=where
+        )
+    return start, moves[0], moves[-1] + 1
+
+
+def _refuse_on_path(lines: list[str], where: str, behind: range, after: int) -> None:
+    """Refuse a PTP, a change of tool and a stop for a person from the first motion of the path on."""
+    late, changed = (_first(lines, form, behind[1:]) for form in (_POINT_TO_POINT, _TOOL))
+    if late is not None:
+        raise _no_ptp(where, late)
+    if changed is not None:
+        raise _one_tool(where, changed, lines[changed])
+    halt = _first(lines, _HALT, range(behind.start, after))
+    if halt is not None:
+        raise stop_under_correction(lines[halt], f"{where}:{halt + 1}", "HALT")
+
+
+def _first(lines: list[str], form: re.Pattern[str], among: range) -> int | None:
+    """First line of a form."""
+    return next((i for i in among if form.match(_code(lines[i]))), None)
 
 
 def check_main(text: str, name: str, where: str) -> None:

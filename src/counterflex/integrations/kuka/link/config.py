@@ -132,33 +132,43 @@ def _text(root: Element, path: str, where: str) -> str:
 
 
 def _tags(root: Element, section: str, keywords: dict[str, tuple[str, ...]], where: str) -> tuple[Tag, ...]:
-    tags, taken = [], set()
+    tags: list[Tag] = []
     for element in root.findall(f"{section}/ELEMENTS/ELEMENT"):
-        tag, kind, index = element.get("TAG", ""), element.get("TYPE", "").upper(), element.get("INDX", "")
-        place = f"{where}: {section} {tag or '?'}"
-        if tag.upper() == "FREE":
+        name = element.get("TAG", "")
+        if name.upper() == "FREE":
             continue
-        parts = tag.removeprefix("DEF_").split(".")
-        if not tag or len(parts) > 2 or not all(p.isascii() and p.replace("_", "").isalnum() for p in parts):
-            raise FileFormatError("TAG cannot be used", where=place, value=repr(tag), limit="Name or Name.attribute")
-        if kind not in _KINDS:
-            raise FileFormatError("TYPE is unknown", where=place, value=repr(kind), limit=", ".join(_KINDS))
-        if tag.startswith("DEF_") and tag[4:] not in keywords:
-            raise FileFormatError("keyword is unknown", where=place, value=tag, limit=", ".join(sorted(keywords)))
-        channel = None
-        if index.upper() != "INTERNAL":
-            if not (index.isascii() and index.isdigit() and len(index) <= 3) or not 1 <= int(index) <= MAX_CHANNELS:
-                limit = f"INTERNAL or 1 .. {MAX_CHANNELS}"
-                raise FileFormatError("INDX is no channel", where=place, value=repr(index), limit=limit)
-            channel = int(index)
-            if channel in taken:
-                raise FileFormatError("the channel is used twice", where=place, value=channel)
-            taken.add(channel)
-        hold = element.get("HOLDON", "1")
-        if hold not in ("0", "1"):
-            raise FileFormatError("HOLDON is neither 0 nor 1", where=place, value=repr(hold))
-        tags.append(Tag(tag, kind, channel, hold == "1"))  # type: ignore[arg-type]
+        tag = _tag(element, keywords, f"{where}: {section} {name or '?'}")
+        if tag.channel is not None and any(tag.channel == other.channel for other in tags):
+            raise FileFormatError(
+                "the channel is used twice", where=f"{where}: {section} {name or '?'}", value=tag.channel
+            )
+        tags.append(tag)
     return tuple(tags)
+
+
+def _tag(element: Element, keywords: dict[str, tuple[str, ...]], place: str) -> Tag:
+    tag, kind = element.get("TAG", ""), element.get("TYPE", "").upper()
+    parts = tag.removeprefix("DEF_").split(".")
+    if not tag or len(parts) > 2 or not all(p.isascii() and p.replace("_", "").isalnum() for p in parts):
+        raise FileFormatError("TAG cannot be used", where=place, value=repr(tag), limit="Name or Name.attribute")
+    if kind not in _KINDS:
+        raise FileFormatError("TYPE is unknown", where=place, value=repr(kind), limit=", ".join(_KINDS))
+    if tag.startswith("DEF_") and tag[4:] not in keywords:
+        raise FileFormatError("keyword is unknown", where=place, value=tag, limit=", ".join(sorted(keywords)))
+    channel, hold = _channel(element.get("INDX", ""), place), element.get("HOLDON", "1")
+    if hold not in ("0", "1"):
+        raise FileFormatError("HOLDON is neither 0 nor 1", where=place, value=repr(hold))
+    return Tag(tag, kind, channel, hold == "1")  # type: ignore[arg-type]
+
+
+def _channel(index: str, place: str) -> int | None:
+    """Number of the channel; None of INTERNAL."""
+    if index.upper() == "INTERNAL":
+        return None
+    if not (index.isascii() and index.isdigit() and len(index) <= 3) or not 1 <= int(index) <= MAX_CHANNELS:
+        limit = f"INTERNAL or 1 .. {MAX_CHANNELS}"
+        raise FileFormatError("INDX is no channel", where=place, value=repr(index), limit=limit)
+    return int(index)
 
 
 def _values(tags: tuple[Tag, ...], keywords: dict[str, tuple[str, ...]]) -> tuple[Value, ...]:

@@ -33,10 +33,6 @@ def readme(
         switching: What the program does.
     """
     limits = files.limits
-    if limits.axes:
-        kind = f"axis corrections, AXISCORR +-{files.axis_clamp_deg:g} deg"
-    else:
-        kind = f"Cartesian corrections in BASE, POSCORR +-{files.clamp_mm:g} mm and {files.clamp_deg:g} deg"
     missing = f"\nNot here, must be on the controller: {', '.join(elsewhere)}\n" if elsewhere else ""
     reads = _generation(files)
     drawn = [name for name in files.contexts() if name != files.context_name]
@@ -46,7 +42,7 @@ def readme(
 THE CONTEXT WAS NOT TRIED ON A CONTROLLER. Its form is that of published contexts for {reads}.
 Try it in air, override 10 %, a hand on the emergency stop, before anything is cut.
 
-Sends {kind}.
+Sends {_kind(files)}.
 The loop's own limits: {limits.correction_mm:g} mm, {limits.correction_deg:g} deg, fault at {limits.hard_factor:g} \
 times that.
 Telegrams go to {files.host}, UDP port {files.port}, every {limits.period_ms} ms; answers carry Type="{files.sentype}".
@@ -93,6 +89,12 @@ CHECK ON THE CONTROLLER, IN THIS ORDER
 OBJECTS
 {_objects(files)}
 """
+
+
+def _kind(files: RsiFiles) -> str:
+    if files.limits.axes:
+        return f"axis corrections, AXISCORR +-{files.axis_clamp_deg:g} deg"
+    return f"Cartesian corrections in BASE, POSCORR +-{files.clamp_mm:g} mm and {files.clamp_deg:g} deg"
 
 
 def _generation(files: RsiFiles) -> str:

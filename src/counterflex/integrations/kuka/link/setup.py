@@ -79,6 +79,17 @@ def check(settings: CheckSettings) -> tuple[Finding, ...]:
     )
 
 
+def _limits_said(files: rsi_files.RsiFiles, table: Any) -> dict[str, Any]:
+    return {
+        "correction_mm": table.correction_mm,
+        "correction_deg": table.correction_deg,
+        "controller_mm": None if files.limits.axes else files.clamp_mm,
+        "controller_deg": files.axis_clamp_deg if files.limits.axes else files.clamp_deg,
+        "cycle_ms": files.limits.period_ms,
+        "timeout_cycles": files.timeout,
+    }
+
+
 def limits_of(table: OnlineTable, *, override: bool | None = None) -> OnlineLimits:
     """Return the limits that an ``[online]`` table promises; ``override``: there is a table ``[override]``."""
     return OnlineLimits(
@@ -152,14 +163,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "program": main,
         "job_hash": next(iter(marks(programs[main])), ""),
         "files": [*programs, *texts],
-        "limits": {
-            "correction_mm": table.correction_mm,
-            "correction_deg": table.correction_deg,
-            "controller_mm": None if files.limits.axes else files.clamp_mm,
-            "controller_deg": files.axis_clamp_deg if files.limits.axes else files.clamp_deg,
-            "cycle_ms": files.limits.period_ms,
-            "timeout_cycles": files.timeout,
-        },
+        "limits": _limits_said(files, table),
         "warnings": [
             *(item.line() for item in findings),
             *_unmarked(settings.program, programs[main]),

@@ -65,10 +65,8 @@ def _side(
     start: float,
     end: float,
 ) -> tuple[float, float]:
-    """Length in material of the edge from height start to end, and the height of its middle, m.
-
-    The edge runs along the axis through the point (x, y, z) at height 0; box (2,) m: no material is below or above.
-    """
+    """Length in material of the edge from height start to end, and the height of its middle, m."""
+    # The edge runs along the axis through the point (x, y, z) at height 0; box (2,) m: no material is below or above.
     if u[2] > 1e-6:
         start, end = max(start, (box[0] - z) / u[2]), min(end, (box[1] - z) / u[2])
     elif u[2] < -1e-6:

@@ -141,11 +141,7 @@ class Calls:
         value = memory.value(node, text or self.now.code, at)
         if isinstance(value, Unknown) and isinstance(node, Name) and reference is None and keeps:
             return None
-        dims = reference.dims if reference is not None else ()
-        copy = Variable(parameter.name, parameter.kind, dims, copy_of(value))
-        if reference is not None and not reference.variable.assigned and parameter.kind == "robtarget":
-            copy.copied = reference
-        return Reference(copy, (), parameter.kind, dims)
+        return _copied(parameter, reference, value)
 
     def call_node(self, node: Call) -> object:
         """Return the value of a function in an expression."""
@@ -211,3 +207,12 @@ class Calls:
 
     def _here(self) -> str:
         return self.source.where(self.now.start)
+
+
+def _copied(parameter: Parameter, reference: Reference | None, value: object) -> Reference:
+    """A value that the routine may change for itself; of a robtarget with the data that it came from."""
+    dims = () if reference is None else reference.dims
+    copy = Variable(parameter.name, parameter.kind, dims, copy_of(value))
+    if reference is not None and not reference.variable.assigned and parameter.kind == "robtarget":
+        copy.copied = reference
+    return Reference(copy, (), parameter.kind, dims)

@@ -246,18 +246,26 @@ class Flow(ABC):
             if stamp == self.memory.stamp:
                 raise self._endless(tree.statement)
 
-    def _counted(self, tree: Loop) -> None:
+    def _range_of(self, tree: Loop) -> tuple[float, float, float] | None:
+        """First and last value of a FOR and its step; None where they are not known."""
         values = [self._decided(node, tree.statement) for node in tree.values]
         unknown = next((value for value in values if isinstance(value, Unknown)), None)
         if unknown is not None:
             self._undecided(tree.statement, tree.body, unknown)
-            return
+            return None
         if not all(is_number(value) for value in values):
             raise self.fault("FOR counts by numbers", tree.statement, hint="FOR i FROM 1 TO 10 STEP 2 DO")
         first, last, *steps = (value for value in values if isinstance(value, int | float))
         step = steps[0] if steps else 1 if last >= first else -1
         if step == 0:
             raise self._endless(tree.statement)
+        return first, last, step
+
+    def _counted(self, tree: Loop) -> None:
+        counting = self._range_of(tree)
+        if counting is None:
+            return
+        first, last, step = counting
         names = self.memory.frames[-1].names
         before = names.get(tree.variable)
         count = 0

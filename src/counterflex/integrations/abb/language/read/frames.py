@@ -163,12 +163,7 @@ class Frames:
             hint="Write the frame into its declaration",
         )  # fmt: skip
         robhold = items[0] if isinstance(items, list) and items and isinstance(items[0], bool) else None
-        T: Float | None = None
-        if isinstance(items, list) and kind == "tooldata" and len(items) == 2:
-            T = _frame(items[1])
-        elif isinstance(items, list) and len(items) == 5 and items[1] is True and items[2] == "":
-            user, of_object = _frame(items[3]), _frame(items[4])
-            T = None if user is None or of_object is None else user @ of_object
+        T = _place(items, kind)
         if robhold is None or T is None:
             raise ProgramError(
                 f"{text} is no {kind} that is read", where=where, value=text, limit=_FORM[kind],
@@ -176,6 +171,18 @@ class Frames:
                 else "Write its numbers themselves; one that a mechanical unit moves (ufprog FALSE) is not read",
             )  # fmt: skip
         return robhold, T
+
+
+def _place(items: object, kind: str) -> Float | None:
+    """Frame (4, 4) m of a declaration; None where it has another form."""
+    if not isinstance(items, list):
+        return None
+    if kind == "tooldata" and len(items) == 2:
+        return _frame(items[1])
+    if len(items) == 5 and items[1] is True and items[2] == "":
+        user, of_object = _frame(items[3]), _frame(items[4])
+        return None if user is None or of_object is None else user @ of_object
+    return None
 
 
 def _frame(value: object) -> Float | None:

@@ -187,19 +187,22 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
     while True:
         taken = frozenset().union(*(one.routines | one.data for one in chosen))
         others = [one for one in candidates if one not in chosen]
-        fitting = [one for one in others if not (one.routines | one.data) & taken]
-        added: list[_Index] = []
-        for asking in chosen:
-            for name in sorted(_required(asking) - taken):
-                added += _holder(name, asking, fitting)
-            named = asking.loaded | asking.late
-            added += [one for one in others if one.file.name.upper() in named or one.module in named]
-            numbered = [re.compile(rf"{re.escape(name)}_?\d+") for name in asking.late]
-            added += [one for one in fitting if any(test.fullmatch(n) for test in numbered for n in one.routines)]
-        added = list({one.file: one for one in added}.values())
+        added = {one.file: one for asking in chosen for one in _used(asking, taken, others)}
         if not added:
             return chosen
-        chosen = [*chosen, added[0]]
+        chosen = [*chosen, next(iter(added.values()))]
+
+
+def _used(asking: _Index, taken: frozenset[str], others: list[_Index]) -> list[_Index]:
+    """Modules that one uses: by names that none has yet, by loading them, by the beginning of their routines' names."""
+    fitting = [one for one in others if not (one.routines | one.data) & taken]
+    used: list[_Index] = []
+    for name in sorted(_required(asking) - taken):
+        used += _holder(name, asking, fitting)
+    named = asking.loaded | asking.late
+    used += [one for one in others if one.file.name.upper() in named or one.module in named]
+    numbered = [re.compile(rf"{re.escape(name)}_?\d+") for name in asking.late]
+    return used + [one for one in fitting if any(test.fullmatch(n) for test in numbered for n in one.routines)]
 
 
 def _holder(name: str, asking: _Index, candidates: list[_Index]) -> list[_Index]:

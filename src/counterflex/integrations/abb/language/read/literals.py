@@ -44,32 +44,34 @@ def aggregate(text: str, start: int, end: int) -> Aggregate | None:
     items: list[Item | str | Aggregate] = []
     at = start + 1
     while at < end:
-        while at < end and text[at].isspace():
-            at += 1
-        if at < end and text[at] == "[":
-            inner = aggregate(text, at, end)
-            if inner is None:
-                return None
-            items.append(inner)
-            at = inner.end
-        elif (match := _NUMBER.match(text, at, end)) is not None:
-            items.append(Item(float(match[1]), match.start(1), match.end(1)))
-            at = match.end()
-        elif (match := _WORD.match(text, at, end)) is not None:
-            items.append(match[1])
-            at = match.end()
-        else:
+        item = _item(text, _behind_blanks(text, at, end), end)
+        if item is None:
             return None
-        while at < end and text[at].isspace():
-            at += 1
-        if at >= end:
-            return None
-        if text[at] == "]":
+        items.append(item[0])
+        at = _behind_blanks(text, item[1], end)
+        if at < end and text[at] == "]":
             return Aggregate(tuple(items), start, at + 1)
-        if text[at] != ",":
+        if at >= end or text[at] != ",":
             return None
         at += 1
     return None
+
+
+def _item(text: str, at: int, end: int) -> tuple[Item | str | Aggregate, int] | None:
+    """An item of an aggregate and the index behind it; None where there is none that is read."""
+    if at < end and text[at] == "[":
+        inner = aggregate(text, at, end)
+        return None if inner is None else (inner, inner.end)
+    if (match := _NUMBER.match(text, at, end)) is not None:
+        return Item(float(match[1]), match.start(1), match.end(1)), match.end()
+    match = _WORD.match(text, at, end)
+    return None if match is None else (match[1], match.end())
+
+
+def _behind_blanks(text: str, at: int, end: int) -> int:
+    while at < end and text[at].isspace():
+        at += 1
+    return at
 
 
 _PART: Final = r"(\[[^\[\]]*\]|[A-Za-z][\w.{}]*)"

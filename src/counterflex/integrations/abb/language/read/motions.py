@@ -256,19 +256,19 @@ class Motions(Execution):
             raise self.fault(f"{word} without a target", statement, hint="Post the program again")
         place = self.source.place(given[0].start)
         value = self.memory.evaluated(given[0].text, given[0].start)
-        parts = value if isinstance(value, list) else []
+        parts = value if isinstance(value, list) and len(value) == 2 else None
+        axes, external = (value, []) if parts is None else parts
         if word == "MOVEEXTJ":
-            external = known(parts[1] if len(parts) == 2 else value, "the place of the external axes", place)
+            external = known(value if parts is None else external, "the place of the external axes", place)
             self.targets.check_external(external, given[0].start)
             return
-        axes = parts[0] if len(parts) == 2 else value
         T: Float | None = None
         numbers: list[float] = []
         tip = None if self.cell is None else self.cell.tip_of_axes
         if tip is not None and isinstance(axes, list) and len(axes) == _AXES and first_unknown(axes) is None:
             numbers = [float(axis) for axis in axes if is_number(axis)]
-            T = tip(numbers, self.targets.external.now | self.targets.external_of(parts[1] if len(parts) == 2 else []))
-        self._away.append((statement, T, len(self.by_axes), numbers, parts[1] if len(parts) == 2 else []))
+            T = tip(numbers, self.targets.external.now | self.targets.external_of(external))
+        self._away.append((statement, T, len(self.by_axes), numbers, external))
         self.by_axes.append(len(self._blocks) - 1)
 
     def _arrive(self, statement: Statement) -> None:

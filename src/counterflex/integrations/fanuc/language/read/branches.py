@@ -92,24 +92,20 @@ class Branches(MotionExecution):
             self._pass(step, step.text, condition, opening, level)
 
     def _pass(self, step: Step, text: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
-        row = row_of(text) if text else None
         if not text:
             return
         self.act(step)
+        row, action = row_of(text), _action_of(text)
         if MOTION.match(text) or row is None:
             raise self._refusal(step, condition, opening)
         if row.word in ASSIGNED:
             self._forget_assigned(step, text, condition)
-        elif row.word == "IF" and not text.upper().endswith("THEN"):
-            self._pass_action(step, _action(text), condition, opening, level)
-        elif row.word in ("SELECT", "=") or (row.word == "ELSE" and "," in text):
-            self._pass_action(step, text.partition(",")[2].strip(), condition, opening, level)
+        elif action is not None:
+            self._pass_action(step, action, condition, opening, level)
         elif row.word == "FOR":
             match = _FOR.match(text)
             if match is not None:
                 self._forget_assigned(step, f"{match[1]}=0", condition)
-        elif row.word in ("JMP", "CALL", "END", "RETURN"):
-            self._pass_action(step, text, condition, opening, level)
         elif row.treatment is not Treatment.NEUTRAL and row.word not in ("IF", *_HARMLESS):
             raise self._refusal(step, condition, opening)
 
@@ -168,20 +164,17 @@ class Branches(MotionExecution):
         while at is not None and at not in seen and at < len(routine.texts):
             seen.add(at)
             text = routine.texts[at]
-            row = row_of(text) if text else None
             at += 1
             if not text:
                 continue
+            row = row_of(text)
             if row is None or MOTION.match(text):
                 return False
             alarm |= row.word == "UALM[]"
-            if row.word == "ABORT":
-                return True
-            if row.word in ("END", "RETURN"):
-                return alarm and self.depth == 1
+            if row.word in ("ABORT", "END", "RETURN"):
+                return row.word == "ABORT" or (alarm and self.depth == 1)
             if row.word == "JMP":
-                jump = _LABEL.match(text)
-                at = None if jump is None else routine.labels.get(int(jump[1]))
+                at = _jumped(routine, text)
             elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
                 return False
         return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
@@ -191,25 +184,22 @@ class Branches(MotionExecution):
         routine, back = step.routine, step.at
         at, seen, jumps = routine.labels.get(number), list[int](), 0
         while at is not None and at != back and at < len(routine.texts) and jumps < _DEEPEST:
-            row = row_of(routine.texts[at]) if routine.texts[at] else None
+            text = routine.texts[at]
+            row = row_of(text) if text else None
             if row is not None and row.word == "JMP":
-                jump = _LABEL.match(routine.texts[at])
-                at, jumps = (None if jump is None else routine.labels.get(int(jump[1]))), jumps + 1
+                at, jumps = _jumped(routine, text), jumps + 1
                 continue
-            if MOTION.match(routine.texts[at]) or (
-                routine.texts[at] and (row is None or (
-                    row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, "LBL[]", "PAUSE", "WAIT")
-                ))
-            ):  # fmt: skip
+            if text and not _only_waits(text):
                 return False
             seen.append(at)
             at += 1
         if at != back:
             return False
         for index in seen:
-            row = row_of(routine.texts[index]) if routine.texts[index] else None
+            text = routine.texts[index]
+            row = row_of(text) if text else None
             if row is not None and row.word in ASSIGNED:
-                self._forget_assigned(step.other(index), routine.texts[index], condition)
+                self._forget_assigned(step.other(index), text, condition)
         return True
 
     def act(self, step: Step) -> None:
@@ -285,3 +275,28 @@ def divided(text: str, most: int = 99) -> list[str]:
             parts.append(text[begin:at])
             begin = at + 1
     return [*parts, text[begin:]]
+
+
+def _action_of(text: str) -> str | None:
+    """Action of a statement that acts under a condition, or jumps, calls or ends; None of others."""
+    row = row_of(text)
+    word = "" if row is None else row.word
+    if word == "IF" and not text.upper().endswith("THEN"):
+        return _action(text)
+    if word in ("SELECT", "=") or (word == "ELSE" and "," in text):
+        return text.partition(",")[2].strip()
+    return text if word in ("JMP", "CALL", "END", "RETURN") else None
+
+
+def _jumped(routine: Routine, text: str) -> int | None:
+    """Index of the label that a JMP leads to; None where it is not known."""
+    jump = _LABEL.match(text)
+    return None if jump is None else routine.labels.get(int(jump[1]))
+
+
+def _only_waits(text: str) -> bool:
+    """Return whether a statement is a signal, a wait or a register."""
+    row = row_of(text)
+    if row is None or MOTION.match(text):
+        return False
+    return row.treatment is Treatment.NEUTRAL or row.word in (*ASSIGNED, "LBL[]", "PAUSE", "WAIT")

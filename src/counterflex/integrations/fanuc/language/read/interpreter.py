@@ -112,22 +112,12 @@ class Interpreter(Flow):
         self.block(step)
         block = len(self._blocks) - 1
         self._words = []
-        function = None
-        if self.process is not None and step.text:
-            function = self.process.find(routine.texts, at, step.where)
+        if not step.text:
+            return at + 1
+        function = None if self.process is None else self.process.find(routine.texts, at, step.where)
         if function is not None:
             self.do(function)
-            then = at + function.lines
-        elif not step.text:
-            return at + 1
-        else:
-            try:
-                then = self.statement(step)
-            except ProgramError:
-                raise
-            except (ValueError, TypeError, OverflowError, RecursionError) as error:
-                what = str(error) if isinstance(error, ExpressionError) else "a value does not fit this statement"
-                raise step.fault(what, hint="The file may be damaged: post it again") from error
+        then = self._stated(step) if function is None else at + function.lines
         if len(self.motions) > first or self._words:
             made = len(self._blocks) == block + 1
             first = self._blocks[block].first_motion
@@ -137,6 +127,16 @@ class Interpreter(Flow):
                 self._blocks[block], words=tuple(self._words), motion_count=count, modal=modal
             )
         return then
+
+    def _stated(self, step: Step) -> int:
+        """Execute a statement that is no machine function; returns the index of the next one."""
+        try:
+            return self.statement(step)
+        except ProgramError:
+            raise
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
+            what = str(error) if isinstance(error, ExpressionError) else "a value does not fit this statement"
+            raise step.fault(what, hint="The file may be damaged: post it again") from error
 
     # ---- statements ----------------------------------------------------------------------------------------
 

@@ -49,6 +49,23 @@ class Listing:
         self._ends = [match.start() for match in re.finditer(r"\r\n|\n|\r", text)]
         if not text.strip():
             raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Post it again")
+        parts = self._parts(complete=complete)
+        order = sorted(parts.values(), key=lambda match: match.start())
+        stop = {match[1].upper(): n.start() for match, n in itertools.pairwise(order)}
+        self.main = parts["MN"].end()  # Index behind the line ``/MN``
+        self._main_end = stop.get("MN", len(text))
+        self._positions = (parts["POS"].end(), stop.get("POS", len(text))) if "POS" in parts else (len(text),) * 2
+        # Index behind the last position
+        self.behind = self._positions[0] if "POS" in parts or "END" not in parts else parts["END"].start()
+        self.has_positions = "POS" in parts  # There is a part /POS
+        self.ended = "END" in parts
+        about = text[parts["PROG"].end() : parts["MN"].start()]
+        group = _DEFAULT_GROUP.search(about)
+        self.moves_arm = group is None or group[1] != "*"  # It may move group 1 (DEFAULT_GROUP)
+
+    def _parts(self, *, complete: bool) -> dict[str, re.Match[str]]:
+        """Head lines of the parts, by name."""
+        text, name = self.text, self.name
         parts: dict[str, re.Match[str]] = {}
         for match in _PART.finditer(text):
             key = match[1].upper()
@@ -70,18 +87,7 @@ class Listing:
                     limit="/PROG /ATTR /MN /POS /END",
                     hint="Post it again" + ("" if key == "MN" else ", or say --without-end if it is complete"),
                 )  # fmt: skip
-        order = sorted(parts.values(), key=lambda match: match.start())
-        stop = {match[1].upper(): n.start() for match, n in itertools.pairwise(order)}
-        self.main = parts["MN"].end()  # Index behind the line ``/MN``
-        self._main_end = stop.get("MN", len(text))
-        self._positions = (parts["POS"].end(), stop.get("POS", len(text))) if "POS" in parts else (len(text),) * 2
-        # Index behind the last position
-        self.behind = self._positions[0] if "POS" in parts or "END" not in parts else parts["END"].start()
-        self.has_positions = "POS" in parts  # There is a part /POS
-        self.ended = "END" in parts
-        about = text[parts["PROG"].end() : parts["MN"].start()]
-        group = _DEFAULT_GROUP.search(about)
-        self.moves_arm = group is None or group[1] != "*"  # It may move group 1 (DEFAULT_GROUP)
+        return parts
 
     def line(self, at: int) -> int:
         """1-based line of an index."""
@@ -152,7 +158,25 @@ class Listing:
         frames = _FRAMES.match(text, groups[0].end(), stop)
         if frames is None:
             raise self._fault("a position does not say its frames", start, "GP1: UF : 1, UT : 1, CONFIG : '...'")
-        at, numbers, values = frames.end(), {}, {}
+        values, numbers = self._values(frames.end(), stop, start)
+        cartesian = all(letter in values for letter in LETTERS)
+        named = LETTERS if cartesian else ""
+        if not cartesian and "J1" not in values:
+            raise self._fault("a position without all of X Y Z W P R", start, "X Y Z W P R, or J1 to J6")
+        return FanucPosition(
+            int(match[2]), start, end, match.span(1),
+            {key: numbers[key] for key in named},
+            {key: values[key] for key in named},
+            _number(frames[1]), _number(frames[2]),
+            {int(key[1]): value for key, value in values.items() if key[0] == "E"},
+            "" if stop == close else "".join(text[stop:close].split()),
+            {key: value for key, value in values.items() if key[0] == "J"},
+            (frames[3] or "").strip(),
+        )  # fmt: skip
+
+    def _values(self, at: int, stop: int, start: int) -> tuple[dict[str, float], dict[str, tuple[int, int]]]:
+        """Values of a position by name, mm and deg, and the places of their numbers."""
+        text, numbers, values = self.text, {}, {}
         while text[at:stop].strip():
             value = _VALUE.match(text, at, stop)
             if value is None or value[1].upper() in values or (value[3] or "").lower() not in _units(value[1]):
@@ -165,19 +189,7 @@ class Listing:
                 raise self._fault(f"{key} is beyond every robot", value.start(2), f"{_LARGEST:g}")
             numbers[key] = value.span(2)
             at = value.end()
-        cartesian = all(letter in values for letter in LETTERS)
-        if not cartesian and "J1" not in values:
-            raise self._fault("a position without all of X Y Z W P R", start, "X Y Z W P R, or J1 to J6")
-        return FanucPosition(
-            int(match[2]), start, end, match.span(1),
-            {key: numbers[key] for key in LETTERS} if cartesian else {},
-            {key: values[key] for key in LETTERS} if cartesian else {},
-            _number(frames[1]), _number(frames[2]),
-            {int(key[1]): value for key, value in values.items() if key[0] == "E"},
-            "" if stop == close else "".join(text[stop:close].split()),
-            {key: value for key, value in values.items() if key[0] == "J"},
-            (frames[3] or "").strip(),
-        )  # fmt: skip
+        return values, numbers
 
     def _fault(
         self, what: str, at: int, limit: str, hint: str = "The file may be damaged: post it again"

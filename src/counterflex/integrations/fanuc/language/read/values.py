@@ -185,8 +185,9 @@ class Values:
         indices = path[0]
         if len(path) > 1 or not isinstance(indices, tuple):
             raise ExpressionError(f"{name} is not understood")
-        if any(isinstance(index, Unknown) for index in indices):
-            return next(index for index in indices if isinstance(index, Unknown))
+        unknown = next((index for index in indices if isinstance(index, Unknown)), None)
+        if unknown is not None:
+            return unknown
         if not all(is_number(index) for index in indices):
             if word in _FUNCTIONS:
                 raise ExpressionError(f"{name} has no such argument")

@@ -57,25 +57,36 @@ def blocks_of(words: Sequence[str], codes: Sequence[str], first: int, end: int, 
             block = out.of[line] = Block(word, line)
             open_.append(block)
         elif word in _CLOSES:
-            if not open_ or open_[-1].word != _CLOSES[word]:
+            if _innermost(open_) != _CLOSES[word]:
                 raise fault(f"{word} closes nothing", line, "The file may be damaged: post it again")
             open_[-1].end = line
             out.of[line] = open_.pop()
         elif word in _BRANCHES:
-            if not open_ or open_[-1].word != _BRANCHES[word]:
+            if _innermost(open_) != _BRANCHES[word]:
                 raise fault("this belongs into IF or SWITCH", line, "Post the program again")
             open_[-1].branches.append(line)
             out.of[line] = open_[-1]
         elif word in ("EXIT", "RETURN", "GOTO"):
-            loops = [block for block in open_ if block.word in form.LOOPS]
+            left = _left_loops(word, line, open_, fault)
             if word == "EXIT":
-                if not loops:
-                    raise fault("EXIT belongs into a loop", line, "Post the program again")
-                out.of[line] = loops[-1]
-                loops = loops[-1:]
-            out.leaves.update(block.start for block in loops)
+                out.of[line] = left[0]
+            out.leaves.update(block.start for block in left)
         elif word == form.LABELS and (match := form.LABEL.fullmatch(codes[line - 1])) is not None:
             out.labels[match[1].upper()] = line
     if open_:
         raise fault(f"{open_[-1].word} is not closed", open_[-1].start, "The file may be cut off")
     return out
+
+
+def _innermost(blocks: Sequence[Block]) -> str:
+    return blocks[-1].word if blocks else ""
+
+
+def _left_loops(word: str, line: int, blocks: Sequence[Block], fault: Fault) -> list[Block]:
+    """Loops that EXIT, RETURN or GOTO may leave: EXIT the innermost one, the others all."""
+    loops = [block for block in blocks if block.word in form.LOOPS]
+    if word != "EXIT":
+        return loops
+    if not loops:
+        raise fault("EXIT belongs into a loop", line, "Post the program again")
+    return loops[-1:]

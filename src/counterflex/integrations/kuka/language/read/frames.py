@@ -152,14 +152,13 @@ class Frames(NumberedFrames):
         """(4, 4) m, the base in the part: the part frame of the cell, or without a cell the first base."""
         taken = self._taken["BASE"]
         if self.cell is not None:
-            return taken.value.T_shift if isinstance(taken.value, StoredFrame) and taken.value.shifted else None
+            return _shift(taken.value)
         if self._reference is None:
             self._reference, self._first_motion = taken, where
         first, now = self._reference.value, taken.value
-        if now is first:
-            return now.T_shift if isinstance(now, StoredFrame) and now.shifted else None
-        if isinstance(first, StoredFrame) and isinstance(now, StoredFrame) and first.number == now.number:
-            return now.T_shift if now.shifted else None
+        same = isinstance(first, StoredFrame) and isinstance(now, StoredFrame) and first.number == now.number
+        if now is first or same:
+            return _shift(now)
         T_first, T_now = _matrix(first), _matrix(now)
         if T_first is None or T_now is None:
             raise ProgramError(
@@ -175,6 +174,11 @@ class Frames(NumberedFrames):
         return ProgramError(
             what, where=where, limit=f"{word}_DATA[n], or a frame in braces", hint=f"Write the frame of ${word} itself"
         )
+
+
+def _shift(value: object) -> Float | None:
+    """Shift of a numbered frame by the program, (4, 4) m; None where there is none."""
+    return value.T_shift if isinstance(value, StoredFrame) and value.shifted else None
 
 
 def _matrix(value: Value) -> Float | None:

@@ -199,11 +199,10 @@ class Memory:
             return values.StoredFrame(name, number) if listed is None else listed
         T_own = cell.T_part if name == "BASE_DATA" else cell.T_tcp
         own = cell.base_number if name == "BASE_DATA" else cell.tool_number
-        if name == "TOOL_DATA" or listed is None or not values.is_frame(listed):
-            T = values.matrix_of(listed) if values.is_frame(listed) else None  # type: ignore[arg-type]
+        T_listed = values.matrix_of(listed) if values.is_frame(listed) else None  # type: ignore[arg-type]
+        if name == "TOOL_DATA" or listed is None or T_listed is None:
             known = T_own if number == own and (name == "BASE_DATA" or len(cell.tools) == 1) else None
-            return values.StoredFrame(name, number, known if T is None else T)
-        T_listed = values.matrix_of(listed)  # type: ignore[arg-type]
+            return values.StoredFrame(name, number, known if T_listed is None else T_listed)
         if number == own:
             return values.StoredFrame(name, own, T_own) if cell.is_part_frame(T_listed) else listed
         first = self.stored_frame(name, own)
@@ -316,6 +315,10 @@ class Memory:
         variable = self._declared(at, name)
         if variable is None:
             variable = self._global[name] = variables.Variable()
+        self._put(variable, name, path, value)
+
+    def _put(self, variable: variables.Variable, name: str, path: variables.Path, value: values.Value) -> None:
+        """Put a value, whose place may not be known, into a variable."""
         index, rest = variables.split(path)
         if isinstance(index, Unknown):
             variable.initial.clear()

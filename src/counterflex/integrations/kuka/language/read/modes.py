@@ -205,17 +205,17 @@ class Modes(Flow):
 
     def _basic(self, code: str) -> None:
         match = form.BASIC.fullmatch(code)
-        row = None if match is None else TABLE.find(f"BAS #{match[1].upper()}")
+        word = "" if match is None else match[1].upper()
+        row = TABLE.find(f"BAS #{word}")
         if match is None or row is None or row.treatment is Treatment.REFUSED:
-            word = "" if match is None else f" with #{match[1].upper()}"
             raise self._fault(
-                f"BAS{word} is not read", code,
+                f"BAS{f' with #{word}' * bool(word)} is not read", code,
                 limit="INITMOV VEL_CP CP_PARAMS PTP_PARAMS CP_DAT PTP_DAT TOOL BASE FRAMES VEL_PTP ACC_PTP ACC_CP",
                 hint="Write out what it sets" if row is None else row.remedy,
             )  # fmt: skip
         if row.treatment is Treatment.NEUTRAL:
             return
-        word, where = match[1].upper(), f"{self.module.file.name}:{self.line}"
+        where = f"{self.module.file.name}:{self.line}"
         if word == "INITMOV":
             self._initialised(code, where)
             return

@@ -91,15 +91,9 @@ def word_of(code: str, words: frozenset[str]) -> str:
     first = match[1].upper()
     behind = code[match.end() :].lstrip()[:1]
     if behind not in ("=", ".", "[") or first in ("IF", "WHILE", "UNTIL", "CASE"):
-        if first == "GLOBAL":
-            inner = _GLOBAL.sub("", code)
-            return DECLARES if _FIRST.match(inner) is None else word_of(inner, words)
-        if first in _SECOND:
-            second = _SECOND[first].match(code)
-            if second is not None:
-                return f"{first} {' '.join(second[1].split()).upper()}".replace(" (", " FOR").replace("# ", "#")
-        if first in words and not first.startswith("$") and first not in _TYPES:
-            return first
+        keyword = _keyword(code, first, words)
+        if keyword:
+            return keyword
     if ASSIGNMENT.match(code) is not None and not (behind.isalpha() or behind == "$"):
         return first if first.startswith("$") else ASSIGNS
     if first in _TYPES or _DECLARES.match(code) is not None:
@@ -107,3 +101,14 @@ def word_of(code: str, words: frozenset[str]) -> str:
     if LABEL.fullmatch(code) is not None:
         return LABELS
     return CALLS if CALL.fullmatch(code) is not None else ""
+
+
+def _keyword(code: str, first: str, words: frozenset[str]) -> str:
+    """Word of a statement that begins with a word of the language, with a second one where it has two."""
+    if first == "GLOBAL":
+        inner = _GLOBAL.sub("", code)
+        return DECLARES if _FIRST.match(inner) is None else word_of(inner, words)
+    second = _SECOND[first].match(code) if first in _SECOND else None
+    if second is not None:
+        return f"{first} {' '.join(second[1].split()).upper()}".replace(" (", " FOR").replace("# ", "#")
+    return first if first in words and not first.startswith("$") and first not in _TYPES else ""

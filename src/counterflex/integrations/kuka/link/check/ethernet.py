@@ -69,7 +69,7 @@ def only_send(setup: Setup) -> Iterator[Finding]:
 
 
 def corrections_declared(setup: Setup) -> Iterator[Finding]:
-    """A correction must be there, whole, of type DOUBLE, and the one that the cell sends."""
+    """A correction must be there, and whole."""
     pose = [value.name for value in setup.pose_values]
     if not setup.corrections and not setup.config.only_send:
         yield Finding(
@@ -89,12 +89,20 @@ def corrections_declared(setup: Setup) -> Iterator[Finding]:
                 "the correction is declared in part: the rest of it would never reach the robot",
                 f"no {', '.join(missing)}", f"all of {whole[0]} to {whole[-1]}", "Add the missing tags",
             )  # fmt: skip
+
+
+def corrections_typed(setup: Setup) -> Iterator[Finding]:
+    """A correction must be of type DOUBLE."""
     for value in setup.corrections:
         if value.kind != "DOUBLE":
             yield Finding(
                 "type", "error", setup.at(value.tag.tag), "the correction would be rounded to whole mm or deg",
                 f"TYPE {value.kind}", "TYPE DOUBLE", "Change the TYPE",
             )  # fmt: skip
+
+
+def corrections_of_the_cell(setup: Setup) -> Iterator[Finding]:
+    """A correction must be the one that the cell sends."""
     if setup.limits is not None and setup.corrections:
         other = setup.pose_values if setup.limits.axes else setup.axis_values
         own = setup.axis_values if setup.limits.axes else setup.pose_values
@@ -261,6 +269,8 @@ RULES: Final[tuple[Rule, ...]] = (
     stop_tag,
     only_send,
     corrections_declared,
+    corrections_typed,
+    corrections_of_the_cell,
     sent_types,
     both_corrections,
     hold_on,

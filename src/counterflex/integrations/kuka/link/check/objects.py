@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from counterflex.integrations.kuka.link.context import ContextObject, RsiContextFile
 from counterflex.integrations.kuka.link.make.blocks import TYPES
 from counterflex.integrations.kuka.link.whole_setup import Rule, Setup
 from counterflex.protocols.finding import Finding
@@ -18,32 +19,37 @@ def ends_of_wires(setup: Setup) -> Iterator[Finding]:
         return
     for item in setup.context.objects:
         kind = TYPES.get(item.kind)
-        seen: set[int] = set()
-        for wire in item.inputs:
-            place = setup.within(item, f"input {wire.index}")
-            source = setup.context.named(wire.source)
-            if source is None:
-                names = ", ".join(other.name for other in setup.context.objects)
-                yield _dangling(place, "is wired to an object that is not there", wire.source, names)
-            elif source.kind in TYPES and wire.output > len(TYPES[source.kind].outputs):
-                most = len(TYPES[source.kind].outputs)
-                safe = f"1 .. {most}" if most else f"{source.kind} has no output"
-                yield _dangling(
-                    place, "is wired to an output that is not there", f"{wire.output} of {source.name}", safe
-                )
-            if kind is not None and wire.index > len(kind.inputs):
-                safe = f"1 .. {len(kind.inputs)}" if kind.inputs else f"{item.kind} has no input"
-                yield _dangling(place, "there is no such input", f"{wire.index}", safe)
-            if wire.index in seen:
-                yield _dangling(place, "two wires end at one input", "2", "one wire")
-            seen.add(wire.index)
+        yield from _faulty_wires(setup, setup.context, item)
+        taken = {wire.index for wire in item.inputs}
         if kind is not None and not kind.optional:
             for index in range(1, len(kind.inputs) + 1):
-                if index not in seen:
+                if index not in taken:
                     yield Finding(
                         "open-input", "error", setup.within(item, f"input {index}"), "must not stay open", "no wire",
                         "wired", "Wire it, or take the object out",
                     )  # fmt: skip
+
+
+def _faulty_wires(setup: Setup, context: RsiContextFile, item: ContextObject) -> Iterator[Finding]:
+    """Wires from or to what is not there, and two to one input."""
+    kind = TYPES.get(item.kind)
+    seen: set[int] = set()
+    for wire in item.inputs:
+        place = setup.within(item, f"input {wire.index}")
+        source = context.named(wire.source)
+        if source is None:
+            names = ", ".join(other.name for other in context.objects)
+            yield _dangling(place, "is wired to an object that is not there", wire.source, names)
+        elif source.kind in TYPES and wire.output > len(TYPES[source.kind].outputs):
+            most = len(TYPES[source.kind].outputs)
+            safe = f"1 .. {most}" if most else f"{source.kind} has no output"
+            yield _dangling(place, "is wired to an output that is not there", f"{wire.output} of {source.name}", safe)
+        if kind is not None and wire.index > len(kind.inputs):
+            safe = f"1 .. {len(kind.inputs)}" if kind.inputs else f"{item.kind} has no input"
+            yield _dangling(place, "there is no such input", f"{wire.index}", safe)
+        if wire.index in seen:
+            yield _dangling(place, "two wires end at one input", "2", "one wire")
+        seen.add(wire.index)
 
 
 def _dangling(place: str, what: str, value: str, safe: str) -> Finding:

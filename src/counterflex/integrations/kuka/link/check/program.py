@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from typing import Final
 
+from counterflex.integrations.kuka.link.calls import RsiCalls, Statement
 from counterflex.integrations.kuka.link.context import decimal
 from counterflex.integrations.kuka.link.whole_setup import Rule, Setup, message_variables
 from counterflex.protocols.finding import Finding
@@ -99,7 +101,7 @@ def results_checked(setup: Setup) -> Iterator[Finding]:
 
 
 def motions(setup: Setup) -> Iterator[Finding]:
-    """First motion PTP; only LIN and CIRC under correction, and no stop for a person."""
+    """First motion PTP."""
     if setup.program is None:
         return
     items = setup.program.statements
@@ -109,6 +111,12 @@ def motions(setup: Setup) -> Iterator[Finding]:
             "first-motion", "warning", setup.on_line(first.line), "the first motion of a program must be PTP",
             first.what, "PTP", "Begin with PTP, for example PTP $AXIS_ACT_MEAS",
         )  # fmt: skip
+
+
+def corrected_motions(setup: Setup) -> Iterator[Finding]:
+    """Only LIN and CIRC under correction, and no stop for a person."""
+    if setup.program is None:
+        return
     under = setup.program.between("RSI_ON", "RSI_OFF")
     path = next((item.line for item in under if item.what in _PATH), None)
     for item in under:
@@ -137,45 +145,45 @@ def motions(setup: Setup) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def enable_written(setup: Setup) -> Iterator[Finding]:
-    """The program sets the variable that Enable is wired to, and waits before it goes on."""
+def _writes(setup: Setup) -> list[Statement]:
+    """Statements that set the variable that Enable is wired to."""
     name = _enable_variable(setup)
-    if setup.program is None or name is None:
-        return
-    items = setup.program.statements
-    written = [item for item in items if item.what == "WRITE" and item.arguments[0] == name]
-    writes = [item.line for item in written]
-    if not writes:
+    items = () if setup.program is None or name is None else setup.program.statements
+    return [item for item in items if item.what == "WRITE" and item.arguments[0] == name]
+
+
+def _waits(setup: Setup, variables: Sequence[str] = ()) -> list[int]:
+    """Lines that wait for a condition, on one of the variables where some are given."""
+    items = () if setup.program is None else setup.program.statements
+    waits = [item for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
+    return [item.line for item in waits if not variables or any(name in item.arguments[0] for name in variables)]
+
+
+def enable_written(setup: Setup) -> Iterator[Finding]:
+    """The program sets the variable that Enable is wired to."""
+    name = _enable_variable(setup)
+    if setup.program is not None and name is not None and not _writes(setup):
         yield Finding(
             "enable-unset", "warning", setup.program.where,
             "the program never sets what Enable is wired to: the correction is never switched on", f"no {name} = ...",
             f"{name} = 1 before the path, 0 behind it", "Add both lines",
         )  # fmt: skip
+
+
+def armed_before_enable(setup: Setup) -> Iterator[Finding]:
+    """The program enables the correction before the path, and behind a look whether the loop is armed."""
+    name, written = _enable_variable(setup), _writes(setup)
+    on = None if setup.program is None else setup.program.first("RSI_ON")
+    if setup.program is None or on is None or not written:
         return
-    on, off = setup.program.first("RSI_ON"), setup.program.first("RSI_OFF")
-    waits = [item.line for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
-    path = next((item.line for item in items if on and item.line > on.line and item.what in _PATH), None)
+    path = _path_behind(setup.program, on.line)
+    switched = [item.line for item in written if on.line < item.line < (path or math.inf) and _sets(item)]
     state = message_variables(setup, "State")
-    armed = [
-        item.line
-        for item in items
-        if item.what in ("WAIT", "WHILE") and not item.guarded
-        if not state or any(name in item.arguments[0] for name in state)
-    ]
-    switched = [
-        item.line
-        for item in written
-        if on is not None
-        and item.line > on.line
-        and (path is None or item.line < path)
-        and decimal(item.arguments[1]) != 0.0
-        and item.arguments[1].upper() != "FALSE"
-    ]
-    if on is not None and switched and not any(on.line < line < switched[0] for line in armed):
+    if switched and not any(on.line < line < switched[0] for line in _waits(setup, state)):
         yield Finding(
             "blind-wait", "warning", setup.on_line(switched[0]),
             "the correction is enabled without a look whether the loop is armed: the path may run without it",
-            f"no condition{' on ' + ', '.join(state) if state else ''} between RSI_ON and {name} = ...",
+            f"no condition{' on ' * bool(state)}{', '.join(state)} between RSI_ON and {name} = ...",
             "WAIT FOR, or WHILE with a time-out, on the tag State", "Wire State to $SEN_PREA and wait until it is 2",
         )  # fmt: skip
     elif path is not None and not switched:
@@ -185,11 +193,27 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
             f"no {name} = 1 between RSI_ON and the first path motion", f"{name} = 1 before the path, 0 behind it",
             "Set it there, or correct the wiring",
         )  # fmt: skip
-    if off is not None and writes[-1] < off.line and not any(writes[-1] < line < off.line for line in waits):
+
+
+def _path_behind(program: RsiCalls, line: int) -> int | None:
+    return next((item.line for item in program.statements if item.line > line and item.what in _PATH), None)
+
+
+def _sets(item: Statement) -> bool:
+    """Return whether it enables: 1, or the number of a job."""
+    return decimal(item.arguments[1]) != 0.0 and item.arguments[1].upper() != "FALSE"
+
+
+def zero_before_off(setup: Setup) -> Iterator[Finding]:
+    """The program waits until the correction is back at zero before RSI_OFF."""
+    written, off = _writes(setup), None if setup.program is None else setup.program.first("RSI_OFF")
+    if off is None or not written or written[-1].line >= off.line:
+        return
+    if not any(written[-1].line < line < off.line for line in _waits(setup)):
         yield Finding(
             "blind-wait", "warning", setup.on_line(off.line),
             "RSI_OFF comes without a look whether the correction is back at zero",
-            f"no condition between {name} = 0 and RSI_OFF",
+            f"no condition between {_enable_variable(setup)} = 0 and RSI_OFF",
             "WAIT FOR, or WHILE with a time-out, on the outputs of POSCORRMON or AXISCORRMON",
             "Wire them to $SEN_PREA and wait until they are zero",
         )  # fmt: skip
@@ -252,7 +276,10 @@ RULES: Final[tuple[Rule, ...]] = (
     gate,
     results_checked,
     motions,
+    corrected_motions,
     enable_written,
+    armed_before_enable,
+    zero_before_off,
     known_parameters,
     whole_calls,
 )

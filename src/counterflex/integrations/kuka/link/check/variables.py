@@ -49,20 +49,25 @@ def _twice(place: str, what: str, variable: str) -> Finding:
 
 
 def variables_read(setup: Setup) -> Iterator[Finding]:
-    """The program acts on FeedHold, and waits for nothing that nobody writes."""
+    """The program acts on FeedHold."""
     if setup.program is None or setup.context is None:
         return
-    conditions = [item for item in setup.program.statements if item.what in ("INTERRUPT", "WAIT", "WHILE")]
+    interrupts = [item.arguments[0] for item in setup.program.statements if item.what == "INTERRUPT"]
     wired = message_variables(setup, "FeedHold")
-    if wired and not any(
-        name in item.arguments[0] for item in conditions for name in wired if item.what == "INTERRUPT"
-    ):
+    if wired and not any(name in condition for condition in interrupts for name in wired):
         yield Finding(
             "unheard", "warning", setup.program.where,
             "the program does not act on the feed hold that the loop asks for: the robot mills on",
             f"no interrupt on {', '.join(wired)}", f"INTERRUPT DECL ... WHEN {wired[0]}>0.5 with BRAKE",
             "Correct the index of FeedHold in the context, or add the interrupt",
         )  # fmt: skip
+
+
+def variables_fed(setup: Setup) -> Iterator[Finding]:
+    """The program waits for nothing that nobody writes."""
+    if setup.program is None or setup.context is None:
+        return
+    conditions = [item for item in setup.program.statements if item.what in ("INTERRUPT", "WAIT", "WHILE")]
     fed = {
         f"{_WRITERS[item.kind]}[{int(item.number('Index', 1.0))}]"
         for item in setup.context.objects
@@ -101,4 +106,4 @@ def monitored_values(setup: Setup) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-RULES: Final[tuple[Rule, ...]] = (one_writer, variables_read, monitored_values)
+RULES: Final[tuple[Rule, ...]] = (one_writer, variables_read, variables_fed, monitored_values)

@@ -16,16 +16,15 @@ def wired_corrections(setup: Setup) -> Iterator[Finding]:
     if item is None or context is None:
         return
     for value in setup.corrections:
-        kind = "POSCORR" if value.element == "RKorr" else "AXISCORR"
-        order = "XYZABC" if kind == "POSCORR" else "123456"
-        right = order.find(value.attribute[-1:]) + 1
         if value.tag.channel is None:
             continue
+        kind, order = ("POSCORR", "XYZABC") if value.element == "RKorr" else ("AXISCORR", "123456")
+        right = order.find(value.attribute[-1:]) + 1
         ends, passed = context.reached(item.name, value.tag.channel)
         hits = [(end, index) for end, index in ends if end.kind in ("POSCORR", "AXISCORR", "AXISCORREXT")]
-        if not hits and kind == "AXISCORR" and context.of_kind("POSCORR") and setup.pose_values:
-            continue
-        if not hits and kind == "POSCORR" and context.of_kind("AXISCORR") and setup.axis_values:
+        # One that is declared beside another that is wired is not in use.
+        other, of_other = ("POSCORR", setup.pose_values) if kind == "AXISCORR" else ("AXISCORR", setup.axis_values)
+        if not hits and context.of_kind(other) and of_other:
             continue
         if not hits:
             yield Finding(
@@ -33,20 +32,23 @@ def wired_corrections(setup: Setup) -> Iterator[Finding]:
                 f"INDX {value.tag.channel} not wired", f"wired to input {right} of {kind}",
                 "Wire it, or take the tag out",
             )  # fmt: skip
-        for end, index in hits:
-            if end.kind != kind or index != right:
-                yield Finding(
-                    "wrong-wire", "error", setup.at(value.tag.tag), "the correction arrives at the wrong input",
-                    f"input {index} of {end.name} ({end.kind})", f"input {right} of {kind}", "Correct the wiring",
-                )  # fmt: skip
-        objects = sorted({end.name for end, _ in hits})
-        if len(objects) > 1:
-            yield Finding(
-                "two-corrections", "error", setup.at(value.tag.tag),
-                "the correction acts more than once: what two objects correct adds up", " and ".join(objects),
-                f"one {kind}", "Take one object out of the context",
-            )  # fmt: skip
+        yield from _wrong_ends(setup.at(value.tag.tag), hits, kind, right)
         yield from _limits_on_the_way(setup, value.name, passed)
+
+
+def _wrong_ends(place: str, hits: list[tuple[ContextObject, int]], kind: str, right: int) -> Iterator[Finding]:
+    for end, index in hits:
+        if end.kind != kind or index != right:
+            yield Finding(
+                "wrong-wire", "error", place, "the correction arrives at the wrong input",
+                f"input {index} of {end.name} ({end.kind})", f"input {right} of {kind}", "Correct the wiring",
+            )  # fmt: skip
+    objects = sorted({end.name for end, _ in hits})
+    if len(objects) > 1:
+        yield Finding(
+            "two-corrections", "error", place, "the correction acts more than once: what two objects correct adds up",
+            " and ".join(objects), f"one {kind}", "Take one object out of the context",
+        )  # fmt: skip
 
 
 def _limits_on_the_way(setup: Setup, name: str, passed: list[ContextObject]) -> Iterator[Finding]:
@@ -67,7 +69,7 @@ def _limits_on_the_way(setup: Setup, name: str, passed: list[ContextObject]) -> 
 
 
 def wired_commands(setup: Setup) -> Iterator[Finding]:
-    """Stop, Override and FeedHold do something; what is wired is declared."""
+    """Stop, Override and FeedHold do something."""
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
@@ -83,6 +85,13 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
                 f"INDX {value.tag.channel} not wired", f"wired to {required or 'MAP2SEN_PREA or MAP2DIGOUT'}",
                 "Wire it, or take the tag out",
             )  # fmt: skip
+
+
+def commands_declared(setup: Setup) -> Iterator[Finding]:
+    """What is wired to ETHERNET's outputs is declared."""
+    item, context = setup.ethernet, setup.context
+    if item is None or context is None:
+        return
     channels = {value.tag.channel for value in setup.received.values()}
     used = {(wire.output, other.name) for other in context.objects for wire in other.inputs if wire.source == item.name}
     for output, name in sorted(used):
@@ -125,6 +134,13 @@ def wired_sent(setup: Setup) -> Iterator[Finding]:
                     "wrong-wire", "error", setup.at(tag.tag), "is not the status of a correction object",
                     f"output {wire.output} of {wire.source}", "output 1 of POSCORR or AXISCORR", "Correct the wiring",
                 )  # fmt: skip
+
+
+def sent_declared(setup: Setup) -> Iterator[Finding]:
+    """What is wired to ETHERNET's inputs is declared."""
+    item, context = setup.ethernet, setup.context
+    if item is None or context is None:
+        return
     for wire in item.inputs:
         if wire.index not in {tag.channel for tag in setup.config.send}:
             yield Finding(
@@ -157,4 +173,6 @@ def override_asked(setup: Setup) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-RULES: Final[tuple[Rule, ...]] = (wired_corrections, wired_commands, wired_sent, override_asked)
+RULES: Final[tuple[Rule, ...]] = (
+    wired_corrections, wired_commands, commands_declared, wired_sent, sent_declared, override_asked,
+)  # fmt: skip

@@ -126,15 +126,13 @@ class Branches(MotionExecution):
                 self._forget(routine, at, match[1].strip(), condition)
         elif row.word in ("call", "taskCreate", "taskCreateSync"):
             self._pass_call(routine, at, condition, opening, level)
-        elif row.word == "return":
-            if level == 0 and (self.depth > 1 or not self._says_why(routine, at)):
-                raise self.refusal(routine, at, condition, opening)
         elif row.word == "=" and parts is not None:
             if not self.is_output(code, parts[0]):
                 self._forget(routine, at, parts[0], condition)
-        elif row.word in ("setFrame", "link", "libLoad") or (
-            row.treatment is not Treatment.NEUTRAL and row.word not in (*_BRACKETS, "get", "delay", "open", "close")
-        ):
+        elif row.word == "return":
+            if level == 0 and (self.depth > 1 or not self._says_why(routine, at)):
+                raise self.refusal(routine, at, condition, opening)
+        elif not _harmless(row):
             raise self.refusal(routine, at, condition, opening)
 
     def _pass_call(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
@@ -224,3 +222,10 @@ class Branches(MotionExecution):
         except ProgramError as error:
             return error
         raise AssertionError
+
+
+def _harmless(row: Statement) -> bool:
+    """Return whether a statement may be passed over in a branch that may not be executed."""
+    if row.word in ("setFrame", "link", "libLoad"):
+        return False
+    return row.treatment is Treatment.NEUTRAL or row.word in (*_BRACKETS, "get", "delay", "open", "close")

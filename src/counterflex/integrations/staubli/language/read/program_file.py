@@ -101,12 +101,13 @@ class Routine:
                 limit="begin ... end, each on a line of its own",
                 hint="Post it again" + ("" if begin < 0 else ", or say --without-end if it is complete"),
             )
-        rest = "".join(self.lines[end:]) if end >= 0 else ""
-        if end >= 0 and self.complete and not re.search(r"</[Pp]rogram>", rest):
+        if end < 0:
+            return begin + 1, len(self.lines)
+        if self.complete and not re.search(r"</[Pp]rogram>", "".join(self.lines[end:])):
             raise ProgramError("the file stops before </Program>: it may be cut off",
                                where=f"{self.name}:{len(self.lines)}",
                                hint="Post it again, or say --without-end if it is complete")  # fmt: skip
-        return begin + 1, end if end >= 0 else len(self.lines)
+        return begin + 1, end
 
     def _match_blocks(self) -> None:
         open_blocks: list[tuple[str, int]] = []

@@ -56,6 +56,18 @@ def default_of(kind: str) -> Value:
     }.get(plain, Unknown(f"values of type {kind} are not read"))  # fmt: skip
 
 
+_NUMBERS: Final = {"trsf": tuple(LETTERS), "joint": tuple(JOINTS)}
+"""Values that are numbers alone, by kind."""
+
+
+def _speed_description(data: DataFile, value: Val3Value) -> Value:
+    missing = dict.fromkeys(SPEED_FIELDS, Unknown("the data file does not give it"))
+    return {**missing, "tvel": 99999.0, "blend": "off", **{
+        field: value.attributes[name].strip() if field == "blend" else data.number(value, name)
+        for field, name in SPEED_FIELDS.items() if name in value.attributes
+    }}  # fmt: skip
+
+
 def data_value(data: DataFile, kind: str, value: Val3Value) -> Value:
     """Return the value of an element of a data file.
 
@@ -63,22 +75,16 @@ def data_value(data: DataFile, kind: str, value: Val3Value) -> Value:
         ProgramError: A number of it is none.
     """
     plain, attributes = kind_of(kind), value.attributes
+    if plain in _NUMBERS:
+        return {name: data.number(value, name) for name in _NUMBERS[plain]}
     if plain in ("point", "frame", "tool"):
         out: dict[str, Value] = {TRSF: {letter: data.number(value, letter) for letter in LETTERS}}
         out[FATHER] = attributes.get("fatherId", "flange[0]" if plain == "tool" else "world[0]")
         if plain == "point":
             out[CONFIG] = {name: attributes.get(name, "") for name in CONFIG_FIELDS}
         return out
-    if plain == "trsf":
-        return {letter: data.number(value, letter) for letter in LETTERS}
-    if plain == "joint":
-        return {name: data.number(value, name) for name in JOINTS}
     if plain == "mdesc":
-        missing = dict.fromkeys(SPEED_FIELDS, Unknown("the data file does not give it"))
-        return {**missing, "tvel": 99999.0, "blend": "off", **{
-            field: attributes[name].strip() if field == "blend" else data.number(value, name)
-            for field, name in SPEED_FIELDS.items() if name in attributes
-        }}  # fmt: skip
+        return _speed_description(data, value)
     if plain == "config":
         return {name: attributes.get(name, "") for name in CONFIG_FIELDS}
     text = attributes.get("value", "")
@@ -271,6 +277,15 @@ def with_component(value: Value, path: Sequence[str], new: Value) -> Value:
     return {**known, path[0]: with_component(known[path[0]], path[1:], new)}
 
 
+def _placed(old: Mapping[str, Value], new: list[Value]) -> Value:
+    """A point, frame or tool with six numbers, or with these and its configuration."""
+    nested = new[0] if new and isinstance(new[0], list) else new
+    out = {**old, TRSF: as_stored(old[TRSF], nested)}
+    if CONFIG in old and nested is not new and len(new) > 1 and isinstance(new[1], list):
+        out[CONFIG] = dict(zip(CONFIG_FIELDS, new[1], strict=False))
+    return out
+
+
 def as_stored(old: Value, new: Value) -> Value:
     """Return a value in the form of the variable that it is put into: six numbers as a transformation or joint.
 
@@ -281,11 +296,7 @@ def as_stored(old: Value, new: Value) -> Value:
         return new
     if isinstance(old, Mapping) and isinstance(new, list):
         if TRSF in old:
-            nested = new[0] if new and isinstance(new[0], list) else new
-            out = {**old, TRSF: as_stored(old[TRSF], nested)}
-            if CONFIG in old and nested is not new and len(new) > 1 and isinstance(new[1], list):
-                out[CONFIG] = dict(zip(CONFIG_FIELDS, new[1], strict=False))
-            return out
+            return _placed(old, new)
         if len(new) != len(old):
             raise ExpressionError(f"{len(old)} values are needed")
         return dict(zip(old, new, strict=True))
