@@ -33,7 +33,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.posture.choose import MOST_EDGES, Freedom
-from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
+from counterflex.plan.posture.cut_path import LoadedPath, in_contact, stations
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.posture.survey_kernel import OK, POWER
@@ -48,7 +48,7 @@ FEED_M_S: Final = 0.025
 SHIPPED: Final = Path(__file__).resolve().parents[1] / "examples"
 
 
-def path(points: int) -> CutPath:
+def path(points: int) -> LoadedPath:
     """Lissajous figure over the part at a constant feed, the force turning against it."""
     u = np.linspace(0.0, 2.0 * np.pi, points)
     p = np.stack([0.1 + 0.09 * np.cos(3.0 * u), 0.075 + 0.065 * np.sin(4.0 * u), np.full(points, 0.03)], axis=1)
@@ -59,7 +59,7 @@ def path(points: int) -> CutPath:
     w = np.zeros((points, 6))
     w[:, 0], w[:, 1], w[:, 2] = 300.0 * np.cos(7.0 * u), 300.0 * np.sin(7.0 * u), 60.0
     normals = np.stack([np.cross(axis, t), axis], axis=1)
-    return CutPath(p, axis, w, normals, length, np.cumsum(length) / FEED_M_S, np.zeros(points, dtype=np.int64))
+    return LoadedPath(p, axis, w, normals, length, np.cumsum(length) / FEED_M_S, np.zeros(points, dtype=np.int64))
 
 
 def bare(chain: ElasticChain, q: Float, count: int) -> dict[str, float]:

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
-from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, SHARE, LoopSamples, Verdict, judge, percentiles
+from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, SHARE, LoopSamples, TimingVerdict, judge, percentiles
 
 N = 2500
 PERIOD = 4.0 * MS
@@ -59,12 +59,14 @@ def test_percentiles_of_known_values() -> None:
 
 def test_a_good_machine_fits() -> None:
     found = judge(samples())
-    assert (found.verdict, found.reasons, found.in_time) == (Verdict.FITS, (), 1.0)
+    assert (found.verdict, found.reasons, found.in_time) == (TimingVerdict.FITS, (), 1.0)
     assert found.budget_s == SHARE * PERIOD
 
 
-@pytest.mark.parametrize(("count", "verdict"), [(0, Verdict.FITS), (2, Verdict.TIGHT), (3, Verdict.UNFIT)])
-def test_a_thousandth_of_slow_cycles_is_the_limit(count: int, verdict: Verdict) -> None:
+@pytest.mark.parametrize(
+    ("count", "verdict"), [(0, TimingVerdict.FITS), (2, TimingVerdict.TIGHT), (3, TimingVerdict.UNFIT)]
+)
+def test_a_thousandth_of_slow_cycles_is_the_limit(count: int, verdict: TimingVerdict) -> None:
     """2500 cycles: two late ones are 0.08 %, three are 0.12 %."""
     found = judge(samples(late_s=spikes(count, 10.0 * MS)))
     assert found.verdict == verdict
@@ -77,7 +79,7 @@ def test_a_thousandth_of_slow_cycles_is_the_limit(count: int, verdict: Verdict) 
 )
 def test_the_reason_names_the_slow_part(part: str, blamed: str) -> None:
     found = judge(samples(**{part: spikes(30, 8.0 * MS)}))
-    assert found.verdict == Verdict.UNFIT
+    assert found.verdict == TimingVerdict.UNFIT
     assert blamed in found.reasons[0]
     assert "3 ms" in found.reasons[0]
 
@@ -86,14 +88,14 @@ def test_answers_that_never_come_are_late() -> None:
     lost = samples().echo_s.copy()
     lost[:3] = np.nan
     found = judge(samples(echo_s=lost))
-    assert found.verdict == Verdict.UNFIT
+    assert found.verdict == TimingVerdict.UNFIT
     assert "more than a cycle" in found.reasons[0]
 
 
 def test_too_few_cycles_say_nothing() -> None:
     few = {name: getattr(samples(), name)[: ENOUGH_CYCLES - 1] for name in ("late_s", "compute_s", "echo_s")}
     found = judge(samples(**few))
-    assert found.verdict == Verdict.UNFIT
+    assert found.verdict == TimingVerdict.UNFIT
     assert "measure for 4 s" in found.reasons[0]
 
 
@@ -112,18 +114,18 @@ def test_too_few_cycles_say_nothing() -> None:
 )
 def test_each_weakness_is_said_and_does_not_forbid(change: dict[str, Any], word: str) -> None:
     found = judge(samples(**change))
-    assert found.verdict == Verdict.TIGHT
+    assert found.verdict == TimingVerdict.TIGHT
     assert len(found.reasons) == 1
     assert word in found.reasons[0]
 
 
 def test_without_room_for_records_nothing_is_armed() -> None:
-    assert judge(samples(ring_fits=False)).verdict == Verdict.UNFIT
+    assert judge(samples(ring_fits=False)).verdict == TimingVerdict.UNFIT
 
 
 @given(st.floats(0.1, 10.0), st.integers(0, 20))
 def test_slower_is_never_better(factor: float, count: int) -> None:
-    order = [Verdict.FITS, Verdict.TIGHT, Verdict.UNFIT]
+    order = [TimingVerdict.FITS, TimingVerdict.TIGHT, TimingVerdict.UNFIT]
     base = samples(late_s=spikes(count, 2.5 * MS))
     slower = replace(base, late_s=base.late_s * max(1.0, factor))
     assert order.index(judge(slower).verdict) >= order.index(judge(base).verdict)

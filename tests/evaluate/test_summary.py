@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, weighted_figures
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.summary import SeedResult, Variant, check_summary, seed_rows, summary, table_rows
 
 
 def path_figures(scale: float) -> PathFigures:
-    def figures(size: float) -> Figures:
-        return Figures(size * 1e-3 * scale, 0.9e-3 * size * scale, 0.5e-3 * size * scale, 0.25)
+    def figures(size: float) -> DeviationFigures:
+        return DeviationFigures(size * 1e-3 * scale, 0.9e-3 * size * scale, 0.5e-3 * size * scale, 0.25)
 
     return PathFigures(
         figures(1.4), figures(0.8), figures(1.2), figures(1.4), figures(0.1), figures(0.3), 1.5e-3 * scale

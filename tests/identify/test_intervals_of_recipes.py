@@ -15,7 +15,7 @@ from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import pairs
-from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters
+from counterflex.identify.payload.residuals import Knowledge, SensorEffects, SensorReadings, parameters
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import parts_of_groups, stretches, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
@@ -98,7 +98,7 @@ def oriented(rng: np.random.Generator, count: int, sigma: Float, error: Float) -
         time_s=np.zeros(count),
         warmer_k=np.zeros(count),
     )
-    known = parameters(SENSOR, Knowledge(), Effects())
+    known = parameters(SENSOR, Knowledge(), SensorEffects())
     return replace(block, w_sensor=-block.evaluate(known.nominal) * block.sigma + error)
 
 
@@ -107,7 +107,7 @@ def oriented(rng: np.random.Generator, count: int, sigma: Float, error: Float) -
 def test_intervals_of_the_payload_hold_where_single_components_are_worse_than_stated(count: int) -> None:
     """Two components of the force are four times as noisy as stated: one factor for all six promises too much."""
     sigma = np.array([0.5, 0.5, 0.5, 0.1, 0.1, 0.1])
-    free = parameters(SENSOR, Knowledge(), Effects())
+    free = parameters(SENSOR, Knowledge(), SensorEffects())
     before: list[list[bool]] = []
     now: list[list[bool]] = []
     for seed in range(DRAWN):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.path.external_axes import Change, ExternalAxis, ExternalPlaces, moving, places_of, with_places
+from counterflex.path.external_axes import AxisChange, ExternalAxis, ExternalPlaces, moving, places_of, with_places
 from counterflex.path.path_speed import build_track, timed
 from counterflex.path.sampling import ARC_MOTION, FEED_MOTION, MotionTable, chord_angle, motion_length, sample
 from counterflex.path.tool_rotation import APART_M, ToolRotation
@@ -127,7 +127,7 @@ def test_a_table_turns_the_part_about_its_own_axis_and_a_rail_moves_the_robot(n:
     rng = np.random.default_rng(n)
     T_zero_part = pose.make(rotation.exp(rng.normal(size=3)), rng.normal(size=3))
     places = places_of(
-        (TABLE, RAIL), {1: 0.0, 2: 0.0}, [Change(0, False, {1: deg}), Change(1, True, {2: mm})], T_zero_part
+        (TABLE, RAIL), {1: 0.0, 2: 0.0}, [AxisChange(0, False, {1: deg}), AxisChange(1, True, {2: mm})], T_zero_part
     )
     np.testing.assert_allclose(places.values, [[0.0, 0.0], [deg * DEG, 0.0], [deg * DEG, mm * MM]])
     turn = pose.make(p=TABLE.origin) @ pose.make(rotation.about_z(deg * DEG)) @ pose.make(p=-TABLE.origin)
@@ -153,7 +153,7 @@ def test_a_place_beyond_either_end_of_an_axis_is_named(axis: int, low: bool, bey
 def test_an_external_move_lasts_as_long_as_the_slowest_axis(deg: float, mm: float, standing: bool) -> None:
     p = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.05, 0.0, 0.1]])
     path = tool_path(p, np.full(4, 0.05))
-    changes = [Change(1, standing, {1: deg, 2: mm})]
+    changes = [AxisChange(1, standing, {1: deg, 2: mm})]
     places = places_of((TABLE, RAIL), {1: 0.0, 2: 0.0}, changes, np.eye(4))
     moved = with_places(path, changes, places, 0.5)
     needed = max(deg * DEG, mm * MM) / 0.5

@@ -14,7 +14,14 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.plan.elastic_motion import DENSITY_KG_M3, coordinates, matrices
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, RIGID_HZ, assumed_masses, can_move, mode_of
-from counterflex.plan.modes import Spread, drawn_frequencies, frequency_response, kinetic_shares, lowest_mode, modes
+from counterflex.plan.modes import (
+    ModelSpread,
+    drawn_frequencies,
+    frequency_response,
+    kinetic_shares,
+    lowest_mode,
+    modes,
+)
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.model import catalog
@@ -123,7 +130,7 @@ def test_drawn_frequencies_follow_the_energies(arm: ElasticChain) -> None:
     for common in (0.0, 0.5):
         springs = small * free.strain[:, 0]
         variance = (1.0 - common) * np.sum(springs**2) + common * np.sum(springs) ** 2 + np.sum((small * kinetic) ** 2)
-        spread = Spread(np.full(len(stiffness), small), np.full(arm.n, small), common)
+        spread = ModelSpread(np.full(len(stiffness), small), np.full(arm.n, small), common)
         drawn = np.log(drawn_frequencies(arm, q, spread, draws=2000)[:, 0])
         assert np.std(drawn) == pytest.approx(0.5 * math.sqrt(variance), rel=0.06)
         assert np.median(drawn) == pytest.approx(math.log(free.omega_rad_s[0]), abs=0.002)
@@ -131,7 +138,7 @@ def test_drawn_frequencies_follow_the_energies(arm: ElasticChain) -> None:
 
 def test_without_spread_every_draw_is_the_robot(arm: ElasticChain) -> None:
     M, stiffness = matrices(arm, POSTURES[0])[:2]
-    certain = Spread(np.zeros(len(stiffness)), np.zeros(arm.n), 0.2)
+    certain = ModelSpread(np.zeros(len(stiffness)), np.zeros(arm.n), 0.2)
     free = modes(M, stiffness).omega_rad_s
     np.testing.assert_allclose(
         drawn_frequencies(arm, POSTURES[0], certain, draws=3)[:, : len(free)], [free] * 3, rtol=1e-6

@@ -23,9 +23,9 @@ from counterflex.plan.chip_range import outside, uncertainty
 from counterflex.plan.play_compensation import arrival
 from counterflex.plan.preflight import joints
 from counterflex.plan.preflight.approximation import Corners, corners_of
-from counterflex.plan.preflight.held_speed import Cause, HeldSpeed, held_speed
+from counterflex.plan.preflight.held_speed import HeldSpeed, SpeedCause, held_speed
 from counterflex.plan.preflight.preflight import Preflight
-from counterflex.plan.preflight.row import Bounds, Row, Verdict, worst_of_axes
+from counterflex.plan.preflight.row import CheckLimits, Row, Verdict, worst_of_axes
 from counterflex.plan.preflight.spacing import blocks_of
 
 QUICK = settings(max_examples=60)
@@ -172,7 +172,7 @@ def test_a_cut_is_judged_by_what_is_left_across_it_where_it_touches(number: int,
 
 ROBOT = np.random.default_rng(5).normal(size=(3, 6)) * 3.0
 """rad/m, angles of a made-up robot by the place of its tool."""
-BOUNDS = Bounds(0.04, 0.09, acceleration_m_s2=1.0, least_block_s=1e-6, clearance_m=0.02, blending_m=0.0)
+BOUNDS = CheckLimits(0.04, 0.09, acceleration_m_s2=1.0, least_block_s=1e-6, clearance_m=0.02, blending_m=0.0)
 
 
 def backwards(path: ToolPath) -> ToolPath:
@@ -253,7 +253,7 @@ def test_rows_of_axes_show_the_worst_of_either_sign_where_it_is(number: int, n: 
     assert worst_of_axes(np.abs(speeds), limits) == divmod(int(np.argmax(np.abs(speeds) / limits)), 6)
 
 
-def held(path: ToolPath, bounds: Bounds) -> HeldSpeed:
+def held(path: ToolPath, bounds: CheckLimits) -> HeldSpeed:
     blocks = blocks_of(path)
     corners: Corners = corners_of(path, blocks, np.full(int(path.motion.max()) + 1, float("nan")), bounds.blending_m)
     return held_speed(path, path.p_part_tcp @ ROBOT, np.zeros(len(path)), blocks, corners, bounds)
@@ -282,7 +282,7 @@ def test_a_way_takes_as_long_in_both_directions(
     assert np.all(here.duration_s[1:] >= length[1:] / 0.05 * (1.0 - 1e-9))
     if slow and bounds.joint_speeds_rad_s is not None:
         q = np.abs(np.diff(p @ ROBOT, axis=0, prepend=p[:1] @ ROBOT)) / bounds.joint_speeds_rad_s
-        named = (here.cause == Cause.JOINT_SPEED) & (here.mean_m_s > 0.0)
+        named = (here.cause == SpeedCause.JOINT_SPEED) & (here.mean_m_s > 0.0)
         own = named & (here.lowest_m_s >= here.length_m / np.maximum(q.max(axis=1), 1e-12) * (1.0 - 1e-9))
         np.testing.assert_array_equal(here.axis[own], q.argmax(axis=1)[own])
 

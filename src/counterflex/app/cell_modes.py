@@ -19,7 +19,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import coordinates, matrices
 from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.plan.lowest_mode import damping_of, mode_of
-from counterflex.plan.modes import Modes, Spread, driven_modes, kinetic_shares, modes
+from counterflex.plan.modes import ModelSpread, Modes, driven_modes, kinetic_shares, modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
@@ -42,7 +42,7 @@ class PostureModes:
     tip: Float  # (6, m) motion of the tool's tip in each mode, m and rad, base axes
     intervals: Float  # (n, 2) Hz, what nine of ten cells have, the lowest mode first
     damping_s: float  # beta of the damping beta K
-    spread: Spread  # How well masses and stiffnesses are known
+    spread: ModelSpread  # How well masses and stiffnesses are known
     driven: tuple[Mode, ...]  # Modes with the drives on, where loop gains are known
     summary: dict[str, Any]
 

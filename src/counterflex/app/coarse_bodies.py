@@ -10,7 +10,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.plan.preflight.bodies import (
-    Body,
+    CollisionBody,
     carried,
     held_part,
     holder,
@@ -22,7 +22,7 @@ from counterflex.plan.preflight.bodies import (
 )
 
 
-def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
+def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[CollisionBody]:
     """Links, spindle, every tool that the program has in it, blank and table; with those of the cell file.
 
     Where the robot holds the part, spindle and tools stand, and a gripper holds the blank: there is no table. Where the
@@ -55,7 +55,7 @@ def coarse_bodies(job: Job, cell: Cell, stock: HeightMap) -> list[Body]:
     return [_in_plane(body, T_plane_part) if body.frame == "part" else body for body in bodies]
 
 
-def _on_floor(body: Body, T_base_floor: Float) -> Body:
+def _on_floor(body: CollisionBody, T_base_floor: Float) -> CollisionBody:
     """The body where it stands, seen from a robot that external axes have carried away."""
     if body.frame != "base" or not body.surrounds:
         return body
@@ -63,6 +63,6 @@ def _on_floor(body: Body, T_base_floor: Float) -> Body:
     return replace(body, T_frame_body=T_base_floor @ T_floor_body)
 
 
-def _in_plane(body: Body, T_plane_part: Float) -> Body:
+def _in_plane(body: CollisionBody, T_plane_part: Float) -> CollisionBody:
     T_part_body = body.T_frame_body
     return replace(body, T_frame_body=T_plane_part @ T_part_body)

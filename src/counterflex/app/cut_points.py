@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from counterflex.app.inputs import Job
     from counterflex.path.external_axes import ExternalPlaces
     from counterflex.plan.plan import Plan
-    from counterflex.plan.posture.cut_path import CutPath
+    from counterflex.plan.posture.cut_path import LoadedPath
 
 _POINTS: Final = 500
 """Points of a cut that are looked at, evenly along it."""
@@ -81,7 +81,7 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
 
 
-def points_of_posture(cell: Cell, cut: CutPath, q: Float, T_base_part: Float | None, name: str) -> CutPoints | None:
+def points_of_posture(cell: Cell, cut: LoadedPath, q: Float, T_base_part: Float | None, name: str) -> CutPoints | None:
     """Points of a cut in a posture and a place of the part that the cell file need not have; None where none is cut.
 
     Args:

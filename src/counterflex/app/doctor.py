@@ -23,7 +23,7 @@ from counterflex.app.run.log import micro
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
-from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, Verdict, judge, percentiles
+from counterflex.evaluate.loop_timing import ENOUGH_CYCLES, Judgement, LoopSamples, TimingVerdict, judge, percentiles
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.machine_file import StoredVerdict, against, machine_file, read_verdict, write_verdict
 from counterflex.geometry import pose, rotation
@@ -66,7 +66,7 @@ class Checkup:
         }
         return {
             "verdict": str(judgement.verdict),
-            "fits": judgement.verdict != Verdict.UNFIT,
+            "fits": judgement.verdict != TimingVerdict.UNFIT,
             "reasons": list(judgement.reasons),
             "cycles": judgement.reply.n,
             "period_ms": samples.period_s * 1e3,
@@ -246,7 +246,7 @@ def run(seconds: float, folder: str | Path, *, keep: bool = True, progress: Prog
             kernel=platform.release(),
             date=datetime.now(UTC),
             verdict=str(judgement.verdict),
-            fits=judgement.verdict != Verdict.UNFIT,
+            fits=judgement.verdict != TimingVerdict.UNFIT,
             p999_s=p999 if math.isfinite(p999) else None,
             budget_s=judgement.budget_s,
             reasons=judgement.reasons,

@@ -14,7 +14,7 @@ from counterflex.core.next_command import next_command
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
-from counterflex.path.external_axes import Change, ExternalPlaces, moving, places_of, with_places
+from counterflex.path.external_axes import AxisChange, ExternalPlaces, moving, places_of, with_places
 from counterflex.path.tool_rotation import APART_M, NEAR_M
 from counterflex.path.toolpath import ToolPath
 from counterflex.path.turning import TurnedPath
@@ -31,7 +31,7 @@ _SAME: Final = 0.01
 """mm or deg by which a program and the cell file may state the same place."""
 
 
-def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
+def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[AxisChange, ...]:
     """Changes of place of a program.
 
     Raises:
@@ -42,7 +42,7 @@ def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change,
     chosen = _chosen(program, path, cell)
     out = chosen
     if isinstance(program, RobotProgram):
-        out = tuple(Change(motion, False, values) for motion, values in sorted(program.external.items()))
+        out = tuple(AxisChange(motion, False, values) for motion, values in sorted(program.external.items()))
         if chosen or any(axis.moves for axis in cell.tables.external_axes):
             _require_same(program, out, cell)
         require_frames(places_along(out, cell), cell, program.dialect)
@@ -55,7 +55,7 @@ def changes_along(program: Program, path: ToolPath, cell: Cell) -> tuple[Change,
     return out
 
 
-def places_along(changes: tuple[Change, ...], cell: Cell) -> ExternalPlaces | None:
+def places_along(changes: tuple[AxisChange, ...], cell: Cell) -> ExternalPlaces | None:
     """Places that changes lead to; None where there are none."""
     if not changes:
         return None
@@ -65,7 +65,7 @@ def places_along(changes: tuple[Change, ...], cell: Cell) -> ExternalPlaces | No
     return places_of(tuple(axis.axis() for axis in axes), at, changes, cell.part.matrix() @ plane)
 
 
-def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
+def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[AxisChange, ...]:
     """Changes that the cell file states, at ends of motions of a program that names no external axis."""
     if isinstance(program, RobotProgram):
         return ()
@@ -84,7 +84,7 @@ def _chosen(program: Program, path: ToolPath, cell: Cell) -> tuple[Change, ...]:
                     + next_command("plan placement", program.name, cell=cell.path, per_operation=True, out="DIR"),
                 )  # fmt: skip
             values.setdefault((motion, to_mm == from_mm), {})[int(axis.name[1:])] = value
-    return tuple(Change(motion, stands, moved) for (motion, stands), moved in sorted(values.items()))
+    return tuple(AxisChange(motion, stands, moved) for (motion, stands), moved in sorted(values.items()))
 
 
 def _motion_at(program: Program, path: ToolPath, span_m: tuple[float, float], point: Float) -> int | None:
@@ -105,7 +105,7 @@ def _motion_at(program: Program, path: ToolPath, span_m: tuple[float, float], po
     return None if len(fits) == 0 else int(path.motion[ends[fits[int(np.argmin(off[fits]))]]])
 
 
-def _require_same(program: RobotProgram, changes: tuple[Change, ...], cell: Cell) -> None:
+def _require_same(program: RobotProgram, changes: tuple[AxisChange, ...], cell: Cell) -> None:
     """Refuse a program for a robot whose axes take other places, or another number of them, than the cell file says."""
     for axis in cell.tables.external_axes:
         number = int(axis.name[1:])
@@ -232,7 +232,7 @@ def refuse_places(count: int, where: str | Path) -> None:
 
 
 def turned_with_places(
-    turned: TurnedPath, changes: tuple[Change, ...], places: ExternalPlaces, rapid_m_s: float
+    turned: TurnedPath, changes: tuple[AxisChange, ...], places: ExternalPlaces, rapid_m_s: float
 ) -> TurnedPath:
     """A turned path with the places of the external axes, see :func:`~counterflex.path.external_axes.with_places`."""
     angles = with_places(replace(turned.path, p_part_tcp=turned.angle_rad), changes, places, rapid_m_s)

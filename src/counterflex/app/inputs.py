@@ -23,7 +23,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.tilted_stock import may_touch, working_plane
 from counterflex.files.cell.cell import Cell
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
-from counterflex.path.external_axes import Change, ExternalPlaces, with_places
+from counterflex.path.external_axes import AxisChange, ExternalPlaces, with_places
 from counterflex.path.tool_rotation import APART_M
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.path.turning import TurnedPath
@@ -65,7 +65,7 @@ class Job:
     # Of a program that turns the tool, ``path`` in the part frame and the words at its rows
     turned: TurnedPath | None = None
     words: Words | None = None  # What those words mean; None where the tool stays along z
-    changes: tuple[Change, ...] = ()  # Where external axes go to another place
+    changes: tuple[AxisChange, ...] = ()  # Where external axes go to another place
     places: ExternalPlaces | None = None  # Their places; None where they stand in one
 
 

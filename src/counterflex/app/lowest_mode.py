@@ -13,7 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import coordinates, matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
-from counterflex.plan.modes import Spread, drawn_frequencies, modes
+from counterflex.plan.modes import ModelSpread, drawn_frequencies, modes
 from counterflex.plan.plan import Plan
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
@@ -108,7 +108,7 @@ class SwingingChain:
     """A chain that can be moved, with how well its constants are known."""
 
     chain: ElasticChain  # With assumed masses where an axis has none behind it
-    spread: Spread
+    spread: ModelSpread
     origin: str  # Where its modes come from
 
 
@@ -118,7 +118,7 @@ def swinging_chain(cell: Cell, q: Float) -> SwingingChain:
     filled = chain if moves else assumed_masses(chain, q)
     relative = _of_the_class(cell) | identified_sigma(cell)
     soft = np.array([relative.get(filled.names[i], STATED) for i in coordinates(filled)[0]])
-    spread = Spread(soft, np.where(chain.mass > 0.0, MASS, ASSUMED_MASS), COMMON)
+    spread = ModelSpread(soft, np.where(chain.mass > 0.0, MASS, ASSUMED_MASS), COMMON)
     return SwingingChain(filled, spread, "from masses and stiffness" if moves else "from stiffness and assumed masses")
 
 

@@ -28,9 +28,9 @@ from counterflex.files.summary_file import write_summary
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Inputs, Setting, feed_runs
-from counterflex.plan.posture.choose import Chosen, Freedom, choose
+from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
 from counterflex.plan.posture.clearance import Surroundings
-from counterflex.plan.posture.cut_path import CutPath, Surface, cut_path
+from counterflex.plan.posture.cut_path import LoadedPath, Surface, cut_path
 from counterflex.plan.posture.held import Held, Task
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.undisturbed_cut import undisturbed_cut
@@ -48,13 +48,13 @@ class PostureOf:
     job: Job
     cell: Cell
     task: Task
-    chosen: Chosen
+    chosen: ChosenPosture
     summary: dict[str, Any]  # In shop units
 
 
 def loaded_path(
     path: ToolPath, line: Int, stock: HeightMap, setting: Setting, surface: Surface, progress: Progress = silent
-) -> CutPath:
+) -> LoadedPath:
     """The path of a program with the force of the tool that does not yield; no posture is needed for it.
 
     Args:
@@ -156,7 +156,7 @@ def _sparse(turning: ToolRotation) -> ToolRotation:
     return ToolRotation(places, angles)
 
 
-def _map(chosen: Chosen) -> str:
+def _map(chosen: ChosenPosture) -> str:
     """Deflection of every posture held all along, um; empty where the path cannot be run so."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -167,7 +167,7 @@ def _map(chosen: Chosen) -> str:
     return text.getvalue()
 
 
-def _summary(job: Job, cell: Cell, cut: CutPath, chosen: Chosen, surface: Surface) -> dict[str, Any]:
+def _summary(job: Job, cell: Cell, cut: LoadedPath, chosen: ChosenPosture, surface: Surface) -> dict[str, Any]:
     shown = {"present": chosen.present, "chosen": chosen.best}
     return {
         "program": job.program.name,
@@ -211,7 +211,7 @@ def held_row(held: Held, job: Job, axes: ControllerAxes) -> dict[str, Any]:
 
 
 def expected_um(
-    what: Held, job: Job, cell: Cell, cut: CutPath, T_base_part: Float | None, surface: Surface
+    what: Held, job: Job, cell: Cell, cut: LoadedPath, T_base_part: Float | None, surface: Surface
 ) -> dict[str, list[float] | None]:
     """Deflection to plan with: median and the ends between which nine of ten such cells lie, um.
 

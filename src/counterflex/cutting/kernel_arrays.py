@@ -9,7 +9,7 @@ from counterflex.core.jit import bundle
 from counterflex.cutting.envelope_kernels import Int32
 
 
-class Grid(NamedTuple):
+class StockGrid(NamedTuple):
     """A height map as the kernels see it: heights, block maxima, centre of cell [0, 0], cell side, bottom (m)."""
 
     z: Annotated[Float32, "float32[:, ::1]"]
@@ -43,6 +43,6 @@ class Workspace(NamedTuple):
     unit_width: Float1
 
 
-GRID: Final = bundle(Grid)
+GRID: Final = bundle(StockGrid)
 SCRATCH: Final = bundle(Scratch)
 WORKSPACE: Final = bundle(Workspace)

@@ -15,7 +15,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
-from counterflex.cutting.kernel_arrays import Grid, Scratch, Workspace
+from counterflex.cutting.kernel_arrays import Scratch, StockGrid, Workspace
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.sweep_kernels import stamp_bands
 from counterflex.cutting.tilted_stock import require_upright_cuts
@@ -39,9 +39,9 @@ def unit_widths() -> Float:
     return out
 
 
-def grid_of(stock: HeightMap) -> Grid:
+def grid_of(stock: HeightMap) -> StockGrid:
     """The height map as the kernels take it; it shares the map's arrays."""
-    return Grid(stock.z, stock.tops, stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m)
+    return StockGrid(stock.z, stock.tops, stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m)
 
 
 def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:

@@ -42,7 +42,7 @@ from counterflex.cutting.envelope_kernels import (
     row_bull,
     row_flat,
 )
-from counterflex.cutting.kernel_arrays import GRID, Grid, Scratch, Workspace
+from counterflex.cutting.kernel_arrays import GRID, Scratch, StockGrid, Workspace
 
 ROWS: Final = 8
 BAND_BLOCKS: Final = 8
@@ -56,7 +56,7 @@ _STEEP: Final = 1.0e6
 
 @kernel()
 def stamp_rows(
-    grid: Grid,
+    grid: StockGrid,
     block_first: int,
     block_last: int,
     path: Float,
@@ -263,7 +263,7 @@ def stamp_rows(
     Grid=GRID,
 )
 def stamp_bands(
-    grid: Grid,
+    grid: StockGrid,
     path: Float,
     runs: Int,
     shape: Float,
@@ -322,7 +322,7 @@ def stamp_bands(
 
 @kernel()
 def stamp_segment(
-    grid: Grid,
+    grid: StockGrid,
     shape: Float,
     xa: float,
     ya: float,
@@ -338,7 +338,7 @@ def stamp_segment(
     """Cut one straight segment and say what it removed. For step-by-step loops inside other kernels.
 
     Args:
-        grid: :class:`Grid` of the stock, cut in place.
+        grid: :class:`StockGrid` of the stock, cut in place.
         shape: ``Cutter.kernel_parameters()``.
         xa: Start of the tool tip, m, part frame; likewise ya, za.
         ya: See xa.

@@ -11,7 +11,7 @@ from counterflex.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class Figures:
+class DeviationFigures:
     """Figures of a set of deviations."""
 
     max_m: float  # largest magnitude, m
@@ -20,10 +20,10 @@ class Figures:
     extent: float  # length in m, or area in m2, that the figures stand for; 0 where there was nothing to evaluate
 
 
-NONE = Figures(0.0, 0.0, 0.0, 0.0)
+NONE = DeviationFigures(0.0, 0.0, 0.0, 0.0)
 
 
-def weighted_figures(deviation: Float, weight: Float | float = 1.0) -> Figures:
+def weighted_figures(deviation: Float, weight: Float | float = 1.0) -> DeviationFigures:
     """Largest, 99.7 % and rms magnitude of deviations.
 
     Args:
@@ -44,7 +44,7 @@ def weighted_figures(deviation: Float, weight: Float | float = 1.0) -> Figures:
         raise InputError("a weight of a deviation is negative", value=float(weights.min()), limit=">= 0")
     if extent <= 0.0:
         return NONE
-    return Figures(
+    return DeviationFigures(
         max_m=float(magnitude[weights > 0.0].max()),
         p997_m=float(np.quantile(magnitude, 0.997, weights=weights, method="inverted_cdf")),  # a value that was met
         rms_m=float(np.sqrt(np.sum(weights * magnitude**2) / extent)),

@@ -110,7 +110,7 @@ _STEAL: Final = 0.01
 _STEP: Final = 0.25
 
 
-class Verdict(StrEnum):
+class TimingVerdict(StrEnum):
     """Judgement of the timing of a machine."""
 
     FITS = "fits"
@@ -180,7 +180,7 @@ class LoopSamples:
 class Judgement:
     """A verdict and why."""
 
-    verdict: Verdict  # see Verdict
+    verdict: TimingVerdict  # see Verdict
     reply: Percentiles  # percentiles of the whole reply
     budget_s: float  # what it may take
     in_time: float  # share 0..1 of cycles within it
@@ -214,7 +214,7 @@ def judge(samples: LoopSamples) -> Judgement:
     tight = _weaknesses(samples, compute, period)
     if reply.max_s > budget and not unfit:
         tight.append(f"the slowest reply took {_ms(reply.max_s)}: end other programs, measure again for longer")
-    verdict = Verdict.UNFIT if unfit else Verdict.TIGHT if tight else Verdict.FITS
+    verdict = TimingVerdict.UNFIT if unfit else TimingVerdict.TIGHT if tight else TimingVerdict.FITS
     return Judgement(verdict, reply, budget, in_time, (*unfit, *tight))
 
 

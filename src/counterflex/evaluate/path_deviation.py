@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate import path_matching
-from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, weighted_figures
 from counterflex.path import FEED, ToolPath
 
 BRIDGE_M = 1.0 * MM  # a shorter break of contact does not end a stretch
@@ -130,12 +130,12 @@ class PathDeviation:
 class PathFigures:
     """The figures of a path, each of the magnitude across the feed except ``along``."""
 
-    path: Figures  # over all feed motion that removes material, entries and exits included
-    entry: Figures  # over entries alone
-    exit: Figures  # over exits alone
-    plateau: Figures  # over what is neither entry nor exit
-    air: Figures  # feed motion without contact; reported apart, never part of `path`
-    along: Figures  # lag or lead along the feed while cutting; reported, never counted as path error
+    path: DeviationFigures  # over all feed motion that removes material, entries and exits included
+    entry: DeviationFigures  # over entries alone
+    exit: DeviationFigures  # over exits alone
+    plateau: DeviationFigures  # over what is neither entry nor exit
+    air: DeviationFigures  # feed motion without contact; reported apart, never part of `path`
+    along: DeviationFigures  # lag or lead along the feed while cutting; reported, never counted as path error
     at_p_m: float  # path accuracy of ISO 9283 for one cycle: largest distance over all feed motion, contact or not
 
 

@@ -34,7 +34,7 @@ class ProcessEvent:
 
 
 @dataclass(frozen=True)
-class Wear:
+class ForceTrend:
     """Trend of the ratio of measured to predicted force."""
 
     cut_m: float  # length of cut
@@ -55,7 +55,7 @@ class ProcessFigures:
 
     events: tuple[ProcessEvent, ...]  # the first FIRST_EVENTS and the last LAST_EVENTS, in order
     counts: dict[Event, int]  # all of them, by kind
-    wear: Wear | None  # at the end; None where nothing was cut
+    wear: ForceTrend | None  # at the end; None where nothing was cut
     slowed: float  # share of the cycles in which less than the programmed speed was asked for
     least_speed: float  # lowest share of the programmed speed that was asked for
 
@@ -155,7 +155,7 @@ class ProcessRecord:
             cut, slope, sigma, degrees = (float(self._last[column(name)]) for name in names)
             if not np.isnan(slope):  # a log of older code has no such column
                 wide = sigma * float(scipy.special.stdtrit(degrees, 0.975)) if degrees >= 1.0 else 0.0
-                wear = Wear(cut, slope, sigma, degrees, wide)
+                wear = ForceTrend(cut, slope, sigma, degrees, wide)
         return ProcessFigures(
             (*self._first, *self._latest),
             {event: count for event, count in self._counts.items() if count},

@@ -25,7 +25,7 @@ _PAIR: Final = 4  # sets of two force sensors
 
 
 @dataclass(frozen=True)
-class Change:
+class RecordChange:
     """A change of the supervisor's state."""
 
     cycle: int  # first cycle in the new state, 1 is the loop's first
@@ -69,7 +69,7 @@ class RunFigures:
     # cycles and seconds by state, in the order of State; states that were not met are left out
     states: dict[State, tuple[int, float]]
     causes: dict[Cause, int]  # cycles by cause of a hold or fault, most frequent first
-    changes: tuple[Change, ...]  # the first MOST_CHANGES
+    changes: tuple[RecordChange, ...]  # the first MOST_CHANGES
     # from the return of the receive call to the return of the send call; None where nothing was answered
     reply: Percentiles | None
     largest_m: float  # largest correction that was sent, length of its translation
@@ -97,7 +97,7 @@ class RunRecord:
         self._cycles: Int = np.zeros(len(State), dtype=np.int64)
         self._times: Float = np.zeros(len(State))
         self._causes: Int = np.zeros(len(Cause), dtype=np.int64)
-        self._changes: list[Change] = []
+        self._changes: list[RecordChange] = []
         self._process = ProcessRecord()
         self._sources: Int = np.zeros(_SOURCES, dtype=np.int64)
         self._sources_changes: list[SourcesChange] = []
@@ -243,7 +243,7 @@ class RunRecord:
                 break
             row = rows[k + 1]
             self._changes.append(
-                Change(
+                RecordChange(
                     int(row[record.CYCLE]),
                     (float(row[_RECEIVED]) - self._begin) * 1e-9,
                     State(int(states[k])),

@@ -14,7 +14,7 @@ from typing import Any, Final, Literal
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM
-from counterflex.evaluate.figures import Figures, reduction
+from counterflex.evaluate.figures import DeviationFigures, reduction
 from counterflex.evaluate.path_deviation import PathFigures
 from counterflex.evaluate.surface import SurfaceDeviation
 from counterflex.evaluate.turned_surface import TurnedDeviation
@@ -215,7 +215,7 @@ def _over_seeds(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return out
 
 
-def _mm(figures: Figures, *, area: bool = False) -> dict[str, float]:
+def _mm(figures: DeviationFigures, *, area: bool = False) -> dict[str, float]:
     extent = {"area_mm2": _round(figures.extent / MM**2)} if area else {"length_mm": _round(figures.extent / MM)}
     return {
         "max_mm": _round(figures.max_m / MM),

@@ -17,7 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, weighted_figures
 from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
 
 CHANGED_M = 1.0 * UM  # a cell lowered by less was not machined
@@ -59,9 +59,9 @@ class SurfaceDeviation:
     # of a nominal wall, more than half its height off, or on a flank of the machined part
     floor_m: Float32
     wall_m: Float  # (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach
-    surface: Figures  # figures over floors and walls, by area
-    floor: Figures  # over floors
-    wall: Figures  # over walls
+    surface: DeviationFigures  # figures over floors and walls, by area
+    floor: DeviationFigures  # over floors
+    wall: DeviationFigures  # over walls
     floor_resolution_m: float  # grid of the floors: one cell
     # resolution of walls: exact section of the given path, so its sampling alone counts; stated as 0.1 um. The height
     # map alone would give one cell

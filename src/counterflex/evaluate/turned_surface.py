@@ -17,7 +17,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import UM
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.surface import Surface
-from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, weighted_figures
 
 JUDGED_POINTS: Final = 20_000
 """Points that a part is judged at, at most; of more every second, third ... is taken."""
@@ -40,9 +40,9 @@ class TurnedDeviation:
     """Deviation of one machined part; m, positive = material left."""
 
     deviation_m: Float  # (n,) of the points of TurnedSurface; nan beyond 5 mm
-    surface: Figures  # figures over floors and walls, by area
-    floor: Figures  # over floors
-    wall: Figures  # over walls
+    surface: DeviationFigures  # figures over floors and walls, by area
+    floor: DeviationFigures  # over floors
+    wall: DeviationFigures  # over walls
     floor_resolution_m: float  # points are exact sections of the sweep; stated as 0.1 um
     wall_resolution_m: float  # likewise
     wall_lost_m2: float  # area of walls and floors with no result

@@ -94,7 +94,7 @@ class ExternalPlaces:
 
 
 @dataclass(frozen=True)
-class Change:
+class AxisChange:
     """External axes go to another place."""
 
     motion: int  # of the program
@@ -103,7 +103,7 @@ class Change:
 
 
 def places_of(
-    axes: tuple[ExternalAxis, ...], at: Mapping[int, float], changes: Sequence[Change], T_zero_part: Float
+    axes: tuple[ExternalAxis, ...], at: Mapping[int, float], changes: Sequence[AxisChange], T_zero_part: Float
 ) -> ExternalPlaces:
     """Places that changes lead to.
 
@@ -120,7 +120,7 @@ def places_of(
     return ExternalPlaces(axes, np.array(rows).reshape(len(changes) + 1, len(axes)), T_zero_part)
 
 
-def with_places(path: ToolPath, changes: Sequence[Change], places: ExternalPlaces, speed_m_s: float) -> ToolPath:
+def with_places(path: ToolPath, changes: Sequence[AxisChange], places: ExternalPlaces, speed_m_s: float) -> ToolPath:
     """A sampled path with the places of the external axes, and rows in which they move.
 
     Args:

@@ -17,7 +17,7 @@ import math
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records
-from counterflex.cutting.kernel_arrays import GRID, Grid
+from counterflex.cutting.kernel_arrays import GRID, StockGrid
 from counterflex.cutting.mean_force import mean_wrench
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS
 from counterflex.cutting.sweep_kernels import stamp_segment
@@ -69,7 +69,7 @@ def cut_rows(
     last: int,
     path: CutPath,
     tool: CutTool,
-    grid: Grid,
+    grid: StockGrid,
     omega: float,
     zeta: float,
     motion: Motion,
@@ -198,7 +198,7 @@ def cut_rows(
 
 
 @kernel("float64(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
-def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float) -> float:
+def _room(grid: StockGrid, xa: float, ya: float, xb: float, yb: float, radius: float) -> float:
     """Height of the material, from its block maxima, over the rectangle that a tool sweeps: no cut reaches above it."""
     rows, columns = grid.tops.shape
     tall, wide = BLOCK_ROWS * grid.cell, BLOCK_COLUMNS * grid.cell
@@ -214,7 +214,7 @@ def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float)
 
 
 @kernel("UniTuple(float64, 2)(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
-def _end_face_lean(grid: Grid, x: float, y: float, z: float, drop: float, radius: float) -> tuple[float, float]:
+def _end_face_lean(grid: StockGrid, x: float, y: float, z: float, drop: float, radius: float) -> tuple[float, float]:
     """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m."""
     # Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
     # forces of the end edges no longer cancel and push the tool along `z x` this vector.

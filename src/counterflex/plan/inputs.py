@@ -25,7 +25,7 @@ from counterflex.robot.elasticity import compliance
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveErrors
 from counterflex.robot.kinematics.inverse import SIGMA_FLOOR, PathSolution, inverse_path
-from counterflex.robot.kinematics.joint_path import ByAxes, Pieces, solve_pieces
+from counterflex.robot.kinematics.joint_path import ByAxes, JointPieces, solve_pieces
 from counterflex.signals.preview import Mode, Shaping
 
 _NO_ERRORS, _ASSUMED, _ALL_LINES = DriveErrors(), Damping.of(None), ByAxes()
@@ -216,7 +216,7 @@ def joint_angles(
     turns = {row: by_axes.turns[motion] for row, motion in motion_of.items() if motion in by_axes.turns}
     try:
         out = solve_pieces(
-            chain, Ts[kept], setting.branch, Pieces(begins[kept], stated, turns),
+            chain, Ts[kept], setting.branch, JointPieces(begins[kept], stated, turns),
             enforce_limits=enforce_limits, sigma_floor=sigma_floor,
         )  # fmt: skip
     except ReachError as fault:

@@ -203,7 +203,7 @@ def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class ModelSpread:
     """Uncertainty of the constants of a chain: standard deviations of their logarithms."""
 
     stiffness: Float  # (n,) of each coordinate
@@ -211,7 +211,7 @@ class Spread:
     common: float  # share of the variance of stiffnesses that all have in common, 0 to 1
 
 
-def drawn_frequencies(chain: ElasticChain, q: Float, spread: Spread, draws: int = DRAWS, seed: int = 0) -> Float:
+def drawn_frequencies(chain: ElasticChain, q: Float, spread: ModelSpread, draws: int = DRAWS, seed: int = 0) -> Float:
     """Natural frequencies of robots as a chain is known, its own values their medians.
 
     Modes that lie near each other change places, so the lowest of a draw is lower than the first mode is alone.

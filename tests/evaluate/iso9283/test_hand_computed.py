@@ -9,12 +9,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath, path_of
-from counterflex.evaluate.iso9283.path_cycles import Cycle, path_cycles
+from counterflex.evaluate.iso9283.path_cycles import PathCycle, path_cycles
 from counterflex.evaluate.iso9283.path_figures import corners, path_figures
 from counterflex.evaluate.iso9283.path_velocity import path_velocity
 from counterflex.evaluate.iso9283.poses import PoseCycles, distance_figures, drift, multi_directional, pose_figures
 from counterflex.evaluate.iso9283.settling import settled
-from counterflex.evaluate.iso9283.standstills import Standstill
+from counterflex.evaluate.iso9283.standstills import MeasuredStandstill
 from counterflex.geometry import pose, rotation
 
 MDEG = 1e-3 * DEG
@@ -82,21 +82,21 @@ def test_stabilisation_and_overshoot() -> None:
     x = np.concatenate([np.linspace(24.0, 2.0, 12), [0.05, 0.3, 0.2, 0.04], np.zeros(60)]) * MM
     p = np.column_stack([x, 0 * x, 0 * x])
     time: Float = 0.01 * np.arange(len(x), dtype=np.float64)
-    found = settled(time, p, None, Standstill(16, len(x) - 1, np.zeros(3), None, 0.5))
+    found = settled(time, p, None, MeasuredStandstill(16, len(x) - 1, np.zeros(3), None, 0.5))
     assert [found.time_s, found.overshoot_m] == pytest.approx([0.03, 0.3 * MM])
     calm = np.where(np.abs(x - 0.25 * MM) < 0.06 * MM, 0.05 * MM, x)
     still = settled(
-        time, np.column_stack([calm, 0 * x, 0 * x]), None, Standstill(16, len(x) - 1, np.zeros(3), None, 0.5)
+        time, np.column_stack([calm, 0 * x, 0 * x]), None, MeasuredStandstill(16, len(x) - 1, np.zeros(3), None, 0.5)
     )
     assert (still.time_s, still.overshoot_m) == (0.0, 0.0)
 
 
-def line(y_um: float, z_um: float = 0.0, speed_m_s: float = 0.05, wave: float = 0.0) -> Cycle:
+def line(y_um: float, z_um: float = 0.0, speed_m_s: float = 0.05, wave: float = 0.0) -> PathCycle:
     """A straight run of 100 mm beside the commanded line."""
     time = np.linspace(0.0, 0.1 / speed_m_s, 2001)
     x = speed_m_s * time + wave * np.sin(2.0 * np.pi * time / time[-1] * 8.0)
     p = np.column_stack([x, np.full(len(x), y_um * UM), np.full(len(x), z_um * UM)])
-    return Cycle(0, p, np.clip(x, 0.0, 0.1), None, time)
+    return PathCycle(0, p, np.clip(x, 0.0, 0.1), None, time)
 
 
 def straight_path(speed_m_s: float | None = None) -> CommandedPath:
@@ -123,7 +123,7 @@ def test_velocity() -> None:
     assert waved.fv_m_s == pytest.approx(2.0 * 0.1 * MM * 25.1327 * 0.85073, rel=0.01)
 
 
-def angle(corner: list[tuple[float, float]]) -> tuple[CommandedPath, list[Cycle]]:
+def angle(corner: list[tuple[float, float]]) -> tuple[CommandedPath, list[PathCycle]]:
     """An attained path around a corner of 90 deg at (100, 0) mm."""
     path = path_of(np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.1, 0.1, 0.0)]))
     ends = np.array([(-5.0, 0.0), *corner, (100.0, 100.0), (100.0, 105.0)]) * MM

@@ -9,20 +9,20 @@ from tests.evaluate.path_error.conftest import Groove
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.explanations import ALIKE, NOTHING, Cause, explanations
+from counterflex.evaluate.path_error.explanations import ALIKE, NOTHING, ErrorCause, explanations
 
 DEFLECTION_M = 500 * UM
 
 
-def causes(groove: Groove) -> list[Cause]:
+def causes(groove: Groove) -> list[ErrorCause]:
     """A force that is not even along the groove, a stiffness that says the same, and an offset."""
     s = groove.nodes.station_m / groove.nodes.station_m[-1]
     size = DEFLECTION_M * (0.4 + np.where(s > 0.5, 0.9, 0.0))
     bent = np.column_stack([0.0 * s, size, -0.4 * size])
     return [
-        Cause("force", ("force, relative",), bent[None], np.array([0.3])),
-        Cause("stiffness", ("compliance, relative",), bent[None] * 1.0001, np.array([0.3])),
-        Cause("offset", ("y, m", "z, m"), np.tile(np.eye(3)[1:, None], (1, len(s), 1)), np.full(2, 100 * UM)),
+        ErrorCause("force", ("force, relative",), bent[None], np.array([0.3])),
+        ErrorCause("stiffness", ("compliance, relative",), bent[None] * 1.0001, np.array([0.3])),
+        ErrorCause("offset", ("y, m", "z, m"), np.tile(np.eye(3)[1:, None], (1, len(s), 1)), np.full(2, 100 * UM)),
     ]
 
 

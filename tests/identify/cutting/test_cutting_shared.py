@@ -12,7 +12,7 @@ from counterflex.core.progress import silent
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cutting.considered import ForceSensor, force_sensor, moved_by, runout_force
+from counterflex.identify.cutting.considered import SensorAccuracy, force_sensor, moved_by, runout_force
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.recipe import RECIPE
 from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
@@ -21,7 +21,7 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.recipe import Identification
 from coverage_cases import slots
 
-PERFECT = ForceSensor(0.0, 0.0, 0.0)
+PERFECT = SensorAccuracy(0.0, 0.0, 0.0)
 LAW = slots.law(0, known=True)
 
 
@@ -56,7 +56,7 @@ def test_a_sensor_moves_forces_in_its_own_axes() -> None:
     """Law: the columns are what a sensor that turns, mixes and scales the force does to it, seen in the feed frame."""
     data = cuts(both_ways=True)
     block, x = block_of(data)
-    one = moved_by(block, x, LAW, ForceSensor(0.01, 0.02, 0.03), 0.0, 0.0)
+    one = moved_by(block, x, LAW, SensorAccuracy(0.01, 0.02, 0.03), 0.0, 0.0)
     felt, way = data.values("f_tcp_base"), data.values("feed_direction")[:, 0]
     for i in range(3):
         for j in range(3):

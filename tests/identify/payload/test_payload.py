@@ -24,7 +24,7 @@ from counterflex.identify.design.choice import greedy
 from counterflex.identify.payload.data import shared_mass, with_added_mass
 from counterflex.identify.payload.proposal import working_postures
 from counterflex.identify.payload.recipe import RECIPE
-from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters, sensor_of
+from counterflex.identify.payload.residuals import Knowledge, SensorEffects, SensorReadings, parameters, sensor_of
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.carrier import carrier_pose, mass_behind
 from counterflex.sensing.flange_sensor import FlangeSensor, SensorMotion, idle_wrench
@@ -106,7 +106,7 @@ def random_block(rows: int, moving: bool) -> SensorReadings:
 @pytest.mark.parametrize(("degree", "moving"), [(0, False), (0, True), (1, True), (2, False)])
 def test_derivatives_converge_with_order_two(degree: int, moving: bool) -> None:
     known = Knowledge()
-    free = parameters(true_sensor(), known, Effects(degree, True, True, True))
+    free = parameters(true_sensor(), known, SensorEffects(degree, True, True, True))
     sizes = np.array([p.prior_sigma for p in free])
     x = free.nominal + 0.3 * sizes * np.random.default_rng(2).standard_normal(len(free))
     assert np.all(convergence_order(random_block(6, moving), x, 0.2 * sizes) > 1.9)
@@ -114,7 +114,7 @@ def test_derivatives_converge_with_order_two(degree: int, moving: bool) -> None:
 
 def test_residuals_are_the_sensors_own_equation() -> None:
     block = random_block(8, True)
-    free = parameters(true_sensor(), Knowledge(), Effects(1, True, True, True))
+    free = parameters(true_sensor(), Knowledge(), SensorEffects(1, True, True, True))
     x = free.nominal + 0.1 * np.random.default_rng(3).standard_normal(len(free))
     x[10:13] = 0.02, -0.01, 0.03
     sensor = sensor_of(replace(true_sensor(), T_seg_sensor=np.eye(4)), x, 20.0)
@@ -152,7 +152,7 @@ def test_intervals_cover_the_truth() -> None:
 
     chain = with_added_mass(model().chain, "sensor", 82.0, pose.transform(truth.T_seg_sensor, truth.p_sensor_com))
     before = sensor_before(model())
-    free = parameters(before, Knowledge(), Effects())
+    free = parameters(before, Knowledge(), SensorEffects())
     for seed in range(40):
         noisy = clean + SIGMA * np.random.default_rng(100 + seed).standard_normal(clean.shape)
         data = dataset({"q": arrays["q"], "w_sensor": noisy})

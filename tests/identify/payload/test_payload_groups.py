@@ -18,7 +18,7 @@ from counterflex.geometry import rotation
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.payload.data import ALIKE_RAD, count_of, distinct, groups_of, orientations
 from counterflex.identify.payload.recipe import RECIPE
-from counterflex.identify.payload.residuals import Effects, Knowledge, SensorReadings, parameters
+from counterflex.identify.payload.residuals import Knowledge, SensorEffects, SensorReadings, parameters
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
 from counterflex.identify.solver.solve import solve
@@ -48,7 +48,7 @@ def readings(R: Float, error: Float) -> SensorReadings:
         time_s=np.zeros(n),
         warmer_k=np.zeros(n),
     )
-    known = parameters(SENSOR, Knowledge(), Effects())
+    known = parameters(SENSOR, Knowledge(), SensorEffects())
     return replace(block, w_sensor=-block.evaluate(known.nominal) * block.sigma + error)
 
 
@@ -63,7 +63,7 @@ def near_copies(rng: np.random.Generator, count: int, copies: int, jitter_rad: f
 def judged(block: SensorReadings) -> Fit:
     (group,) = groups_of([block], [True])
     block = replace(block, group=group)
-    fit = solve(parameters(SENSOR, Knowledge(), Effects()), [block])
+    fit = solve(parameters(SENSOR, Knowledge(), SensorEffects()), [block])
     return with_jackknife(with_groups_once(fit, [block]), [block], parts_of_groups([block]))
 
 
@@ -74,7 +74,7 @@ def test_intervals_of_mass_hold_where_orientations_are_copied_or_nearly_so(count
     now: list[float] = []
     for seed in range(30):
         block = near_copies(np.random.default_rng(seed), count, copies, 0.3 * DEG)
-        plain = solve(parameters(SENSOR, Knowledge(), Effects()), [block])
+        plain = solve(parameters(SENSOR, Knowledge(), SensorEffects()), [block])
         row_by_row = with_jackknife(plain, [block], parts_of_groups([block]))
         for fit, into in ((row_by_row, before), (judged(block), now)):
             into.append((fit.value("mass") - SENSOR.mass_kg) / fit.sigma_of("mass"))
@@ -95,7 +95,7 @@ def test_exact_copies_say_nothing_new(count: int) -> None:
 
 def test_readings_once_each_keep_their_intervals() -> None:
     block = near_copies(np.random.default_rng(1), 4, 1, 0.0)
-    fit = solve(parameters(SENSOR, Knowledge(), Effects()), [block])
+    fit = solve(parameters(SENSOR, Knowledge(), SensorEffects()), [block])
     assert with_groups_once(fit, [block]) is fit
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.identify.production.alignment import EXPONENTS, weights_at
-from counterflex.identify.production.drift import Drift, RunFactor, drift
+from counterflex.identify.production.drift import ForceDrift, RunFactor, drift
 from counterflex.identify.production.hypotheses import Kind
 
 
@@ -54,7 +54,7 @@ def test_a_new_edge_is_seen_and_not_made_up() -> None:
     assert made_up <= 1
 
 
-def life(expected: NDArray[np.floating], seed: int, scatter: float = 0.01, lost_share: float = 0.0) -> Drift:
+def life(expected: NDArray[np.floating], seed: int, scatter: float = 0.01, lost_share: float = 0.0) -> ForceDrift:
     """Drift of runs of 1 m each, with a scatter beside 1 % of their own."""
     n = len(expected)
     s = expected + np.random.default_rng((3, seed)).normal(0.0, scatter, n)

@@ -23,7 +23,7 @@ from counterflex.plan.placement.candidate import (
     thinned,
     worth,
 )
-from counterflex.plan.placement.search import Judged, Region, Seen, placed, search
+from counterflex.plan.placement.search import CandidatePoses, Judged, PlacementBounds, placed, search
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import base_points
@@ -100,7 +100,7 @@ def test_what_is_out_of_reach_is_refused_for_that(site: Site) -> None:
 def test_the_search_is_as_good_as_all_places_of_a_grid(site: Site) -> None:
     low, high = (1.2, -0.03, 0.6, 0.0), (1.8, -0.03, 1.1, 0.0)
     middle, R = np.zeros(3), np.eye(3)
-    judged = search(site, Region(low, high), lambda place: Seen(placed(place, middle, R)), 192)
+    judged = search(site, PlacementBounds(low, high), lambda place: CandidatePoses(placed(place, middle, R)), 192)
     best = judged.candidates[judged.ranked()[0]].error_m
     grid = [
         judge(site, placed(np.array([x, low[1], z, 0.0]), middle, R)).error_m

@@ -17,8 +17,8 @@ from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.plan.posture.choose import Chosen, Freedom, choose
-from counterflex.plan.posture.cut_path import CutPath, fractions, stations, surface_normals
+from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
+from counterflex.plan.posture.cut_path import LoadedPath, fractions, stations, surface_normals
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import JOINT_LIMIT, OUT_OF_REACH, WRIST_SINGULAR
@@ -50,7 +50,7 @@ def task(cell: Cell, job: Job) -> Task:
 
 
 @pytest.fixture(scope="module")
-def chosen(task: Task) -> Chosen:
+def chosen(task: Task) -> ChosenPosture:
     return choose(task, Freedom())
 
 
@@ -64,7 +64,7 @@ def _moved(task: Task, x_mm: float = 0.0, z_mm: float = 0.0, **limits: Any) -> T
 def test_every_posture_is_that_of_the_inverse_kinematics(task: Task) -> None:
     """Which branches of a pose are possible, and the deflection in each, pose by pose by the general solver."""
     rows = np.array([0, 150, 220])
-    few = CutPath(*(np.ascontiguousarray(getattr(task.cut, name)[rows]) for name in CutPath.__dataclass_fields__))
+    few = LoadedPath(*(np.ascontiguousarray(getattr(task.cut, name)[rows]) for name in LoadedPath.__dataclass_fields__))
     rotations = np.array([20.0, 95.0, 180.0, 285.0]) * DEG
     few.weight_m[:] = 1.0
     R_base_part = rotation.about_z(0.3) @ rotation.about_x(0.2)
@@ -98,13 +98,13 @@ def test_the_chosen_posture_is_the_stiffest_that_is_possible(task: Task) -> None
     assert plain.bound_m <= plain.costs_m.min()
 
 
-def test_what_is_chosen_bends_less_than_the_present_posture(chosen: Chosen) -> None:
+def test_what_is_chosen_bends_less_than_the_present_posture(chosen: ChosenPosture) -> None:
     assert chosen.present is not None
     assert chosen.best.share_m < 0.85 * chosen.present.share_m
     assert chosen.best.limit_margin_rad >= 2.0 * DEG
 
 
-def test_turning_is_never_worse_than_holding_still(task: Task, chosen: Chosen) -> None:
+def test_turning_is_never_worse_than_holding_still(task: Task, chosen: ChosenPosture) -> None:
     turning = choose(task, Freedom(rate_rad_s=20 * DEG, air_rate_rad_s=60 * DEG))
     assert turning.way.cost <= chosen.way.cost + 1e-12
     assert turning.way.cost >= 1.0 - 1e-12
@@ -120,14 +120,16 @@ def test_another_surface_is_another_posture_problem(task: Task) -> None:
     np.testing.assert_array_equal(np.concatenate([wall, floor], axis=1), normals)
 
 
-def test_the_points_of_the_part_frame_can_be_touched(task: Task, chosen: Chosen) -> None:
+def test_the_points_of_the_part_frame_can_be_touched(task: Task, chosen: ChosenPosture) -> None:
     """Datum points far out forbid postures that the path itself allows."""
     far = np.array([[0.0, 0.0, 0.04], [0.0, 0.4, 0.04], [0.4, 0.0, 0.04]])
     other = choose(replace(task, setting=replace(task.setting, datum_points_part=far)), Freedom())
     assert np.isfinite(other.costs_m).sum() < np.isfinite(chosen.costs_m).sum()
 
 
-def test_bodies_that_come_too_close_leave_a_posture_out(cell: Cell, job: Job, task: Task, chosen: Chosen) -> None:
+def test_bodies_that_come_too_close_leave_a_posture_out(
+    cell: Cell, job: Job, task: Task, chosen: ChosenPosture
+) -> None:
     around = surroundings_of(job, cell)
     free = choose(replace(task, around=around), Freedom())
     assert free.way.index[0] != chosen.way.index[0]
@@ -200,7 +202,7 @@ def test_a_placement_is_priced_by_the_same_function(task: Task) -> None:
     assert not np.allclose(before[both], after[both])
 
 
-def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Task, chosen: Chosen) -> None:
+def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Task, chosen: ChosenPosture) -> None:
     """The limit lies just below what the free choice asks for: another posture keeps it, or the line is named."""
     path, robot = task.path, replace(task.robot, acceleration_m_s2=5.0)
 
@@ -221,7 +223,7 @@ def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Ta
         choose(none, Freedom(rotations=12))
 
 
-def test_a_posture_can_be_asked_for_about_one_that_is_known(task: Task, chosen: Chosen) -> None:
+def test_a_posture_can_be_asked_for_about_one_that_is_known(task: Task, chosen: ChosenPosture) -> None:
     other = next(branch for branch in BRANCHES if np.isfinite(chosen.costs_m[:, BRANCHES.index(branch)]).any())
     rotation = float(np.nanargmin(chosen.costs_m[:, BRANCHES.index(other)])) * Freedom().step_rad
     best = choose(task, Freedom(about=(other, rotation))).best

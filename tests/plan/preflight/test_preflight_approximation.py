@@ -12,10 +12,12 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.path.path_speed import build_track
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.approximation import BLENDING_KEY, Corners, approximation_rows, corners_of
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.row import CheckLimits, Row
 from counterflex.plan.preflight.spacing import blocks_of
 
-BOUNDS = Bounds(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02, blending_m=2 * MM)
+BOUNDS = CheckLimits(
+    2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02, blending_m=2 * MM
+)
 PathOf = Callable[..., ToolPath]
 SQUARE = "G1 X20 Y0 F3000\nX40\nY20\nX30 Y10"
 

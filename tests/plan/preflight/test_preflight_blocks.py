@@ -11,10 +11,10 @@ import pytest
 from counterflex.core.units import DEG, MM
 from counterflex.path.sampling import point_spacing
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.row import CheckLimits, Row
 from counterflex.plan.preflight.spacing import blocks_of, reached_feed, spacing_rows
 
-BOUNDS = Bounds(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02)
+BOUNDS = CheckLimits(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02)
 PathOf = Callable[..., ToolPath]
 
 

@@ -18,7 +18,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.bodies import Frame
 from counterflex.geometry import pose, rotation
 from counterflex.plan.preflight import bodies as coarse
-from counterflex.plan.preflight.bodies import Body, along, box
+from counterflex.plan.preflight.bodies import CollisionBody, along, box
 from counterflex.plan.preflight.collision import NEAR_M, Scene, Standing, closest, collision_rows, poses
 from counterflex.plan.preflight.sweep import sweep_of_flange, sweep_of_joints
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
@@ -36,14 +36,14 @@ def chain() -> ElasticChain:
     return ElasticChain.build(catalog.load("kuka_kr300_r2500_ultra"), EndEffector((), TCP))
 
 
-def distance(first: Body, second: Body, T_a: Float | None = None, T_b: Float | None = None) -> float:
+def distance(first: CollisionBody, second: CollisionBody, T_a: Float | None = None, T_b: Float | None = None) -> float:
     scene = Scene([first, second])
     at = [np.eye(4) if T is None else T for T in (T_a, T_b)]
     scene.place(np.stack([T @ body.T_frame_body for T, body in zip(at, (first, second), strict=True)]))
     return scene.distance(0, 1)
 
 
-def capsule(p: Float, to: Float, radius_m: float = 0.1) -> Body:
+def capsule(p: Float, to: Float, radius_m: float = 0.1) -> CollisionBody:
     return along("capsule", "base", p, to, radius_m)
 
 
@@ -68,7 +68,7 @@ CUBE = box("box", "base", np.array([-0.1, -0.2, -0.3]), np.array([0.1, 0.2, 0.3]
         (CUBE, box("b", "base", np.array([1.1, 0, 0]), np.array([2.0, 1, 1])), 1.0),
     ],
 )
-def test_distances_are_those_of_closed_forms(first: Body, second: Body, expected: float) -> None:
+def test_distances_are_those_of_closed_forms(first: CollisionBody, second: CollisionBody, expected: float) -> None:
     assert distance(first, second) == pytest.approx(expected, abs=1e-6)
     assert distance(second, first) == pytest.approx(expected, abs=1e-6)
 
@@ -113,7 +113,7 @@ def test_bodies_at_random_are_as_far_as_another_library_has_them() -> None:
             shape = str(rng.choice(list(shapes)))
             size = tuple(rng.uniform(0.05, 0.4, 3 if shape == "box" else 2).tolist())
             T = pose.make(rotation.exp(rng.normal(size=3)), rng.uniform(-0.8, 0.8, 3))
-            made.append(Body("b", "base", shape, np.eye(4), size))  # type: ignore[arg-type]
+            made.append(CollisionBody("b", "base", shape, np.eye(4), size))  # type: ignore[arg-type]
             other.append(shapes[shape](size))
             Ts.append(T)
         result = coal.DistanceResult()

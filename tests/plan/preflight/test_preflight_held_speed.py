@@ -12,8 +12,8 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.approximation import corners_of
-from counterflex.plan.preflight.held_speed import Cause, HeldSpeed, held_speed
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.held_speed import HeldSpeed, SpeedCause, held_speed
+from counterflex.plan.preflight.row import CheckLimits, Row
 from counterflex.plan.preflight.spacing import blocks_of
 from counterflex.plan.preflight.speed_row import speed_row
 
@@ -21,7 +21,9 @@ SPEED = 0.05
 """m/s."""
 PER_M = np.array([1.0, -2.0, 0.5, 0.0, 3.0, 0.0])
 """rad/m, joint angles of a made-up robot: the first three by x, the others by y."""
-BOUNDS = Bounds(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=1e-6, clearance_m=0.02, blending_m=2 * MM)
+BOUNDS = CheckLimits(
+    2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=1e-6, clearance_m=0.02, blending_m=2 * MM
+)
 
 
 def path_of_pieces(*pieces: Float) -> ToolPath:
@@ -58,7 +60,7 @@ def angles(path: ToolPath) -> Float:
     return q
 
 
-def held(path: ToolPath, bounds: Bounds = BOUNDS, *, q: Float | None = None, turned: Float | None = None,
+def held(path: ToolPath, bounds: CheckLimits = BOUNDS, *, q: Float | None = None, turned: Float | None = None,
          own_m: float = float("nan")) -> HeldSpeed:  # fmt: skip
     blocks = blocks_of(path)
     corners = corners_of(path, blocks, np.full(int(path.motion.max()) + 1, own_m), bounds.blending_m)
@@ -66,7 +68,7 @@ def held(path: ToolPath, bounds: Bounds = BOUNDS, *, q: Float | None = None, tur
     return held_speed(path, angles(path) if q is None else q, turned, blocks, corners, bounds)
 
 
-def row(path: ToolPath, result: HeldSpeed, bounds: Bounds = BOUNDS, cutting: Bool | None = None) -> Row:
+def row(path: ToolPath, result: HeldSpeed, bounds: CheckLimits = BOUNDS, cutting: Bool | None = None) -> Row:
     return speed_row(result, np.ones(len(path), dtype=np.bool_) if cutting is None else cutting, bounds)
 
 
@@ -80,7 +82,7 @@ def test_a_line_is_run_at_its_feed_but_for_both_ramps() -> None:
     slow = result.slower(0.999)
     assert station[slow].max() == pytest.approx(0.040)
     assert result.length_m[slow].sum() == pytest.approx(2.5 * MM)
-    assert set(result.cause[slow]) == {Cause.STANDSTILL}
+    assert set(result.cause[slow]) == {SpeedCause.STANDSTILL}
 
 
 def test_the_axis_that_is_too_slow_sets_the_speed() -> None:
@@ -89,7 +91,7 @@ def test_the_axis_that_is_too_slow_sets_the_speed() -> None:
     result = held(path, replace(BOUNDS, joint_speeds_rad_s=np.full(6, 0.12)))
     middle = len(path) // 2
     assert result.mean_m_s[middle] == pytest.approx(0.04)
-    assert (result.cause[middle], result.axis[middle]) == (Cause.JOINT_SPEED, 4)
+    assert (result.cause[middle], result.axis[middle]) == (SpeedCause.JOINT_SPEED, 4)
     assert held(path, replace(BOUNDS, joint_speeds_rad_s=np.full(6, 0.16))).mean_m_s[middle] == pytest.approx(SPEED)
 
 
@@ -99,7 +101,7 @@ def test_a_tool_that_turns_is_no_faster_than_it_may_turn() -> None:
     turned = np.full(len(path), 0.5 * DEG)
     result = held(path, replace(BOUNDS, orientation_rad_s=60.0 * DEG), turned=turned)
     assert result.mean_m_s[80] == pytest.approx(0.030)
-    assert result.cause[80] == Cause.REORIENTATION
+    assert result.cause[80] == SpeedCause.REORIENTATION
 
 
 def test_corner_speed_is_that_of_the_parabola() -> None:
@@ -113,7 +115,7 @@ def test_corner_speed_is_that_of_the_parabola() -> None:
     inner = (station > 0.002) & (station < 0.038)
     assert result.at_m_s[inner] ** 2 == pytest.approx(expected[inner])
     corner = int(np.argmin(beside))
-    assert result.cause[corner] == Cause.TOOL_ACCELERATION
+    assert result.cause[corner] == SpeedCause.TOOL_ACCELERATION
     assert np.sqrt(square) < SPEED
 
 
@@ -145,7 +147,7 @@ def test_an_axis_that_accelerates_too_slowly_slows_the_corner_and_the_ramps() ->
     result = held(path, replace(BOUNDS, acceleration_m_s2=50.0, joint_accelerations_rad_s2=np.full(6, 1.0)))
     square = 2.0 * 0.002 * 0.5 / 3.0
     assert result.at_m_s[80] ** 2 == pytest.approx(square)
-    assert (result.cause[80], result.axis[80]) == (Cause.JOINT_ACCELERATION, 4)
+    assert (result.cause[80], result.axis[80]) == (SpeedCause.JOINT_ACCELERATION, 4)
     behind = 88 + np.arange(1, 4)  # rows of 0.25 mm behind the rounding
     assert result.at_m_s[behind] ** 2 == pytest.approx(square + 2.0 / 3.0 * 0.25 * MM * np.arange(1, 4))
 
@@ -155,7 +157,7 @@ def test_without_approximation_the_corner_is_a_stop(own: float, blending: float)
     path = lines((0, 0), (20, 0), (20, 20))
     result = held(path, replace(BOUNDS, blending_m=blending), own_m=own)
     assert result.at_m_s[80] == 0.0
-    assert result.cause[80] == Cause.EXACT_STOP
+    assert result.cause[80] == SpeedCause.EXACT_STOP
     assert result.duration_s.sum() == pytest.approx(2 * (0.020 / SPEED + SPEED / 1.0))
 
 
@@ -171,7 +173,7 @@ def test_an_arc_is_run_at_the_root_of_a_r() -> None:
     path = path_of_pieces(MM * np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1))
     result = held(path)
     assert result.at_m_s[1000] == pytest.approx(np.sqrt(1.0 * MM), rel=1e-6)
-    assert result.cause[1000] == Cause.TOOL_ACCELERATION
+    assert result.cause[1000] == SpeedCause.TOOL_ACCELERATION
 
 
 def test_a_circle_past_a_singular_point_is_slowest_where_it_is_nearest() -> None:
@@ -192,7 +194,7 @@ def test_a_circle_past_a_singular_point_is_slowest_where_it_is_nearest() -> None
     result = held(path, replace(BOUNDS, joint_speeds_rad_s=limits, acceleration_m_s2=1e3), q=q)
     nearest = 1000
     assert result.mean_m_s[nearest] == pytest.approx(omega * h, rel=2e-3)
-    assert (result.cause[nearest], result.axis[nearest]) == (Cause.JOINT_SPEED, 3)
+    assert (result.cause[nearest], result.axis[nearest]) == (SpeedCause.JOINT_SPEED, 3)
     middle = turn - 0.5 * turn[1]
     u = np.stack([-np.sin(middle), np.cos(middle)], axis=1)
     away = radius * np.stack([np.cos(middle), np.sin(middle)], axis=1) - [0.0, radius + h]
@@ -209,10 +211,10 @@ def test_a_circle_past_a_singular_point_is_slowest_where_it_is_nearest() -> None
 def test_dense_blocks_and_a_short_look_ahead_slow_down() -> None:
     path = path_of_pieces(*(line((k, 0), (k + 1, 0)) for k in range(40)))
     slow = held(path, replace(BOUNDS, least_block_s=0.04))
-    assert (slow.mean_m_s[80], slow.cause[80]) == (pytest.approx(0.025), Cause.BLOCK_TIME)
+    assert (slow.mean_m_s[80], slow.cause[80]) == (pytest.approx(0.025), SpeedCause.BLOCK_TIME)
     ahead = held(path, replace(BOUNDS, look_ahead=1, acceleration_m_s2=0.5))
     assert ahead.mean_m_s[80] == pytest.approx(np.sqrt(2 * 0.5 * 1.0 * MM))
-    assert ahead.cause[80] == Cause.LOOK_AHEAD
+    assert ahead.cause[80] == SpeedCause.LOOK_AHEAD
 
 
 def test_ramps_are_those_of_the_definition() -> None:

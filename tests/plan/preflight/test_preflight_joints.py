@@ -12,14 +12,14 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import DEG, MM
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.preflight import joints
-from counterflex.plan.preflight.row import Bounds
+from counterflex.plan.preflight.row import CheckLimits
 from counterflex.robot.model.controller_axes import AS_MODEL, room
 
 SPEED = 0.05
 """m/s."""
 PER_M = np.array([1.0, -2.0, 0.5, 0.0, 3.0, 0.0])
 """rad/m, joint angles of a made-up robot: the first three by x, the others by y."""
-BOUNDS = Bounds(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02)
+BOUNDS = CheckLimits(2.0 * DEG, 5.0 * DEG, acceleration_m_s2=1.0, least_block_s=0.012, clearance_m=0.02)
 
 
 def path_through(p: Float, kind: int = FEED) -> ToolPath:
@@ -150,7 +150,7 @@ def test_a_slow_corner_is_no_softer_than_a_fast_one() -> None:
 @pytest.mark.parametrize(("limit", "verdict"), [(None, "not looked at"), (0.16, "ok"), (0.14, "fail")])
 def test_speed_at_feed_against_its_limit(limit: float | None, verdict: str) -> None:
     path = path_through(line((0, 0), (0, 40)))
-    bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=None if limit is None else np.full(6, limit))
+    bounds = CheckLimits(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=None if limit is None else np.full(6, limit))
     at_feed, rapid = joints.speed_rows(path, joints.joint_speeds(path, angles(path)), bounds)
     assert at_feed.verdict == verdict
     assert at_feed.value == pytest.approx(3.0 * SPEED)
@@ -161,7 +161,7 @@ def test_speed_at_feed_against_its_limit(limit: float | None, verdict: str) -> N
 
 def test_the_same_speed_in_a_rapid_is_a_warning() -> None:
     path = path_through(line((0, 0), (0, 40)), kind=RAPID)
-    bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=np.full(6, 0.14))
+    bounds = CheckLimits(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=np.full(6, 0.14))
     at_feed, rapid = joints.speed_rows(path, joints.joint_speeds(path, angles(path)), bounds)
     assert (at_feed.verdict, rapid.verdict) == ("ok", "warning")
 
@@ -169,7 +169,7 @@ def test_the_same_speed_in_a_rapid_is_a_warning() -> None:
 def test_the_worst_axis_is_the_one_nearest_to_its_own_limit() -> None:
     path = path_through(line((0, 0), (40, 0)))
     limits = np.array([0.05, 1.0, 1.0, 1.0, 1.0, 1.0])
-    bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=limits)
+    bounds = CheckLimits(0.0, 0.0, 1.0, 0.01, 0.0, joint_speeds_rad_s=limits)
     row = joints.speed_rows(path, joints.joint_speeds(path, angles(path)), bounds)[0]
     assert row.what == "axis 1, 100.0 %"  # axis 2 is twice as fast, at 10 % of its limit
 
@@ -177,7 +177,9 @@ def test_the_worst_axis_is_the_one_nearest_to_its_own_limit() -> None:
 @pytest.mark.parametrize(("limit", "verdict"), [(None, "not looked at"), (2.9, "warning"), (3.1, "ok")])
 def test_acceleration_against_its_limit(limit: float | None, verdict: str) -> None:
     path = path_through(line((0, 0), (0, 40)))
-    bounds = Bounds(0.0, 0.0, 1.0, 0.01, 0.0, joint_accelerations_rad_s2=None if limit is None else np.full(6, limit))
+    bounds = CheckLimits(
+        0.0, 0.0, 1.0, 0.01, 0.0, joint_accelerations_rad_s2=None if limit is None else np.full(6, limit)
+    )
     at = joints.joint_accelerations(path, joints.joint_speeds(path, angles(path)), 1.0)
     row = joints.acceleration_row(path, at, bounds)
     assert row.verdict == verdict

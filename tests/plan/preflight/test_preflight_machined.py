@@ -16,7 +16,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.bodies import MOST_PIECES, convex_pieces
 from counterflex.geometry import pose, rotation
-from counterflex.plan.preflight.bodies import Body, along, box, holder, hull
+from counterflex.plan.preflight.bodies import CollisionBody, along, box, holder, hull
 from counterflex.plan.preflight.collision import Scene
 from counterflex.plan.preflight.column_distance_kernel import stock_distance
 from counterflex.plan.preflight.machined_stock import SHAPES, coarse
@@ -25,7 +25,7 @@ FAR_M = 0.5
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 CORNERS = np.array([[x, y, z] for x in (-0.01, 0.01) for y in (-0.02, 0.02) for z in (0.0, 0.03)])
 BODIES = {
-    "box": Body("b", "base", "box", np.eye(4), (0.01, 0.02, 0.03)),
+    "box": CollisionBody("b", "base", "box", np.eye(4), (0.01, 0.02, 0.03)),
     "capsule": along("c", "base", -0.02 * Z, 0.02 * Z, 0.01),
     "cylinder": along("c", "base", -0.02 * Z, 0.02 * Z, 0.015, "cylinder"),
     "mesh": hull("m", "base", np.eye(4), CORNERS, surrounds=True),
@@ -40,7 +40,7 @@ def stepped() -> HeightMap:
     return stock
 
 
-def to_stock(body: Body, T: Float, stock: HeightMap) -> float:
+def to_stock(body: CollisionBody, T: Float, stock: HeightMap) -> float:
     grid = np.array([stock.x0_m, stock.y0_m, stock.cell_m, stock.bottom_m])
     planes = np.zeros((0, 4)) if body.faces is None else body.faces
     size = np.array([*body.size_m, 0.0, 0.0][:3])
@@ -99,7 +99,7 @@ def test_a_convex_mesh_is_one_body_as_far_away_as_its_box(tmp_path: Path) -> Non
     trimesh.creation.box(extents=(20, 40, 60)).export(tmp_path / "box.stl")
     (points,) = convex_pieces(tmp_path / "box.stl")
     body, probe = hull("m", "base", np.eye(4), points, surrounds=True), along("p", "base", 0 * Z, Z * 0.01, 0.005)
-    same = Body("b", "base", "box", np.eye(4), (0.01, 0.02, 0.03))
+    same = CollisionBody("b", "base", "box", np.eye(4), (0.01, 0.02, 0.03))
     scene = Scene([body, same, probe])
     for at in ([0.1, 0.02, 0.0], [0.0, -0.09, 0.05], [0.03, 0.04, 0.08]):
         scene.place(np.stack([body.T_frame_body, np.eye(4), pose.make(rotation.about_y(0.4), np.array(at))]))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from counterflex.core.arrays import Float
 from counterflex.plan.preflight.reversals import (
     LEAST_RAD,
-    Event,
+    ReversalEvent,
     event_row,
     reversals,
     turning_points,
@@ -137,10 +137,14 @@ def test_known_play_is_said_at_the_tool(chain: ElasticChain) -> None:
 
 def test_row_names_the_worst() -> None:
     """Of known play the largest lost motion counts; without any its size is not looked at, and the key is named."""
-    events = [Event(2, 7, 10.0, float("nan")), Event(2, 9, 30.0, float("nan")), Event(0, 3, 20.0, float("nan"))]
+    events = [
+        ReversalEvent(2, 7, 10.0, float("nan")),
+        ReversalEvent(2, 9, 30.0, float("nan")),
+        ReversalEvent(0, 3, 20.0, float("nan")),
+    ]
     row = event_row("reversals in the cut", events, 50e-6)
     assert (row.verdict, row.missing, row.point) == ("not looked at", "robot.play", 9)
     assert row.what.startswith("axis 1: 1, axis 3: 2; worst axis 3 at 30 N m")
-    mixed = event_row("reversals in the cut", [*events, Event(1, 4, 5.0, 60e-6)], 50e-6)
+    mixed = event_row("reversals in the cut", [*events, ReversalEvent(1, 4, 5.0, 60e-6)], 50e-6)
     assert (mixed.verdict, mixed.value, mixed.limit, mixed.point) == ("warning", 60e-6, 50e-6, 4)
     assert event_row("reversals in the cut", [], 50e-6).verdict == "ok"

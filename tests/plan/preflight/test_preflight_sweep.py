@@ -15,7 +15,7 @@ from counterflex.files.cell.tables import CellTables
 from counterflex.files.schema import parse
 from counterflex.plan.preflight import collision
 from counterflex.plan.preflight.collision import HOLDER, NEAR_M, ROBOT
-from counterflex.plan.preflight.sweep import Sweep
+from counterflex.plan.preflight.sweep import JointSweep
 
 SMALL = Path(__file__).resolve().parents[2] / "data" / "cells" / "small.toml"
 
@@ -43,8 +43,8 @@ def checked(folder: Path, program: str) -> dict[str, Any]:
 
 def test_rows_that_are_left_out_are_farther_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = checked(tmp_path, raster(3.0))
-    monkeypatch.setattr(Sweep, "skips", lambda *_: False)
-    monkeypatch.setattr(Sweep, "next_row", lambda _, row: row + 1)
+    monkeypatch.setattr(JointSweep, "skips", lambda *_: False)
+    monkeypatch.setattr(JointSweep, "next_row", lambda _, row: row + 1)
     every = checked(tmp_path, raster(3.0))
     for check in (ROBOT, HOLDER, "tool to surroundings", "spindle to arm"):
         assert quick[check]["verdict"] == every[check]["verdict"]
@@ -55,13 +55,13 @@ def test_rows_that_are_left_out_are_farther_away(tmp_path: Path, monkeypatch: py
 def test_passes_close_to_each_other_are_not_looked_at_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Four times as many passes over the same place cost fewer than three times as many looks."""
     looks: list[int] = []
-    original = collision.Placed.closest
+    original = collision.PlacedBody.closest
 
-    def counted(self: collision.Placed, *args: Any) -> Any:
+    def counted(self: collision.PlacedBody, *args: Any) -> Any:
         looks.append(1)
         return original(self, *args)
 
-    monkeypatch.setattr(collision.Placed, "closest", counted)
+    monkeypatch.setattr(collision.PlacedBody, "closest", counted)
     counts = []
     for step in (2.0, 0.5):
         looks.clear()
@@ -72,7 +72,7 @@ def test_passes_close_to_each_other_are_not_looked_at_again(tmp_path: Path, monk
 
 def test_a_distance_bounds_nothing_with_another_tool() -> None:
     place, tool = np.zeros((4, 3)), np.array([1, 1, 2, 2])
-    sweep = Sweep(place, np.tile(np.eye(3), (4, 1, 1)), 0.1, tool)
+    sweep = JointSweep(place, np.tile(np.eye(3), (4, 1, 1)), 0.1, tool)
     sweep.take(0, 1.0, 0.0)
     assert sweep.next_row(0) == 2
     assert sweep.skips(1, 0.0)

@@ -14,7 +14,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
-from counterflex.evaluate.path_error.explanations import NOTHING, Cause, Explanation
+from counterflex.evaluate.path_error.explanations import NOTHING, ErrorCause, Explanation
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import Change, CuttingLaw, ElementCompliance, TableValues
@@ -34,7 +34,7 @@ _SHARE: Final = 0.1
 class Known:
     """Causes of a plan, and what is tried together."""
 
-    causes: tuple[Cause, ...]
+    causes: tuple[ErrorCause, ...]
     together: tuple[tuple[str, ...], ...]
 
 
@@ -46,14 +46,41 @@ def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
     """
     deflection = plan.deflection_part[row, :3]
     force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
+<<<<<<< HEAD
     out = [Cause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))]
     if not cell.holds_part:
         out += _of_segments(plan, cell, row)
+=======
+    out = [
+        ErrorCause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))
+    ]
+    relative, chain = identified_sigma(cell), cell.chain
+    if not cell.holds_part:
+        R = cell.T_base_part[:3, :3]
+        w = plan.w_tcp_part[row]
+        w_base = np.concatenate([w[:, :3] @ R.T, w[:, 3:] @ R.T], axis=1)
+        parts = shares(chain, plan.q[row], w_base)[..., :3] @ R
+        total = float(np.sum(deflection**2)) or 1.0
+        sigma = np.array([relative.get(name, STATED) for name in chain.names])
+        arm = np.arange(chain.n) <= chain.flange_segment
+        for name, own in ((ARM, arm), (END, ~arm)):
+            if np.any(parts[:, own] != 0.0):
+                known = float(np.min(sigma[own]))
+                out.append(
+                    ErrorCause(name, (f"compliance of the {name[17:]}, relative",), _sum(parts, own), np.array([known]))
+                )
+        for i, name in enumerate(chain.names):
+            if float(np.sum(parts[:, i] ** 2)) > _SHARE**2 * total:
+                cause = ErrorCause(
+                    f"stiffness of {name}", (f"compliance of {name}, relative",), parts[None, :, i], sigma[[i]]
+                )
+                out.append(cause)
+>>>>>>> models
     by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
     seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
     if np.any(seen):
         along = tuple(f"compliance along {a}, relative" for a, on in zip("xyz", seen, strict=True) if on)
-        out.append(Cause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
+        out.append(ErrorCause(DIRECTIONS, along, by_axis[seen], np.full(int(seen.sum()), STATED)))
     out += _frame(plan.path.p_part_tcp[row])
     names = [cause.name for cause in out]
     together = [(FORCE, FRAME), (FORCE, FRAME, TURNED), (DIRECTIONS, FRAME)]
@@ -87,14 +114,14 @@ def _sum(parts: Float, own: Bool) -> Float:
     return out
 
 
-def _frame(p: Float) -> list[Cause]:
+def _frame(p: Float) -> list[ErrorCause]:
     """Rigid motions of the tool against the part, about the middle of the path."""
     arm = p - p.mean(axis=0)
     turn = np.stack([np.cross(axis, arm) for axis in np.eye(3)])
     shift = np.tile(np.eye(3)[:, None, :], (1, len(p), 1))
     return [
-        Cause(FRAME, tuple(f"offset {a}, m" for a in "xyz"), shift, np.full(3, OFFSET_M)),
-        Cause(TURNED, tuple(f"rotation about {a}, rad" for a in "xyz"), turn, np.full(3, ROTATION_RAD)),
+        ErrorCause(FRAME, tuple(f"offset {a}, m" for a in "xyz"), shift, np.full(3, OFFSET_M)),
+        ErrorCause(TURNED, tuple(f"rotation about {a}, rad" for a in "xyz"), turn, np.full(3, ROTATION_RAD)),
     ]
 
 

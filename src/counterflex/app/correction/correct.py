@@ -34,7 +34,7 @@ from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.repeated import Expected, MeasuredError, expected
+from counterflex.evaluate.path_error.repeated import ExpectedSurface, MeasuredError, expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
@@ -258,7 +258,7 @@ def _facts(one: Measured) -> dict[str, Any]:
     }
 
 
-def _shown(e: Expected) -> dict[str, float]:
+def _shown(e: ExpectedSurface) -> dict[str, float]:
     return {
         "now_p997_um": round(e.now_m / UM, 1),
         "next_p997_um": round(e.median_m / UM, 1),

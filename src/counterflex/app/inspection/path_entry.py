@@ -9,7 +9,7 @@ import numpy as np
 from counterflex.app.inputs import Job
 from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.figures import Figures, weighted_figures
+from counterflex.evaluate.figures import DeviationFigures, weighted_figures
 from counterflex.files.tool_path_file import ToolPathRows
 
 
@@ -74,7 +74,7 @@ def path_rows(one: InspectedPath, job: Job) -> ToolPathRows:
     )
 
 
-def _figures(figures: Figures) -> dict[str, float]:
+def _figures(figures: DeviationFigures) -> dict[str, float]:
     return {
         "max_mm": round(figures.max_m / MM, 4),
         "p997_mm": round(figures.p997_m / MM, 4),

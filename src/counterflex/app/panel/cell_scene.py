@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import all_printable
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.plan.preflight.bodies import Body, carried, links, part_bodies, with_given
+from counterflex.plan.preflight.bodies import CollisionBody, carried, links, part_bodies, with_given
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 
@@ -44,7 +44,7 @@ class CellScene:
         return out | {"flange": _flat(T_base_flange), "tcp": _flat(T_base_flange @ chain.T_flange_tcp)}
 
 
-def _bodies(cell: Cell) -> list[Body]:
+def _bodies(cell: Cell) -> list[CollisionBody]:
     chain = cell.controller_chain
     given, removed = cell.tables.cell.bodies(cell.path.parent)
     assumed = list(links(chain))
@@ -65,7 +65,7 @@ def _bodies(cell: Cell) -> list[Body]:
     return with_given(assumed, given, removed)
 
 
-def _plain(body: Body) -> dict[str, Any]:
+def _plain(body: CollisionBody) -> dict[str, Any]:
     return {
         "name": body.name,
         "frame": body.frame,

@@ -14,7 +14,7 @@ from counterflex.files.cell.external_axes import ExternalAxisTable, moved
 from counterflex.files.cell.set_up import POSE_KEYS
 from counterflex.files.schema import PoseTable
 from counterflex.geometry import pose
-from counterflex.plan.placement.search import Seen, placed
+from counterflex.plan.placement.search import CandidatePoses, placed
 
 
 @dataclass(frozen=True)
@@ -76,27 +76,27 @@ class Frame:
             values[axis.name] = _within(axis, round(float(value / _unit(axis)), digits))
         return Stand(keys, values)
 
-    def at(self, stand: Stand) -> Seen:
+    def at(self, stand: Stand) -> CandidatePoses:
         """Return where the program (or the spindle) and the floor then are."""
         p, angles = [stand.part[k] * MM for k in POSE_KEYS[:3]], [stand.part[k] * DEG for k in POSE_KEYS[3:]]
         T = pose.from_xyz_zyx(np.array(p), np.array(angles)) @ pose.inverse(self.table.matrix())
         return self._seen(T @ self.T_zero_program, [stand.axes[axis.name] for axis in self.axes])
 
-    def seen(self, place: Float) -> Seen:
+    def seen(self, place: Float) -> CandidatePoses:
         """Return where program and floor are in a candidate, not rounded."""
         T = placed(place[:4], self.middle, self.T_zero_program[:3, :3])
         return self._seen(T, [float(v / _unit(axis)) for axis, v in zip(self.axes, place[4:], strict=True)])
 
-    def _seen(self, T_zero_program: Float, values: list[float]) -> Seen:
+    def _seen(self, T_zero_program: Float, values: list[float]) -> CandidatePoses:
         if not self.axes:
-            return Seen(T_zero_program)
+            return CandidatePoses(T_zero_program)
         axes = tuple(
             axis.model_copy(update={"at_mm" if axis.kind == "linear" else "at_deg": value})
             for axis, value in zip(self.axes, values, strict=True)
         )
         T_base_floor, T_before_floor = pose.inverse(moved(axes, "robot")), self.cell.T_base_floor
         T_base_before = T_base_floor @ pose.inverse(T_before_floor)
-        return Seen(T_base_floor @ moved(axes, "part") @ T_zero_program, T_base_before)
+        return CandidatePoses(T_base_floor @ moved(axes, "part") @ T_zero_program, T_base_before)
 
 
 def _unit(axis: ExternalAxisTable) -> float:

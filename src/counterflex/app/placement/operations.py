@@ -27,7 +27,7 @@ from counterflex.plan.placement.operations import (
     operations_of,
     sites_of,
 )
-from counterflex.plan.placement.search import Region
+from counterflex.plan.placement.search import PlacementBounds
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey_kernel import POWER
 from counterflex.robot.model.opw import BRANCHES
@@ -73,8 +73,8 @@ class _Search:
 
 
 def per_operation(
-    program: str | Path, given: Prepared, region: Region, *, reading: Reading, one: tuple[Stand, str, float] | None,
-    least_damping: float, progress: Progress = silent,
+    program: str | Path, given: Prepared, region: PlacementBounds, *, reading: Reading,
+    one: tuple[Stand, str, float] | None, least_damping: float, progress: Progress = silent,
 ) -> Divided:  # fmt: skip
     """Choose a place of the external axes for each operation, with one posture for all.
 
@@ -202,7 +202,7 @@ def _part_of(frame: Frame, stand: Stand) -> Float:
     return np.array([*level, T[2, 3], turned])
 
 
-def _grid(region: Region, search: _Search, one: tuple[Stand, str, float] | None) -> list[Float]:
+def _grid(region: PlacementBounds, search: _Search, one: tuple[Stand, str, float] | None) -> list[Float]:
     """Values of the axes that every operation is tried at: evenly for one axis, Sobol points for several."""
     low, high = np.array(region.low[4:]), np.array(region.high[4:])
     free = np.flatnonzero(high > low)

@@ -26,8 +26,8 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.placement.candidate import Candidate, Site, pareto, site_of, worth
-from counterflex.plan.placement.search import Judged, Seen, search
-from counterflex.plan.posture.choose import Chosen, Freedom, choose
+from counterflex.plan.placement.search import CandidatePoses, Judged, search
+from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
 from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.held import Held, Task, held
@@ -49,7 +49,7 @@ class Placed:
     """A place chosen for a program."""
 
     stand: Stand  # Pose of the part and values of external axes
-    chosen: Chosen
+    chosen: ChosenPosture
     judged: Judged
     summary: dict[str, Any]  # In shop units
 
@@ -204,9 +204,9 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
     return chosen.best, chosen.present
 
 
-def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, Chosen]:
+def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, ChosenPosture]:
     """Choose the posture of the best places along the whole path, and the best of them."""
-    done: list[tuple[float, Stand, Chosen]] = []
+    done: list[tuple[float, Stand, ChosenPosture]] = []
     tried: list[Float] = []
     failed: ReachError | None = None
     for k in judged.ranked():
@@ -240,7 +240,7 @@ def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, 
     )
 
 
-def _moved(task: Task, seen: Seen) -> Task:
+def _moved(task: Task, seen: CandidatePoses) -> Task:
     """A task where program and floor are elsewhere."""
     robot = task.robot.facing(seen.T_base_standing)
     around = None if task.around is None else task.around.facing(task.robot, robot, seen.T_base_before)

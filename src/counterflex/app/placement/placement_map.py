@@ -22,7 +22,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.placement.candidate import Site, judge, site_of
-from counterflex.plan.placement.search import Region
+from counterflex.plan.placement.search import PlacementBounds
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.robot.elasticity.compliance import cartesian_compliance
@@ -91,7 +91,7 @@ def run(
     return summary
 
 
-def _places(region: Region, here: Float, points: int) -> list[tuple[str, Float]]:
+def _places(region: PlacementBounds, here: Float, points: int) -> list[tuple[str, Float]]:
     """(4,) places of both maps, rotation 0; a map has its second axis slowest."""
     low, high = np.array(region.low), np.array(region.high)
     out = []

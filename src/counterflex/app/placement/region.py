@@ -14,7 +14,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.external_axes import ExternalAxisTable
-from counterflex.plan.placement.search import Region, usual_region
+from counterflex.plan.placement.search import PlacementBounds, usual_region
 
 ANY_TURN: Final = (-180.0, 180.0)
 
@@ -36,7 +36,7 @@ class Wish:
     axes: Mapping[str, tuple[float, float]] | None = field(default=None)
 
 
-def region_of(wish: Wish, frame: Frame) -> Region:
+def region_of(wish: Wish, frame: Frame) -> PlacementBounds:
     """The region that is searched.
 
     Raises:
@@ -60,7 +60,7 @@ def region_of(wish: Wish, frame: Frame) -> Region:
                 hint="Give --region X0,X1,Y0,Y1,Z0,Z1, --turned A,B and --axis NAME=A,B with the least first",
             )
     _require_axes(wish, cell)
-    return Region(tuple(low), tuple(high))
+    return PlacementBounds(tuple(low), tuple(high))
 
 
 def _part(wish: Wish, frame: Frame) -> tuple[list[float], list[float]]:

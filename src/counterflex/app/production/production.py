@@ -35,13 +35,13 @@ from counterflex.files.cell.monitor import feed_exponent
 from counterflex.files.cell.update import new_file, require_new, updated_text, write_new
 from counterflex.files.identification_file import parameter_rows, write_identification
 from counterflex.files.plan_file import read_plan
-from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, ForceSensor
+from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE, SensorAccuracy
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
 from counterflex.identify.production.alignment import PlannedCut, aligned
-from counterflex.identify.production.constants import Estimate, find, reference_m
-from counterflex.identify.production.drift import Drift, RunFactor, drift, run_factor
+from counterflex.identify.production.constants import ConstantEstimate, find, reference_m
+from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
 from counterflex.identify.production.stretches import Choice, joined, stretches_of
 from counterflex.identify.recipe import Identification
@@ -314,7 +314,7 @@ def _taken(
 
 def _estimated(
     runs: Sequence[KeptRun], model: CellModel, cell: Cell, tool: int, options: Mapping[str, Any], progress: Progress
-) -> tuple[Estimate, list[RunFactor], Drift]:
+) -> tuple[ConstantEstimate, list[RunFactor], ForceDrift]:
     """Constants as in the first run, the factor of each run, the drift; changes are out of the constants."""
     every = joined([kept.stretches for kept in runs])
     number: Int = np.repeat(np.arange(len(runs)), [len(kept.stretches) for kept in runs])
@@ -322,7 +322,7 @@ def _estimated(
     cutter = model.cutter_of(tool)
     length: Float = np.array([kept.facts["cut_mm"] * MM for kept in runs])
     is_new = np.array([bool(kept.facts["new_tool"]) for kept in runs])
-    sensor = ForceSensor(float(options["force_scale_sigma"]), float(options["force_cross_talk_sigma"]))
+    sensor = SensorAccuracy(float(options["force_scale_sigma"]), float(options["force_cross_talk_sigma"]))
     known, growth, growth_sigma = known_constants(cell), np.ones(len(every)), np.zeros(len(every))
     for turn in range(2):
         block = ProductionResiduals(every, geometry, cutter, MM, every.cut, growth)

@@ -21,8 +21,8 @@ from counterflex.files.identification_file import figure_rows, fit_table
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, constants
 from counterflex.identify.data.changes import CuttingLaw
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.constants import SIGNIFICANT, Estimate
-from counterflex.identify.production.drift import LEVEL, Drift, Named, RunFactor
+from counterflex.identify.production.constants import SIGNIFICANT, ConstantEstimate
+from counterflex.identify.production.drift import LEVEL, ForceDrift, NamedEvents, RunFactor
 from counterflex.identify.production.hypotheses import Kind
 from counterflex.identify.recipe import Curve, Figure, Identification, Picture
 
@@ -40,12 +40,21 @@ class Produced:
     model: CellModel  # As identification sees it
     tool: int  # Number of the tool
     material: str
+<<<<<<< HEAD
     runs: Sequence[KeptRun]  # All of them in their order
     new: Sequence[KeptRun]  # Those that are not in the history yet
     estimate: Estimate
     factors: Sequence[RunFactor]  # Of each run
     drift: Drift  # Over the runs
     known: Mapping[str, float]  # Standard deviations of constants that the cell file has identified
+=======
+    runs: Sequence[KeptRun]
+    new: Sequence[KeptRun]
+    estimate: ConstantEstimate
+    factors: Sequence[RunFactor]
+    drift: ForceDrift
+    known: Mapping[str, float]
+>>>>>>> models
     options: Mapping[str, Any]
     remarks: tuple[str, ...]
     plans: tuple[Path, ...]
@@ -184,7 +193,7 @@ _TEXT = {
 }
 
 
-def _event_remark(p: Produced, event: Named) -> str:
+def _event_remark(p: Produced, event: NamedEvents) -> str:
     """Sentence on an event: where, how large, what it may be, and what follows."""
     run = p.runs[event.at].facts["run"]
     first = f"The force {'rises' if event.size > 0.0 else 'falls'} by {abs(100.0 * event.size):.1f} % at {run}"
@@ -204,7 +213,7 @@ def _event_remark(p: Produced, event: Named) -> str:
     return f"{first} (odds against none {odds} to 1): {may}{then}"
 
 
-def _drift_remarks(p: Produced, grown: Drift) -> list[str]:
+def _drift_remarks(p: Produced, grown: ForceDrift) -> list[str]:
     limit = float(p.options["wear_limit"])
     out = [_event_remark(p, event) for event in grown.events]
     if not grown.is_known:

@@ -15,8 +15,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MM_PER_S, PERCENT, UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, Cycle, path_cycles
-from counterflex.evaluate.iso9283.path_figures import Corner, PathFigures, corners, crossings, path_figures
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle, path_cycles
+from counterflex.evaluate.iso9283.path_figures import Corner, IsoPathFigures, corners, crossings, path_figures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity, path_velocity
 from counterflex.geometry import pose
 
@@ -30,8 +30,8 @@ class PathResult:
     """A judged test."""
 
     path: CommandedPath
-    cycles: list[Cycle]
-    figures: PathFigures
+    cycles: list[PathCycle]
+    figures: IsoPathFigures
     corners: list[Corner]
     velocity: PathVelocity | None  # Or None
     summary: dict[str, Any]
@@ -81,7 +81,7 @@ def judge(measured: Sequence[Measured], path: CommandedPath, frame: Frame, *, av
     return PathResult(path, cycles, figures, corner_list, velocity, summary, _table(figures))
 
 
-def _cycles(moved: Sequence[Measured], path: CommandedPath) -> list[Cycle]:
+def _cycles(moved: Sequence[Measured], path: CommandedPath) -> list[PathCycle]:
     cycles = [
         cycle for one in moved for cycle in path_cycles(path, one.p, R=one.R, time_s=one.time_s)
     ]  # fmt: skip
@@ -97,7 +97,7 @@ def _cycles(moved: Sequence[Measured], path: CommandedPath) -> list[Cycle]:
     return cycles
 
 
-def _fitted(path: CommandedPath, cycles: Sequence[Cycle]) -> Float:
+def _fitted(path: CommandedPath, cycles: Sequence[PathCycle]) -> Float:
     """Frame that carries the attained paths onto the commanded one, by least squares across it: ``T_command_log``."""
     s = path.places()
     c, t = path.at(s)
@@ -105,7 +105,7 @@ def _fitted(path: CommandedPath, cycles: Sequence[Cycle]) -> Float:
         raise InputError("a frame cannot be fitted to a straight path", hint="Give --frame, or test a path in a plane")
     T = np.eye(4)
     for _ in range(_FITS):
-        now = [Cycle(x.first, pose.transform(T, x.p), x.length_m) for x in cycles]
+        now = [PathCycle(x.first, pose.transform(T, x.p), x.length_m) for x in cycles]
         attained = np.stack([crossings(cycle, s, c, t) for cycle in now], axis=1)
         if np.isnan(attained).any():
             raise InputError("an attained path has a hole", hint="Readings are missing: was the beam interrupted?")
@@ -116,7 +116,7 @@ def _fitted(path: CommandedPath, cycles: Sequence[Cycle]) -> Float:
     return T
 
 
-def _velocity(path: CommandedPath, cycles: Sequence[Cycle]) -> tuple[PathVelocity | None, str]:
+def _velocity(path: CommandedPath, cycles: Sequence[PathCycle]) -> tuple[PathVelocity | None, str]:
     if path.speed_m_s is None:
         return None, "the commanded velocity is not known (speed_mm_s of the table, or one F of the program)"
     if any(cycle.time_s is None for cycle in cycles):
@@ -150,7 +150,7 @@ def _corner_row(k: int, c: Corner) -> dict[str, Any]:
     }
 
 
-def _table(f: PathFigures) -> pl.DataFrame:
+def _table(f: IsoPathFigures) -> pl.DataFrame:
     m, n = f.p_attained.shape[:2]
     d = f.p_attained - f.command[:, None]
     columns: dict[str, Any] = {

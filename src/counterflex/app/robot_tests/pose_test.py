@@ -112,7 +112,7 @@ def _attained(
     if one.time_s is None or float(np.median(np.diff(one.time_s))) > _DISCRETE_S:
         R = one.R
         stands = [
-            still.Standstill(
+            still.MeasuredStandstill(
                 k, k, one.p[k], None if R is None else R[k], float(k if one.time_s is None else one.time_s[k])
             )
             for k in range(len(one.Ts_command_tcp))
@@ -143,7 +143,9 @@ def _attained(
     return Attained(poses, settling, refused)
 
 
-def _moved(stand: still.Standstill, T: Float, T_target_tcp: Float, *, oriented: bool) -> still.Standstill:
+def _moved(
+    stand: still.MeasuredStandstill, T: Float, T_target_tcp: Float, *, oriented: bool
+) -> still.MeasuredStandstill:
     at = T @ pose.make(stand.R if oriented else None, stand.p) @ T_target_tcp
     return replace(stand, p=at[:3, 3], R=at[:3, :3] if oriented else None)
 
@@ -204,7 +206,11 @@ def _by_stated_direction(measured: Measured, attained: Attained) -> list[list[Po
 
 
 def _settling(
-    moved: Measured, stands: Sequence[still.Standstill], cycles: Sequence[Sequence[int]], count: int, band_m: float
+    moved: Measured,
+    stands: Sequence[still.MeasuredStandstill],
+    cycles: Sequence[Sequence[int]],
+    count: int,
+    band_m: float,
 ) -> tuple[list[list[Settled]], dict[str, int]]:
     """Stabilisation of the approaches of every pose, where the log shows them."""
     out: list[list[Settled]] = [[] for _ in range(count)]

@@ -9,7 +9,7 @@ import numpy as np
 from counterflex.app.strategy.entries import Entry
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.plan.strategy.entry_moves import Arc, arc_in, arc_out, ramp
+from counterflex.plan.strategy.entry_moves import EntryArc, arc_in, arc_out, ramp
 from counterflex.programs.program import Block, Program
 
 _LEVEL_M = 1e-9
@@ -149,7 +149,7 @@ class _Words:
         """Z alone."""
         return self._word("Z", (z - float(self.origin[2])) / self.unit)
 
-    def arc(self, arc: Arc) -> str:
+    def arc(self, arc: EntryArc) -> str:
         """G2 or G3 with its end and its centre from the start."""
         arms = (arc.centre - self.origin[:2]) / self.unit - self._at(arc.start)
         centre = " ".join(self._word(c, v) for c, v in zip("IJ", arms.tolist(), strict=True))

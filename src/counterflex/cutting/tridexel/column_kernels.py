@@ -17,7 +17,7 @@ from counterflex.core.arrays import Bool, Float, Float1, Float2, Float32, Int
 from counterflex.core.jit import bundle, kernel
 from counterflex.cutting.booking_kernels import EVENTS, VISITED
 from counterflex.cutting.envelope_kernels import LANES, Int32, Real, Whole
-from counterflex.cutting.kernel_arrays import SCRATCH, Grid, Scratch
+from counterflex.cutting.kernel_arrays import SCRATCH, Scratch, StockGrid
 from counterflex.cutting.sweep_kernels import ROWS, stamp_rows
 from counterflex.cutting.tridexel.column_block_kernels import (
     COLUMNS,
@@ -331,7 +331,7 @@ def cut_motions(
         desk: Of the columns.
     """
     desk.point[5] = 0.0
-    grid = Grid(columns.high[0], columns.tops, columns.x0, columns.y0, columns.cell, columns.floor)
+    grid = StockGrid(columns.high[0], columns.tops, columns.x0, columns.y0, columns.cell, columns.floor)
     k = 0
     while k < len(motions):
         row, count = owner[k], upright[k]

@@ -23,7 +23,7 @@ _GRID: Final = np.linspace(-18.0, 18.0, 289)
 
 
 @dataclass(frozen=True)
-class Figure:
+class FigureInterval:
     """A figure and the interval that holds the true one with :data:`CONFIDENCE`."""
 
     value: float  # SI
@@ -39,17 +39,17 @@ class Figure:
         return {"value": value, "low": low, "high": high, "cycles": self.count}
 
 
-def mean_figure(values: Float) -> Figure:
+def mean_figure(values: Float) -> FigureInterval:
     """Mean of (n,) values with Student's interval, ``mean +- t s / sqrt(n)``."""
     x = as_float("values", values, (None,))
     n, mean = len(x), float(np.mean(x))
     if n < 2:
-        return Figure(mean, None, None, n)
+        return FigureInterval(mean, None, None, n)
     half = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, n - 1) * np.std(x, ddof=1) / math.sqrt(n))
-    return Figure(mean, mean - half, mean + half, n)
+    return FigureInterval(mean, mean - half, mean + half, n)
 
 
-def three_sigma(values: Float) -> Figure:
+def three_sigma(values: Float) -> FigureInterval:
     """``3 S`` of (n,) values, ``S`` with n - 1, and its chi-square interval ``S sqrt((n-1) / chi2)``.
 
     Raises:
@@ -63,10 +63,10 @@ def three_sigma(values: Float) -> Figure:
     low, high = (
         math.sqrt((n - 1) / q) for q in scipy.stats.chi2.ppf([0.5 + 0.5 * CONFIDENCE, 0.5 - 0.5 * CONFIDENCE], n - 1)
     )
-    return Figure(s3, low * s3, high * s3, n)
+    return FigureInterval(s3, low * s3, high * s3, n)
 
 
-def length_figure(d: Float, covariance_m2: Float, count: int) -> Figure:
+def length_figure(d: Float, covariance_m2: Float, count: int) -> FigureInterval:
     """Length of a vector that is known with a scatter: ``|d| +- t s_u`` along its direction u, not below zero.
 
     Near zero the direction is free and the length is estimated too large; there the largest scatter of any direction
@@ -79,12 +79,12 @@ def length_figure(d: Float, covariance_m2: Float, count: int) -> Figure:
     """
     size = float(np.linalg.norm(d))
     if count < 2:
-        return Figure(size, None, None, count)
+        return FigureInterval(size, None, None, count)
     t = float(scipy.stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
     widest = math.sqrt(max(float(np.linalg.eigvalsh(covariance_m2)[-1]), 0.0))
     u = d / size if size > 3.0 * widest else None
     s = widest if u is None else math.sqrt(max(float(u @ covariance_m2 @ u), 0.0))
-    return Figure(size, max(0.0, size - t * s), size + t * s, count)
+    return FigureInterval(size, max(0.0, size - t * s), size + t * s, count)
 
 
 def mean_distance(covariances_m2: Float) -> Float:
@@ -114,7 +114,7 @@ def repeatability(residual: Float) -> Float:
     return out
 
 
-def largest_repeatability(points: Float) -> Figure:
+def largest_repeatability(points: Float) -> FigureInterval:
     """Largest ``mean(l) + 3 S_l`` of several places, and its interval.
 
     The interval scales the figure by what normally distributed cycles with the covariance that was found would give:
@@ -133,7 +133,7 @@ def largest_repeatability(points: Float) -> Figure:
         raise InputError("a repeatability needs two cycles", value=n, limit=">= 2")
     value = float(repeatability(p).max())
     if value <= 0.0 or n < 3:
-        return Figure(value, 0.0 if n >= 3 else None, 0.0 if n >= 3 else None, n)
+        return FigureInterval(value, 0.0 if n >= 3 else None, 0.0 if n >= 3 else None, n)
     e = p - p.mean(axis=1, keepdims=True)
     covariance = np.einsum("mni,mnj->mij", e, e) / (n - 1)
     mean = mean_distance(covariance)
@@ -143,4 +143,4 @@ def largest_repeatability(points: Float) -> Figure:
     new = (drawn @ e.transpose(1, 0, 2).reshape(n, 3 * m)).reshape(DRAWS, n, m, 3)
     ratio = repeatability(new.swapaxes(1, 2)).max(axis=1) / true
     low, high = np.quantile(ratio, [0.5 + 0.5 * CONFIDENCE, 0.5 - 0.5 * CONFIDENCE])
-    return Figure(value, value / float(low), value / float(high), n)
+    return FigureInterval(value, value / float(low), value / float(high), n)

@@ -23,7 +23,7 @@ _SAME_WAY: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Cycle:
+class PathCycle:
     """One run along the commanded path."""
 
     first: int  # reading of the log that it begins with
@@ -40,7 +40,7 @@ class Cycle:
 
 def path_cycles(
     path: CommandedPath, p: Float, *, R: Float | None = None, time_s: Float | None = None, reach_m: float = REACH_M
-) -> list[Cycle]:
+) -> list[PathCycle]:
     """Cycles in a log: a cycle passes the start of the path in its direction and goes along it to its end.
 
     Readings between cycles (return, rest, other moves) belong to none. A run that leaves the path by more than
@@ -65,7 +65,7 @@ def path_cycles(
     q, place, broken = path_matching.even_stations(points, spacing, reach_m)
     way = path_matching.travel_directions(q, broken)
     starts = _starts(q, way, P, reach_m)
-    matches: list[Cycle] = []
+    matches: list[PathCycle] = []
     free, longest = 0, int(1.6 * total / spacing) + 50
     overlap = int(reach_m / spacing) + 2  # a closed path begins again where it ends
     for k in starts:
@@ -83,7 +83,7 @@ def path_cycles(
         index = np.arange(rows.start, rows.stop, dtype=np.float64)
         length = np.interp(index, place[k : k + end + 1], u[: end + 1])
         matches.append(
-            Cycle(
+            PathCycle(
                 rows.start,
                 points[rows],
                 length,

@@ -13,7 +13,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.evaluate.iso9283 import intervals
 from counterflex.evaluate.iso9283.commanded_path import ZONE, CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import REACH_M, Cycle
+from counterflex.evaluate.iso9283.path_cycles import REACH_M, PathCycle
 from counterflex.geometry import rotation
 
 
@@ -28,7 +28,7 @@ class Corner:
     co_m: Float  # (n,) largest deviation of each from the second path, outward; 0 where there is none
 
 
-def corners(path: CommandedPath, cycles: Sequence[Cycle]) -> list[Corner]:
+def corners(path: CommandedPath, cycles: Sequence[PathCycle]) -> list[Corner]:
     """CR and CO at every corner of the commanded path; the figures are the largest over the cycles.
 
     ``CR_j`` is the least distance between the corner and attained path j. ``CO_j`` is the largest distance of attained
@@ -81,7 +81,7 @@ _WINDOW_M: Final = 4.0 * MM
 
 
 @dataclass(frozen=True, eq=False)
-class PathFigures:
+class IsoPathFigures:
     """Figures of a path and what they come from."""
 
     length_m: Float  # (m,) places along the commanded path
@@ -89,17 +89,17 @@ class PathFigures:
     direction: Float  # (m, 3) of the commanded path
     p_attained: Float  # (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one
     turned_rad: Float | None  # (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None
-    at_p: intervals.Figure  # `AT_P = max_i |mean_i - c_i|`, m
-    rt_p: intervals.Figure | None  # `RT_P = max_i (mean(l_i) + 3 S_li)`, m; None with one cycle
-    at_abc: tuple[intervals.Figure, ...]  # `max_i |mean a_i|`, rad
-    rt_abc: tuple[intervals.Figure, ...]  # `max_i 3 S_ai`, rad
+    at_p: intervals.FigureInterval  # `AT_P = max_i |mean_i - c_i|`, m
+    rt_p: intervals.FigureInterval | None  # `RT_P = max_i (mean(l_i) + 3 S_li)`, m; None with one cycle
+    at_abc: tuple[intervals.FigureInterval, ...]  # `max_i |mean a_i|`, rad
+    rt_abc: tuple[intervals.FigureInterval, ...]  # `max_i 3 S_ai`, rad
     at_place: int  # place of the largest `AT`
     rt_place: int | None  # of the largest `RT`, or None
     by_place_at_m: Float  # (m,) distance of the barycentres
     by_place_rt_m: Float  # (m,) radius of the tube `mean(l) + 3 S`; zero with one cycle
 
 
-def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | None = None) -> PathFigures:
+def path_figures(path: CommandedPath, cycles: Sequence[PathCycle], places: Float | None = None) -> IsoPathFigures:
     """AT and RT of attained paths in planes normal to the commanded one.
 
     Args:
@@ -134,7 +134,7 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
     by_rt = away.mean(axis=1) + 3.0 * away.std(axis=1, ddof=1) if n > 1 else np.zeros(len(s))
     turned = _turned(path, cycles, s)
     angles = () if turned is None else tuple(np.moveaxis(turned, 2, 0))
-    return PathFigures(
+    return IsoPathFigures(
         length_m=s,
         command=c,
         direction=t,
@@ -153,7 +153,7 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
     )
 
 
-def crossings(cycle: Cycle, s: Float, p_plane: Float, normal: Float) -> Float:
+def crossings(cycle: PathCycle, s: Float, p_plane: Float, normal: Float) -> Float:
     """Points where an attained path crosses planes: (m, 3) m, NaN where it does not.
 
     Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
@@ -172,7 +172,7 @@ def crossings(cycle: Cycle, s: Float, p_plane: Float, normal: Float) -> Float:
     return out
 
 
-def crossing_steps(cycle: Cycle, s: float, p_plane: Float, normal: Float) -> tuple[Int, Float]:
+def crossing_steps(cycle: PathCycle, s: float, p_plane: Float, normal: Float) -> tuple[Int, Float]:
     """Readings before each crossing of a plane, and where between them and the next it lies, 0..1."""
     window = _WINDOW_M + REACH_M + 2.0 * cycle.longest_step_m
     a, b = np.searchsorted(cycle.length_m, [s - window, s + window])
@@ -185,7 +185,7 @@ def crossing_steps(cycle: Cycle, s: float, p_plane: Float, normal: Float) -> tup
     return k + a, share
 
 
-def _turned(path: CommandedPath, cycles: Sequence[Cycle], s: Float) -> Float | None:
+def _turned(path: CommandedPath, cycles: Sequence[PathCycle], s: Float) -> Float | None:
     command = path.orientation(s)
     if command is None or any(cycle.R is None for cycle in cycles):
         return None
@@ -197,8 +197,8 @@ def _turned(path: CommandedPath, cycles: Sequence[Cycle], s: Float) -> Float | N
     return out
 
 
-def _size(figure: intervals.Figure) -> intervals.Figure:
+def _size(figure: intervals.FigureInterval) -> intervals.FigureInterval:
     """The figure as a magnitude: turned round where it is negative."""
     if figure.value >= 0.0 or figure.low is None or figure.high is None:
-        return intervals.Figure(abs(figure.value), figure.low, figure.high, figure.count)
-    return intervals.Figure(-figure.value, -figure.high, -figure.low, figure.count)
+        return intervals.FigureInterval(abs(figure.value), figure.low, figure.high, figure.count)
+    return intervals.FigureInterval(-figure.value, -figure.high, -figure.low, figure.count)

@@ -12,8 +12,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.intervals import Figure, mean_figure, three_sigma
-from counterflex.evaluate.iso9283.path_cycles import Cycle
+from counterflex.evaluate.iso9283.intervals import FigureInterval, mean_figure, three_sigma
+from counterflex.evaluate.iso9283.path_cycles import PathCycle
 from counterflex.evaluate.iso9283.path_figures import crossing_steps
 
 MIDDLE: Final = 0.5
@@ -28,8 +28,8 @@ class PathVelocity:
     """Velocity figures."""
 
     commanded_m_s: float  # commanded velocity
-    av: Figure  # `AV = mean(v) - v_c`, m/s; the standard gives it in % of `v_c`
-    rv: Figure | None  # `RV = 3 S_v` of the cycles' means, m/s; None with one cycle
+    av: FigureInterval  # `AV = mean(v) - v_c`, m/s; the standard gives it in % of `v_c`
+    rv: FigureInterval | None  # `RV = 3 S_v` of the cycles' means, m/s; None with one cycle
     fv_m_s: float  # `FV = max_j (max_i v_ij - min_i v_ij)`, m/s
     mean_m_s: Float  # (n,) mean of each cycle
     length_m: Float  # (m,) places
@@ -37,7 +37,7 @@ class PathVelocity:
     noise_m_s: float  # standard deviation of one velocity that the noise of the readings alone gives
 
 
-def path_velocity(path: CommandedPath, cycles: Sequence[Cycle], window_s: float = WINDOW_S) -> PathVelocity:
+def path_velocity(path: CommandedPath, cycles: Sequence[PathCycle], window_s: float = WINDOW_S) -> PathVelocity:
     """AV, RV and FV over the middle half of each stretch.
 
     A velocity is the slope of the progress along the commanded direction against time, by least squares over

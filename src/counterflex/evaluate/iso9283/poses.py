@@ -56,11 +56,11 @@ class PoseCycles:
 class PoseFigures:
     """Figures of one pose."""
 
-    ap: intervals.Figure  # positioning accuracy `AP_P = |mean - command|`, m
-    ap_xyz: tuple[intervals.Figure, ...]  # its components `mean - command`, m
-    ap_abc: tuple[intervals.Figure, ...]  # orientation accuracy, rad; empty without orientation
-    rp: intervals.Figure | None  # positioning repeatability `RP_l = mean(l) + 3 S_l`, m; None with one cycle
-    rp_abc: tuple[intervals.Figure, ...]  # orientation repeatability `3 S`, rad
+    ap: intervals.FigureInterval  # positioning accuracy `AP_P = |mean - command|`, m
+    ap_xyz: tuple[intervals.FigureInterval, ...]  # its components `mean - command`, m
+    ap_abc: tuple[intervals.FigureInterval, ...]  # orientation accuracy, rad; empty without orientation
+    rp: intervals.FigureInterval | None  # positioning repeatability `RP_l = mean(l) + 3 S_l`, m; None with one cycle
+    rp_abc: tuple[intervals.FigureInterval, ...]  # orientation repeatability `3 S`, rad
 
 
 def pose_figures(cycles: PoseCycles) -> PoseFigures:
@@ -85,7 +85,7 @@ def pose_figures(cycles: PoseCycles) -> PoseFigures:
     )
 
 
-def _difference(one: Float, other: Float) -> intervals.Figure:
+def _difference(one: Float, other: Float) -> intervals.FigureInterval:
     """Distance of two means with its uncertainty."""
     scatter = np.zeros((3, 3))
     for x in (one, other):
@@ -94,7 +94,9 @@ def _difference(one: Float, other: Float) -> intervals.Figure:
     return intervals.length_figure(one.mean(axis=0) - other.mean(axis=0), scatter, min(len(one), len(other)))
 
 
-def multi_directional(directions: Sequence[PoseCycles]) -> tuple[intervals.Figure, tuple[intervals.Figure, ...]]:
+def multi_directional(
+    directions: Sequence[PoseCycles],
+) -> tuple[intervals.FigureInterval, tuple[intervals.FigureInterval, ...]]:
     """Variation vAP of the accuracy of one pose attained from several directions: position m, angles a, b, c rad.
 
     ``vAP_P = max |mean_h - mean_k|`` over pairs of directions; ``vAP_a = max |a_h - a_k|``.
@@ -124,10 +126,10 @@ class DistanceFigures:
     """Figures of the distance between two commanded poses."""
 
     commanded_m: float  # commanded distance
-    ad: intervals.Figure  # `AD_P = mean(D) - D_c`, m, signed
-    rd: intervals.Figure | None  # `RD = 3 S_D`, m; None with one cycle
-    ad_xyz: tuple[intervals.Figure, ...]  # components `mean |x1 - x2| - |x1c - x2c|`, m
-    rd_xyz: tuple[intervals.Figure, ...]  # their `3 S`, m
+    ad: intervals.FigureInterval  # `AD_P = mean(D) - D_c`, m, signed
+    rd: intervals.FigureInterval | None  # `RD = 3 S_D`, m; None with one cycle
+    ad_xyz: tuple[intervals.FigureInterval, ...]  # components `mean |x1 - x2| - |x1c - x2c|`, m
+    rd_xyz: tuple[intervals.FigureInterval, ...]  # their `3 S`, m
 
 
 def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
@@ -158,7 +160,7 @@ def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
 
 
 @dataclass(frozen=True)
-class Drift:
+class PoseDrift:
     """Drift of one pose over blocks of cycles."""
 
     time_s: Float  # (k,) mean time of each block
@@ -171,7 +173,7 @@ class Drift:
     moved_m: float
 
 
-def drift(cycles: PoseCycles, block: int = 10) -> Drift | None:
+def drift(cycles: PoseCycles, block: int = 10) -> PoseDrift | None:
     """Drift of pose accuracy and repeatability over successive blocks of cycles; None where there is one block only.
 
     Args:
@@ -187,7 +189,7 @@ def drift(cycles: PoseCycles, block: int = 10) -> Drift | None:
     centre = p.mean(axis=1)
     ap = np.linalg.norm(centre - cycles.command[:3, 3], axis=1)
     rp = np.array([intervals.largest_repeatability(x[None]).value for x in p])
-    return Drift(
+    return PoseDrift(
         time_s=cycles.time_s[: blocks * block].reshape(blocks, block).mean(axis=1),
         ap_m=ap,
         rp_m=rp,

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.evaluate.iso9283.standstills import Standstill
+from counterflex.evaluate.iso9283.standstills import MeasuredStandstill
 
 BAND_M: Final = 0.1 * MM
 _READINGS: Final = 10
@@ -28,7 +28,9 @@ class Settled:
     overshoot_m: float
 
 
-def settled(time_s: Float, p: Float, before: Standstill | None, stand: Standstill, band_m: float = BAND_M) -> Settled:
+def settled(
+    time_s: Float, p: Float, before: MeasuredStandstill | None, stand: MeasuredStandstill, band_m: float = BAND_M
+) -> Settled:
     """Stabilisation of one approach.
 
     Args:

@@ -23,7 +23,7 @@ NEAR_M: Final = 20.0 * MM
 
 
 @dataclass(frozen=True, eq=False)
-class Standstill:
+class MeasuredStandstill:
     """A stretch of a log in which nothing moves."""
 
     first: int  # its first reading
@@ -33,7 +33,7 @@ class Standstill:
     time_s: float  # middle of that half
 
 
-def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[Standstill]:
+def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[MeasuredStandstill]:
     """Standstills of a log.
 
     Args:
@@ -58,7 +58,7 @@ def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[Standst
         half = slice((begin + end + 1) // 2, end + 1)
         mean_R = None if R is None else mean_rotation(R[half])
         middle = float(time[half].mean())
-        out.append(Standstill(begin, end, points[half].mean(axis=0), mean_R, middle))
+        out.append(MeasuredStandstill(begin, end, points[half].mean(axis=0), mean_R, middle))
     return out
 
 
@@ -69,7 +69,7 @@ def mean_rotation(R: Float) -> Float:
     return out
 
 
-def assigned(stands: Sequence[Standstill], Ts_command: Float) -> Int:
+def assigned(stands: Sequence[MeasuredStandstill], Ts_command: Float) -> Int:
     """(k,) commanded pose nearest to each standstill, -1 where all are farther than :data:`NEAR_M`."""
     if not stands:
         return np.zeros(0, dtype=np.int64)
@@ -100,7 +100,9 @@ def ordered_cycles(which: Int, count: int) -> list[list[int]]:
     return out
 
 
-def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], Ts_command: Float) -> list[PoseCycles]:
+def pose_cycles(
+    stands: Sequence[MeasuredStandstill], cycles: Sequence[Sequence[int]], Ts_command: Float
+) -> list[PoseCycles]:
     """Attained poses of every commanded one.
 
     Raises:
@@ -116,7 +118,7 @@ def pose_cycles(stands: Sequence[Standstill], cycles: Sequence[Sequence[int]], T
     return out
 
 
-def fitted_frame(stands: Sequence[Standstill], Ts_command: Float) -> Float:
+def fitted_frame(stands: Sequence[MeasuredStandstill], Ts_command: Float) -> Float:
     """Pose of the log's frame in that of the commands, by the order of the standstills alone: ``T_command_log``.
 
     The standstills are taken as whole cycles one after the other; of the ways to begin the one that fits best counts.

@@ -142,7 +142,7 @@ class Gathered:
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class BandSolution:
     """Mean of the states, Cholesky factor of their precision (lower band), and the logarithm of the evidence."""
 
     mean: Float
@@ -164,7 +164,7 @@ class Solved:
         return out
 
 
-def solved(nodes: Nodes, prior: Prior, gathered: Gathered) -> Solved:
+def solved(nodes: Nodes, prior: Prior, gathered: Gathered) -> BandSolution:
     """Estimate the states.
 
     The evidence is that of the observations, ``log N(y; 0, H K H^T + W^-1)``.
@@ -177,7 +177,7 @@ def solved(nodes: Nodes, prior: Prior, gathered: Gathered) -> Solved:
     log_evidence = -0.5 * (
         fit + logdet_after - logdet - gathered.log_weight + gathered.count * float(np.log(2.0 * np.pi))
     )
-    return Solved(mean, factor, log_evidence)
+    return BandSolution(mean, factor, log_evidence)
 
 
 def values_of(states: Float) -> Float:

@@ -151,7 +151,7 @@ def _believed(
     seen: band_solver.Observations,
     nodes: Nodes,
     prior: band_solver.Prior,
-    done: band_solver.Solved,
+    done: band_solver.BandSolution,
     part: PartDeviations,
     place: Int,
     scatter: Float,

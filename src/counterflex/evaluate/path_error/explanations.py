@@ -33,7 +33,7 @@ _STEPS: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Cause:
+class ErrorCause:
     """Something that may be other than planned with."""
 
     name: str  # what
@@ -60,7 +60,7 @@ def explanations(
     nodes: Nodes,
     prior: Prior,
     deflection_m: float,
-    causes: Sequence[Cause],
+    causes: Sequence[ErrorCause],
     together: Sequence[tuple[str, ...]],
 ) -> list[Explanation]:
     """Weigh explanations against each other.
@@ -104,7 +104,7 @@ def _factors(
 
 
 def _weighed(
-    observed: Observations, nodes: Nodes, prior: Prior, gathered: Gathered, causes: tuple[Cause, ...]
+    observed: Observations, nodes: Nodes, prior: Prior, gathered: Gathered, causes: tuple[ErrorCause, ...]
 ) -> Explanation:
     """Evidence and factors of some causes, sizes of the rest at their likeliest."""
     patterns = np.concatenate([c.pattern for c in causes]) if causes else np.zeros((0, len(nodes), 3))

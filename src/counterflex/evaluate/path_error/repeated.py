@@ -22,7 +22,7 @@ _SEED: Final = 21
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedSurface:
     """Deviation of the surface that 99.7 % of the places stay below, m, without the noise of the scan."""
 
     now_m: float  # of the measured part
@@ -31,7 +31,7 @@ class Expected:
     high_m: float  # 5 % are above
 
 
-def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: Float | None = None) -> Expected:
+def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: Float | None = None) -> ExpectedSurface:
     """Predict the surface of the next part.
 
     Args:
@@ -51,7 +51,7 @@ def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: 
         for draw, factor, other in zip(estimate.draws_m, factors, besides, strict=True)
     ]
     low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
-    return Expected(_figure(contacts, np.mean(estimate.draws_m, axis=0)), median, low, high)
+    return ExpectedSurface(_figure(contacts, np.mean(estimate.draws_m, axis=0)), median, low, high)
 
 
 def _figure(contacts: Contacts, error_m: Float) -> float:

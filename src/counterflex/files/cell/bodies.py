@@ -16,7 +16,7 @@ from counterflex.core.similar import twice
 from counterflex.core.units import MM
 from counterflex.files.schema import PoseTable, Table
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import Body, along, hull
+from counterflex.plan.preflight.bodies import CollisionBody, along, hull
 
 # Bodies from STL meshes, as convex pieces: distances are those of convex bodies.
 # A convex mesh is one piece. The surface of any other one is divided at the middle of its longest side until the pieces
@@ -127,7 +127,7 @@ class CoarseBodyTable(PoseTable):
         """It belongs to the surroundings, not to the robot."""
         return self.frame in ("base", "part") and self.name not in ROBOT_BODIES
 
-    def pieces(self, folder: Path) -> list[Body]:
+    def pieces(self, folder: Path) -> list[CollisionBody]:
         """The body in SI; a mesh as convex pieces. None for shape ``none``."""
         if self.shape == "mesh":
             T = self.matrix()
@@ -135,12 +135,12 @@ class CoarseBodyTable(PoseTable):
             return [hull(self.name, self.frame, T, some, surrounds=self.surrounds) for some in points]
         return [] if self.shape == "none" else [self.body()]
 
-    def body(self) -> Body:
+    def body(self) -> CollisionBody:
         """The body in SI; not for shapes ``none`` and ``mesh``."""
         T, surrounds = self.matrix(), self.surrounds
         if self.shape == "box":
             half = tuple(0.5 * MM * edge for edge in self.size_mm or ())
-            return Body(self.name, self.frame, "box", T, half, assumed=False, surrounds=surrounds)
+            return CollisionBody(self.name, self.frame, "box", T, half, assumed=False, surrounds=surrounds)
         ends = pose.transform(T, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, (self.length_mm or 0.0) * MM]]))
         shape: Literal["capsule", "cylinder"] = "capsule" if self.shape == "capsule" else "cylinder"
         return along(
@@ -170,7 +170,7 @@ class SurroundingsTable(Table):
             raise ValueError(f"two bodies are named '{name}'; names must differ")
         return self
 
-    def bodies(self, folder: Path = Path()) -> tuple[list[Body], list[str]]:
+    def bodies(self, folder: Path = Path()) -> tuple[list[CollisionBody], list[str]]:
         """Bodies that are there, and names of assumed ones that are not.
 
         Args:

@@ -20,7 +20,7 @@ from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, Damping
-from counterflex.plan.preflight.row import Bounds
+from counterflex.plan.preflight.row import CheckLimits
 from counterflex.programs.robot_writer.writer import RobotSettings
 from counterflex.robot.model.description import Robot
 from counterflex.signals.preview import Mode, Shaping
@@ -138,7 +138,7 @@ class LimitsTable(Table):
     corner_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] | None = None
     reversal_error_um: Annotated[float, Field(gt=0.0, le=100_000.0)] = 50.0
 
-    def preflight(self, controller: ControllerTable, robot: Robot) -> Bounds:
+    def preflight(self, controller: ControllerTable, robot: Robot) -> CheckLimits:
         """Return what a preflight compares with; speeds and accelerations of the catalogue where the file has none.
 
         Args:
@@ -148,7 +148,7 @@ class LimitsTable(Table):
         speeds, accelerations = self.joint_speed_deg_s, self.joint_acceleration_deg_s2
         turning = self.orientation_speed_deg_s
         assumed = {f"controller.{key}" for key in _OF_CONTROLLER if key not in controller.model_fields_set}
-        return Bounds(
+        return CheckLimits(
             joint_margin_rad=self.joint_margin_deg * DEG,
             wrist_rad=self.wrist_singularity_deg * DEG,
             acceleration_m_s2=controller.acceleration_m_s2,

@@ -22,7 +22,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.pulls.blocks import Layout, coupled_by
+from counterflex.identify.pulls.blocks import PullLayout, coupled_by
 from counterflex.identify.pulls.history import band_slopes, lost_angles, uncertain_angles, unknown_angles
 from counterflex.identify.pulls.pulls import Pulls, read_load, read_path
 from counterflex.identify.pulls.residuals import COMPONENTS, PullResiduals, misplaced_by
@@ -116,7 +116,7 @@ def _carried(d_before: Float, lever: Float) -> Float:
     return np.concatenate([d_before[:, :3] + shift, d_before[:, 3:]], axis=1)
 
 
-def block(chain: ElasticChain, plan: Layout, motions: CubeMotions, scale: float = SCALE) -> PullResiduals:
+def block(chain: ElasticChain, plan: PullLayout, motions: CubeMotions, scale: float = SCALE) -> PullResiduals:
     """Residuals of relative motions; lost motion of an axis counts where its torsion lies between the cubes.
 
     Standard deviations: of both cubes as stated, of the lost motion, and of bearings that are not where they are

@@ -24,7 +24,7 @@ from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry import compliances
 from counterflex.identify.geometry.compliances import DIRECTIONS, bearing_of, springs
 from counterflex.identify.pulls import checks as pull_checks
-from counterflex.identify.pulls.blocks import Layout, layout, with_honest_sigma
+from counterflex.identify.pulls.blocks import PullLayout, layout, with_honest_sigma
 from counterflex.identify.pulls.proposal import APPROACH_RAD
 from counterflex.identify.pulls.pulls import AGAIN, HISTORIES, Pulls
 from counterflex.identify.recipe import Figure, Identification, Inputs, Proposal, Recipe
@@ -245,7 +245,7 @@ def _headline(held_out: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...
     )
 
 
-def _remarks(chain: ElasticChain, plan: Layout, fit: Fit, motions: Sequence[CubeMotions]) -> tuple[str, ...]:
+def _remarks(chain: ElasticChain, plan: PullLayout, fit: Fit, motions: Sequence[CubeMotions]) -> tuple[str, ...]:
     out = []
     spans = sorted({(m.pairs[p], int(m.first[i]), int(m.last[i])) for m in motions for i, p in enumerate(m.pair)})
     soft = set(plan.springs.segment.tolist())
@@ -285,7 +285,7 @@ def _readings(data: Dataset) -> Any:
     )
 
 
-def _score(chain: ElasticChain, plan: Layout) -> Any:
+def _score(chain: ElasticChain, plan: PullLayout) -> Any:
     """Quick fit of one dataset, as :data:`counterflex.identify.data.manifest_checks.Score`."""
 
     def score(data: Dataset) -> Misfit:

@@ -52,7 +52,7 @@ GAUGE_M = 20.0 * UM
 
 
 class PlannedMove(Protocol):
-    """Part of a proposed motion that is used; see :class:`counterflex.identify.cutting.proposal.Move`."""
+    """Part of a proposed motion that is used; see :class:`counterflex.identify.cutting.proposal.CutMove`."""
 
     @property
     def blank(self) -> int:
@@ -237,7 +237,7 @@ _STEPS: Final = 384
 
 
 @dataclass(frozen=True)
-class ForceSensor:
+class SensorAccuracy:
     """Accuracy of a force sensor, as standard deviations."""
 
     scale: float = SCALE  # of the scale of each axis, share of the reading
@@ -271,7 +271,7 @@ class ForceSensor:
         return ", ".join(f"{text} ({'as stated' if stated else 'usual'})" for text, stated in parts)
 
 
-def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
+def force_sensor(data: Sequence[Dataset]) -> SensorAccuracy:
     """The sensor as the manifests state it under ``[settings]``; of several statements the widest.
 
     Raises InputError: a statement out of range, or the uncertainty stated twice.
@@ -288,7 +288,7 @@ def force_sensor(data: Sequence[Dataset]) -> ForceSensor:
                 value=", ".join(k for k in (ACCURACY, SCALE_KEY, CROSS_KEY) if k in d.settings),
                 hint=f"Give {ACCURACY} (% of the range), or {SCALE_KEY} and {CROSS_KEY} (% of the force)",
             )
-    return ForceSensor(
+    return SensorAccuracy(
         sigma.get(SCALE_KEY, SCALE),
         sigma.get(CROSS_KEY, CROSS_TALK),
         sigma.get(ALIGNMENT_KEY, ALIGNMENT_RAD),
@@ -305,7 +305,9 @@ def _number(data: Dataset, key: str, most: float) -> float:
     return float(value)
 
 
-def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor, wear: float, runout_m: float) -> Float:
+def moved_by(
+    block: SlotResiduals, x: Float, law: ForceLaw, sensor: SensorAccuracy, wear: float, runout_m: float
+) -> Float:
     """(n, 3, 14) N, feed frame: what one standard deviation of each quantity moves the mean force of each piece by.
 
     ``x``: (p,) fitted values, for depth and arc. ``wear``: Standard deviation of the growth of the force from the first
@@ -321,7 +323,7 @@ def moved_by(block: SlotResiduals, x: Float, law: ForceLaw, sensor: ForceSensor,
     return out
 
 
-def shown_by_sensor(force: Float, axes: Float, sensor: ForceSensor) -> Float:
+def shown_by_sensor(force: Float, axes: Float, sensor: SensorAccuracy) -> Float:
     """(n, 3, 12) N, feed frame: what one standard deviation of scale, cross-talk and alignment moves mean forces by.
 
     ``force``: (n, 3) N in the feed frame. ``axes``: (n, 3, 3) from the axes of the force channel to the feed frame.
@@ -364,7 +366,7 @@ def runout_of_arcs(cuts: ArcCuts, law: ForceLaw, runout_m: float) -> Float:
 
 
 def with_shared(
-    fit: Fit, block: SlotResiduals, law: ForceLaw, sensor: ForceSensor, wear: float, runout_m: float
+    fit: Fit, block: SlotResiduals, law: ForceLaw, sensor: SensorAccuracy, wear: float, runout_m: float
 ) -> Fit:
     """The fit with the standard deviations of what all cuts share; arguments as in :func:`moved_by`."""
     return added(fit, considered(fit, [block], [moved_by(block, fit.values, law, sensor, wear, runout_m)]))

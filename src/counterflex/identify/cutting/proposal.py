@@ -77,7 +77,7 @@ _STEADY_M = 12.0 * MM
 
 
 @dataclass(frozen=True)
-class Move:
+class CutMove:
     """One straight feed motion in the plane of a blank: a test piece, or what joins two of them."""
 
     blank: int  # number of the blank
@@ -113,7 +113,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             where=cell.name,
             hint="Clamp a test blank and give [part.stock] box_min_mm and box_max_mm in a copy of the cell file",
         )
-    moves = _Layout(cell, cutter, cell.blank_part, options, count).moves()
+    moves = _CutLayout(cell, cutter, cell.blank_part, options, count).moves()
     columns = _columns(moves, cell.blank_part[1, 2], cutter, float(options["spindle_rad_s"]))
     pieces = [m for m in moves if m.piece]
     feeds = [m.feed_tooth_m for m in pieces]
@@ -139,7 +139,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     )
 
 
-class _Layout:
+class _CutLayout:
     """Places pieces in blanks: side cuts along both long sides, slots between them."""
 
     def __init__(self, cell: CellModel, cutter: Cutter, box: Float, options: Mapping[str, Any], count: int) -> None:
@@ -168,14 +168,14 @@ class _Layout:
         self.sides = 0 if count < 6 else min(sides, 2 * self.per_cut)
         self.margin = 0.5 * diameter + GAP_M if self.sides else 0.0
 
-    def moves(self) -> list[Move]:
+    def moves(self) -> list[CutMove]:
         """All motions, in order."""
         spread = np.linspace(0.0, 1.0, self.count) if self.count > 1 else np.ones(1)
         rising = self.feed_least * (self.feed_most / self.feed_least) ** spread
         upper = self.rng.permutation(rising[len(rising) // 3 :])  # side cuts have thinner chips: not the least feeds
         rest = self.rng.permutation(np.concatenate([rising[: len(rising) // 3], upper[: len(upper) - self.sides]]))
         feeds = [*rest.tolist(), *upper[len(upper) - self.sides :].tolist()]
-        out: list[Move] = []
+        out: list[CutMove] = []
         cut, blank = 0, 0
         side, lanes = 0, self._lanes()
         remaining = self.sides
@@ -212,7 +212,9 @@ class _Layout:
         radius = self.cutter.radius_m
         return [w - radius if side == 0 else self.breadth + radius - w for w in widths.tolist()]
 
-    def _along(self, blank: int, cut: int, lines: list[float], feeds: list[float], widths: Float | None) -> list[Move]:
+    def _along(
+        self, blank: int, cut: int, lines: list[float], feeds: list[float], widths: Float | None
+    ) -> list[CutMove]:
         """One cut through the blank, piece after piece; up or down along a side, either way in a slot."""
         forward = bool(self.rng.integers(0, 2))
         before, after = (self.cutter.radius_m + _RUN_IN_M + _RUN_IN_S * self.speed(f) for f in (feeds[0], feeds[-1]))
@@ -222,14 +224,14 @@ class _Layout:
         if not forward:
             bounds.reverse()
         depth = self._depth(max(feeds), widths)
-        out: list[Move] = []
+        out: list[CutMove] = []
         for i, (feed, line) in enumerate(zip(feeds, lines, strict=True)):
             signed = self.cutter.diameter_m if widths is None else self._signed(float(widths[i]), line, forward)
             if out and lines[i - 1] != line:
                 across = replace(out[-1], start=out[-1].end, end=self._point(bounds[i], line), piece=False)
                 out.append(across)
             start, stop = self._point(bounds[i], line), self._point(bounds[i + 1], line)
-            out.append(Move(blank, cut, start, stop, depth, signed, feed, True))
+            out.append(CutMove(blank, cut, start, stop, depth, signed, feed, True))
         return out
 
     def _signed(self, width: float, line: float, forward: bool) -> float:
@@ -240,7 +242,7 @@ class _Layout:
 
     def _depth(self, feed: float, widths: Float | None) -> float:
         most = self.cutter.diameter_m if widths is None else float(np.max(widths))
-        probe = Move(0, 0, (0.0, 0.0), (1.0, 0.0), MM, most, feed, True)
+        probe = CutMove(0, 0, (0.0, 0.0), (1.0, 0.0), MM, most, feed, True)
         per_m = _peak_force(self.cell, self.cutter, [probe]) / MM
         largest = min(self.deepest, self.force / per_m)
         return float(np.round(largest * self.rng.uniform(0.4, 1.0) / (0.1 * MM)) * 0.1 * MM) or 0.1 * MM
@@ -250,7 +252,7 @@ class _Layout:
         return float(self.box[0, 0]) + x, float(self.box[0, 1]) + y
 
 
-def arc_cuts(cutter: Cutter, moves: list[Move]) -> ArcCuts:
+def arc_cuts(cutter: Cutter, moves: list[CutMove]) -> ArcCuts:
     """The arcs of level moves."""
     n, R = len(moves), cutter.radius_m
     width = np.array([m.width_m for m in moves])
@@ -267,7 +269,7 @@ def arc_cuts(cutter: Cutter, moves: list[Move]) -> ArcCuts:
     )
 
 
-def _peak_force(cell: CellModel, cutter: Cutter, moves: list[Move]) -> float:
+def _peak_force(cell: CellModel, cutter: Cutter, moves: list[CutMove]) -> float:
     """Largest mean force of the moves by the law known so far, N."""
     cuts = arc_cuts(cutter, moves)
     force = np.zeros((len(moves), 3))
@@ -276,7 +278,7 @@ def _peak_force(cell: CellModel, cutter: Cutter, moves: list[Move]) -> float:
     return float(np.max(np.linalg.norm(force, axis=1)))
 
 
-def _columns(moves: list[Move], top_m: float, cutter: Cutter, spindle: float) -> dict[str, Float]:
+def _columns(moves: list[CutMove], top_m: float, cutter: Cutter, spindle: float) -> dict[str, Float]:
     speed = cutter.flutes * spindle / (2.0 * math.pi)
     z = np.array([top_m - m.depth_m for m in moves])
     return {
@@ -295,7 +297,7 @@ def _columns(moves: list[Move], top_m: float, cutter: Cutter, spindle: float) ->
     }
 
 
-def program_text(moves: list[Move], top_m: float, tool: int, cutter: Cutter, spindle: float) -> str:
+def program_text(moves: list[CutMove], top_m: float, tool: int, cutter: Cutter, spindle: float) -> str:
     """The test cuts as G-code: blanks one after the other, with a stop (M0) to change them."""
     speed = cutter.flutes * spindle / (2.0 * math.pi)
     clear = (top_m + 15.0 * MM) / MM

@@ -28,7 +28,7 @@ from counterflex.identify.cutting.cut_rows import in_air
 from counterflex.identify.cutting.force_forms import FORMS, Form, form, solve_physical
 from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
 from counterflex.identify.cutting.proposal import propose
-from counterflex.identify.cutting.report import Chosen, Shared, figures, pictures, remarks
+from counterflex.identify.cutting.report import ChosenForm, Shared, figures, pictures, remarks
 from counterflex.identify.cutting.residuals import TOP_SIGMA_M, SlotResiduals, geometry_parameters
 from counterflex.identify.cutting.steady_cuts import Cutting, SteadyCuts, pieces_of
 from counterflex.identify.data.changes import CuttingLaw
@@ -88,7 +88,7 @@ def identify(inputs: Inputs) -> Identification:
         Cutting(float(options["trim_diameters"]), float(options["settle_s"])),
         tool,
     )
-    problem = _Problem(cell, cuts, cuts.pieces.session < len(data), float(options["top_sigma_m"]))
+    problem = _FormChoice(cell, cuts, cuts.pieces.session < len(data), float(options["top_sigma_m"]))
     if problem.train_count < _LEAST_PIECES:
         raise InputError(
             "too few settled pieces of cuts for the constants of a force law",
@@ -105,7 +105,7 @@ def identify(inputs: Inputs) -> Identification:
     train = problem.train(best.form)
     fit = solve_physical(problem.parameters(best.form), train)
     fit = with_jackknife(fit, [train], parts_of_groups([train]))
-    chosen = Chosen(cuts, train, best.form, fit, problem.h_ref_m, problem.range_m)
+    chosen = ChosenForm(cuts, train, best.form, fit, problem.h_ref_m, problem.range_m)
     law, seen = chosen.law(_source(data)), chosen.runout()
     shared = Shared(sensor, wear, eccentric if seen is None else seen.value_m, seen is not None, fit.sigma)
     fit = with_shared(fit, train, law, sensor, wear, shared.runout_m)
@@ -134,7 +134,7 @@ def row_error(block: Residuals, x: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class FormTrial:
     """A form of the law, tried on cuts held out."""
 
     form: Form
@@ -147,7 +147,7 @@ class Trial:
         return float(np.mean(self.error))
 
 
-class _Problem:
+class _FormChoice:
     """The pieces, split into training and hold-out, and the blocks and parameters of a form."""
 
     def __init__(self, cell: CellModel, cuts: SteadyCuts, train: Bool, top_sigma_m: float) -> None:
@@ -182,7 +182,7 @@ class _Problem:
         """Geometry, which any use of a force law has to find."""
         return [p.name for p in self.geometry if p.free]
 
-    def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[Trial]:
+    def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[FormTrial]:
         """Hold cuts out of every form that the data can bear; the fullest form is always among them, for the nominal.
 
         Raises InputError: no form has fewer constants than there are numbers.
@@ -202,7 +202,7 @@ class _Problem:
                 folds=Folds(folds, seed),
                 progress=saying(parts[f"held out: {item.text}"], f"held out: {item.text}"),
             )
-            out.append(Trial(item, held_out.identified, held_out))
+            out.append(FormTrial(item, held_out.identified, held_out))
         self._nominal = out[-1].held_out.nominal
         candidates = [t for t in out if t.form in requested and not self._beyond(t.form)]
         if not candidates:
@@ -214,7 +214,7 @@ class _Problem:
         few = self.train_count < _FULL_PIECES and item.count > _FEW_CONSTANTS
         return few or 3 * self.train_count <= item.count + 3
 
-    def judged(self, best: Trial, separate: bool) -> tuple[Float, Float]:
+    def judged(self, best: FormTrial, separate: bool) -> tuple[Float, Float]:
         """Relative errors (identified, nominal) of pieces that were not used."""
         if not separate:
             return best.error, self._nominal
@@ -235,7 +235,7 @@ class _Problem:
         )
 
 
-def _simplest(trials: Sequence[Trial]) -> Trial:
+def _simplest(trials: Sequence[FormTrial]) -> FormTrial:
     """The form with the fewest constants among those no worse than the best by more than two standard errors."""
     best = min(trials, key=lambda t: t.mean)
     for trial in sorted(trials, key=lambda t: t.form.count):

@@ -109,7 +109,7 @@ ONE_WAY = 0.5
 class Shared:
     """Effects taken to be the same in all cuts."""
 
-    sensor: considered.ForceSensor  # the force sensor
+    sensor: considered.SensorAccuracy  # the force sensor
     wear: float  # growth of the force to the last piece, share
     runout_m: float
     is_identified: bool  # whether the runout was identified from the records
@@ -117,7 +117,7 @@ class Shared:
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class ChosenForm:
     """The form that was chosen and its fit."""
 
     cuts: SteadyCuts
@@ -173,7 +173,7 @@ class Chosen:
         return float(C[i, j] / math.sqrt(C[i, i] * C[j, j]))
 
 
-def figures(chosen: Chosen, forms: Mapping[str, float]) -> tuple[Figure, ...]:
+def figures(chosen: ChosenForm, forms: Mapping[str, float]) -> tuple[Figure, ...]:
     """All numbers beside the headline, each with its standard deviation; ``forms``: hold-out error % by form."""
     fit, form = chosen.fit, chosen.form
     out = [
@@ -232,7 +232,7 @@ def _with_sigma(fit: Fit, place: int, name: str, text: str, unit: float) -> list
     ]
 
 
-def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
+def remarks(chosen: ChosenForm, law: ForceLaw) -> tuple[str, ...]:
     """Remarks: what was assumed, what the cuts cannot see, what to measure next."""
     fit, cuts = chosen.fit, chosen.cuts
     low, high = chosen.range_m
@@ -270,7 +270,7 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _shared(chosen: Chosen, shared: Shared) -> list[str]:
+def _shared(chosen: ChosenForm, shared: Shared) -> list[str]:
     """Errors that all cuts share, their assumed sizes, and how to get rid of the largest part."""
     out = [
         f"In the standard deviations because all cuts share it: force sensor ({shared.sensor.text}), wear "
@@ -291,7 +291,7 @@ def _shared(chosen: Chosen, shared: Shared) -> list[str]:
     return out
 
 
-def pictures(chosen: Chosen, before: ForceLaw) -> tuple[Picture, ...]:
+def pictures(chosen: ChosenForm, before: ForceLaw) -> tuple[Picture, ...]:
     """Force against thickness with the fit and its interval, and the residual of every cut."""
     block, fit = chosen.block, chosen.fit
     pieces = block.pieces

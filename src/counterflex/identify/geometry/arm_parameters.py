@@ -184,11 +184,12 @@ def arm_model(
     known = {name: np.asarray(d) for name, d in cell.calibration.items() if name not in displaced}
     how, first = sag_of(chain, sag), len(items)
     items += _sag_parameters(chain, priors, how)
-    places = range(first, len(items))
-    soft = {(int(i), 5): k for i, k in zip(np.flatnonzero(chain.joint >= 0), places, strict=False)}
-    mass = {int(i): k for i, k in zip(np.flatnonzero(chain.mass > 0.0), places, strict=False)}
-    turns = np.arange(first, len(items), dtype=np.int64) if how == "axes" else None
-    return ArmModel(chain, ArmLayout(displaced, known, soft, mass, turns=turns), Parameters.of(items), how)
+    places = {how: np.arange(first, len(items), dtype=np.int64)}
+    soft = {
+        (int(i), 5): int(k) for i, k in zip(np.flatnonzero(chain.joint >= 0), places.get("torsion", ()), strict=False)
+    }
+    mass = {int(i): int(k) for i, k in zip(np.flatnonzero(chain.mass > 0.0), places.get("masses", ()), strict=False)}
+    return ArmModel(chain, ArmLayout(displaced, known, soft, mass, turns=places.get("axes")), Parameters.of(items), how)
 
 
 def _sag_parameters(chain: ElasticChain, priors: ArmPriors, how: str) -> list[Parameter]:

@@ -42,7 +42,7 @@ Harmonics = dict[int, tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _HarmonicTable:
     """One block, linear about the fit: weighted rows (m, c), what an axis does to them, and how to judge them."""
 
     J: Float  # (m, c, p) minus the Jacobian of the geometry, in fit coordinates
@@ -90,7 +90,7 @@ def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progres
     }
 
 
-def _tables(setup: Setup, fit: Fit) -> list[_Table]:
+def _tables(setup: Setup, fit: Fit) -> list[_HarmonicTable]:
     pairs = [
         (b, w, f)
         for b, w, f in zip(setup.blocks, fit.weights, fit.sigma_factors, strict=True)
@@ -116,11 +116,11 @@ def _tables(setup: Setup, fit: Fit) -> list[_Table]:
         size = sine**2 + cosine**2  # at zero every harmonic vanishes, and with it all that is asked of G
         G = np.where(size > _AT_ZERO, both[..., 0] * sine + both[..., 1] * cosine, 0.0) / np.maximum(size, _AT_ZERO)
         scale = np.where(root > 0.0, block.sigma[:, :3] / np.maximum(root, _AT_ZERO), 0.0)
-        out.append(_Table(J[:, :, :p] * step, G, arm.q, block.evaluate(fit.values) * root, scale, fold))
+        out.append(_HarmonicTable(J[:, :, :p] * step, G, arm.q, block.evaluate(fit.values) * root, scale, fold))
     return out
 
 
-def _gram(tables: Sequence[_Table], waves: Sequence[Sequence[Float]]) -> Float:
+def _gram(tables: Sequence[_HarmonicTable], waves: Sequence[Sequence[Float]]) -> Float:
     """(axes, orders, 2, 2) products of sine and cosine of every harmonic, each weighted by what its axis moves."""
     gram = np.zeros((_AXES, HIGHEST, 2, 2))
     for t, wave in zip(tables, waves, strict=True):
@@ -131,7 +131,7 @@ def _gram(tables: Sequence[_Table], waves: Sequence[Sequence[Float]]) -> Float:
 
 
 def _projected(
-    tables: Sequence[_Table], waves: Sequence[Sequence[Float]], r: Sequence[Float], new: Sequence[Float]
+    tables: Sequence[_HarmonicTable], waves: Sequence[Sequence[Float]], r: Sequence[Float], new: Sequence[Float]
 ) -> tuple[Float, Float]:
     """Products of every harmonic with residuals and with directions that are taken already, both by table."""
     right = np.zeros((_AXES, HIGHEST, 2))
@@ -146,7 +146,9 @@ def _projected(
     return right, part
 
 
-def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: Progress) -> list[tuple[int, int]]:
+def _pursue(
+    tables: Sequence[_HarmonicTable], known: Float, prior_rad: float, progress: Progress
+) -> list[tuple[int, int]]:
     """Harmonics in the order in which they lower the misfit, one by one, each the best beside all before."""
     orders = np.arange(1, HIGHEST + 1)
     waves = [
@@ -186,7 +188,7 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: 
 
 
 def _validation_error(
-    tables: Sequence[_Table],
+    tables: Sequence[_HarmonicTable],
     taken: Sequence[tuple[int, int]],
     prior: Float,
     pull: Float,

@@ -18,18 +18,11 @@ from counterflex.identify.data.data_checks import check_enough, check_finite
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import thinned
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry import known_frames as frames
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.arm_parameters import ArmPriors, sag_as_known, sag_of
 from counterflex.identify.geometry.compliances import bearing_of
 from counterflex.identify.geometry.considered_sag import with_honest_sigma
-from counterflex.identify.geometry.known_frames import (
-    KnownFrames,
-    axis_sag_table,
-    drive_error_table,
-    known_drive_errors,
-    known_frames,
-    tracker_table,
-)
 from counterflex.identify.geometry.off_rows import off_rows, off_rows_of_unseen, without
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.geometry.tracker_data import ROBOT_M, check_tracker_data, fixes_target, start_frames
@@ -90,9 +83,9 @@ def identify(inputs: Inputs) -> Identification:
     everything = with_approach([*data, *holdout], str(options["play"]))
     data, holdout = everything[: len(data)], everything[len(data) :]
     inputs = inputs._replace(data=data, holdout=holdout)
-    known = known_frames(cell) if _option(options, "frames", ("free", "known")) == "known" else None
+    known = frames.known_frames(cell) if _option(options, "frames", ("free", "known")) == "known" else None
     notes = _check(cell, everything, as_stated=bool(options["as_stated"]), known=known)
-    if known_drive_errors(cell).sag is not None:
+    if frames.known_drive_errors(cell).sag is not None:
         notes += (
             "The [axis_sag] of the cell file is applied to all poses; the identified values are in addition to it.",
         )
@@ -152,7 +145,7 @@ def _setup_of(
     data: Sequence[Dataset],
     holdout: Sequence[Dataset],
     sag: str,
-    known: KnownFrames | None,
+    known: frames.KnownFrames | None,
     priors: ArmPriors,
 ) -> Setup:
     model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
@@ -193,7 +186,7 @@ def _tries_axes(cell: CellModel, options: Mapping[str, Any]) -> bool:
 
 
 def _check(
-    cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: KnownFrames | None = None
+    cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: frames.KnownFrames | None = None
 ) -> tuple[str, ...]:
     notes: tuple[str, ...] = ()
     parts = _poses_of(data)
@@ -264,7 +257,7 @@ def _with_periodic(
     fit: Fit,
     inputs: Inputs,
     priors: ArmPriors,
-    known: KnownFrames | None,
+    known: frames.KnownFrames | None,
     progress: Progress,
 ) -> tuple[Setup, Fit, Harmonics, HeldOut | None, tuple[str, ...]]:
     """The fit with periodic errors of the drives that lower the error of held-out poses, else as given."""
@@ -337,15 +330,15 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPl
         out.append(ElementCompliance(names[i], compliance))
     out += [play for play in plays.values() if play is not None]
     if lay.turns is not None:
-        out.append(axis_sag_table(known_drive_errors(cell), x[lay.turns], SOURCE))
+        out.append(frames.axis_sag_table(frames.known_drive_errors(cell), x[lay.turns], SOURCE))
     if lay.periodic:
         errors = [DriveError(t.axis, t.order, float(x[t.sine]), float(x[t.cosine])) for t in lay.periodic]
-        out.append(drive_error_table(known_drive_errors(cell), errors, _angles(setup), SOURCE))
+        out.append(frames.drive_error_table(frames.known_drive_errors(cell), errors, _angles(setup), SOURCE))
     tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
     if tracker is not None:
         whole = target is not None and bool(np.all(target.index >= 0))
         T_target, sigma = (target.at(x), fit.sigma[target.index]) if target is not None and whole else (None, None)
-        out.append(tracker_table(tracker.at(x), fit.sigma[tracker.index], T_target, sigma, SOURCE))
+        out.append(frames.tracker_table(tracker.at(x), fit.sigma[tracker.index], T_target, sigma, SOURCE))
     return tuple(out)
 
 

@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.identify.data import alternative_readings
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
-from counterflex.identify.payload.residuals import COM, MASS, Effects, Knowledge, SensorReadings, parameters
+from counterflex.identify.payload.residuals import COM, MASS, Knowledge, SensorEffects, SensorReadings, parameters
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.flange_sensor import FlangeSensor
@@ -62,7 +62,7 @@ def check_units(
     ``as_stated``: The finding is a remark, not a refusal. Raises InputError: another reading is far better.
     """
     known = replace(Knowledge(), mass_share=MASS_SHARE, mass_kg=MASS_SHARE * max(sensor.mass_kg, 20.0))
-    free = parameters(sensor, known, Effects())
+    free = parameters(sensor, known, SensorEffects())
     alternatives = [
         *alternative_readings.unit_mistakes(data, CHANNEL),
         *alternative_readings.sign_mistakes(data, CHANNEL),

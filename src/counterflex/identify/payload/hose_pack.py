@@ -30,7 +30,7 @@ def held_out_forces(
 
 
 def forces_of(
-    rest: Rest,
+    rest: HoseTerms,
     chosen: Parameters,
     blocks: Sequence[residuals.SensorReadings],
     unseen: Sequence[residuals.SensorReadings],
@@ -90,7 +90,7 @@ _ARM: Final = slice(2, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class HoseTerms:
     """Chosen model of the rest."""
 
     degree: int = 0  # of the functions, 0 is none
@@ -157,24 +157,24 @@ def choose_rest(
     blocks_in: Callable[[str], Sequence[residuals.SensorReadings]],
     sensor: FlangeSensor,
     known: residuals.Knowledge,
-    effects: residuals.Effects,
+    effects: residuals.SensorEffects,
     degrees: Sequence[int],
     frames: Sequence[str],
     progress: Progress,
     *,
     forced: bool,
-) -> Rest:
+) -> HoseTerms:
     """Degree and body of the rest with the least error on orientations not used.
 
     ``forced``: A rest is wanted whether it helps or not: only the body is chosen.
     """
     if not degrees or (forced and len(degrees) == len(frames) == 1):
-        return Rest(*((degrees[0], frames[0]) if degrees else (0, "")))
+        return HoseTerms(*((degrees[0], frames[0]) if degrees else (0, "")))
     blocks = blocks_in("")
     parts = in_parts(progress, trials_of(blocks, degrees, frames, forced=forced))
     candidates: dict[tuple[str, int], HeldOut] = {}
     dear: dict[tuple[str, int], float] = {}
-    best = Rest()
+    best = HoseTerms()
     if not forced:
         plain = saying(parts[_trial(0)], _trial(0))
         candidates[BASE, 0] = held_out_forces(
@@ -193,8 +193,8 @@ def choose_rest(
 
 
 def _better_of(
-    candidates: Mapping[tuple[str, int], HeldOut], best: Rest, degree: int, frames: Sequence[str], *, forced: bool
-) -> tuple[Rest, dict[tuple[str, int], float]]:
+    candidates: Mapping[tuple[str, int], HeldOut], best: HoseTerms, degree: int, frames: Sequence[str], *, forced: bool
+) -> tuple[HoseTerms, dict[tuple[str, int], float]]:
     """The best rest with those of one degree added, and those refused because the mass would be uncertain."""
     dear: dict[tuple[str, int], float] = {}
     error = {body: float(candidates[body or BASE, degree].mean()[0]) for body in frames}
@@ -203,7 +203,7 @@ def _better_of(
             break
         cost = 0.0 if forced else _mass_sigma(candidates[body or BASE, degree]) / _mass_sigma(candidates[BASE, 0])
         if not cost > MOST_COST:
-            return Rest(degree, body), dear
+            return HoseTerms(degree, body), dear
         dear[body or BASE, degree] = cost
     return best, dear
 

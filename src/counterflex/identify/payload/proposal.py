@@ -17,7 +17,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.choice import greedy
 from counterflex.identify.payload.data import readings, sensor_before
 from counterflex.identify.payload.hose_pack import ROWS_PER_FUNCTION, degrees_of
-from counterflex.identify.payload.residuals import Effects, Knowledge, parameters
+from counterflex.identify.payload.residuals import Knowledge, SensorEffects, parameters
 from counterflex.identify.recipe import Proposal
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
@@ -64,7 +64,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     sigma = np.repeat([float(settings.get("force_n", FORCE_N)), float(settings.get("moment_nm", MOMENT_NM))], 3)
     data = of_arrays("candidates", "sensor_poses", {"q": q, "w_sensor": np.zeros((len(q), 6))}, {"w_sensor": sigma})
     block = readings(data, chain, sensor, reference_c=sensor.reference_c, start_s=0.0, window_s=0.1)
-    free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), Effects(degree=degree))
+    free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), SensorEffects(degree=degree))
     mask = free.free
     J = block.jacobian(free.nominal)[:, :, mask] * free.slope(free.nominal)[mask]
     rows, covariance = greedy(J, count, fixed=near)

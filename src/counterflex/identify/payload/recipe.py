@@ -17,19 +17,8 @@ from counterflex.identify.data.changes import BodyMass, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.payload import TITLE, hose_pack, residuals
+from counterflex.identify.payload import data as sensor_data
 from counterflex.identify.payload.checks import check_units
-from counterflex.identify.payload.data import (
-    ALIKE_RAD,
-    KINDS,
-    check_orientations,
-    clock,
-    count_of,
-    groups_of,
-    readings,
-    sensor_before,
-    shared_mass,
-    with_added_mass,
-)
 from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload.weight import check_axes, check_rest
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
@@ -76,7 +65,9 @@ class _Reader:
     def block(self, data: Dataset, chain: ElasticChain, hose_from: str = "") -> residuals.SensorReadings:
         """Readings of one file, with the hose pack from a body."""
         framed = replace(self.sensor, hose_from=hose_from)
-        return readings(data, chain, framed, reference_c=self.reference_c, start_s=self.start_s, window_s=self.window_s)
+        return sensor_data.readings(
+            data, chain, framed, reference_c=self.reference_c, start_s=self.start_s, window_s=self.window_s
+        )
 
     def blocks(
         self, data: Sequence[Dataset], groups: Sequence[Int], chain: ElasticChain, hose_from: str = ""
@@ -96,15 +87,17 @@ def identify(inputs: Inputs) -> Identification:
         FileFormatError: A channel is missing or not a number.
     """
     cell, data, holdout, s, progress = inputs
-    sensor, forced, as_stated = sensor_before(cell), str(s["hose"]) != "auto", bool(s["as_stated"])
-    reader = _Reader(sensor, *clock(data, sensor.reference_c), float(s["window_s"]))
-    groups = groups_of([reader.block(d, cell.chain) for d in data], [d.kind != "sensor_motion" for d in data])
+    sensor, forced, as_stated = sensor_data.sensor_before(cell), str(s["hose"]) != "auto", bool(s["as_stated"])
+    reader = _Reader(sensor, *sensor_data.clock(data, sensor.reference_c), float(s["window_s"]))
+    groups = sensor_data.groups_of(
+        [reader.block(d, cell.chain) for d in data], [d.kind != "sensor_motion" for d in data]
+    )
     blocks = reader.blocks(data, groups, cell.chain)
     degrees = hose_pack.degrees_of(s)
     bodies = hose_bodies(cell.chain, sensor.segment)
     frames = hose_pack.frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
     parts = in_parts(progress, _work(hose_pack.trials_of(blocks, degrees, frames, forced=forced)))
-    remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
+    remarks = list(sensor_data.check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
     as_read = partial(reader.block, chain=cell.chain)
     for i, d in enumerate((*data, *holdout)):
         remarks += check_axes(d, as_read, as_stated=as_stated)
@@ -121,7 +114,9 @@ def identify(inputs: Inputs) -> Identification:
     shares = [share_of(parts[WEIGHT], i / (_ROUNDS + 1), (i + 1) / (_ROUNDS + 1), WEIGHT) for i in range(_ROUNDS + 1)]
     fit = solve(residuals.parameters(before, known, effects), blocks, progress=shares[0])
     for i in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
-        chain = with_added_mass(chain, sensor.segment, float(fit.values[6]), residuals.seg_frame_com(sensor, fit))
+        chain = sensor_data.with_added_mass(
+            chain, sensor.segment, float(fit.values[6]), residuals.seg_frame_com(sensor, fit)
+        )
         blocks = reader.blocks(data, groups, chain)
         fit = solve(residuals.parameters(before, known, effects), blocks, progress=shares[i + 1])
     parts[WEIGHT](1.0)
@@ -164,18 +159,18 @@ def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:
     return replace(sensor, w_bias=sensor.w_bias + warmer * sensor.w_kelvin, reference_c=reference_c)
 
 
-def _effects(blocks: Sequence[residuals.SensorReadings], s: Mapping[str, Any]) -> residuals.Effects:
+def _effects(blocks: Sequence[residuals.SensorReadings], s: Mapping[str, Any]) -> residuals.SensorEffects:
     time_s = np.concatenate([b.time_s for b in blocks])
     warm = np.concatenate([b.warmer_k for b in blocks])
     moving = any(np.any(b.alpha != 0.0) for b in blocks)
-    return residuals.Effects(
+    return residuals.SensorEffects(
         drift=bool(s["drift"]) and float(np.ptp(time_s)) > 60.0,
         temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
         inertia=bool(s["inertia"]) and moving,
     )
 
 
-def _significant(fit: Fit, effects: residuals.Effects) -> residuals.Effects:
+def _significant(fit: Fit, effects: residuals.SensorEffects) -> residuals.SensorEffects:
     """Drift and temperature only where a component stands out of its noise."""
     clear = np.abs(fit.values - fit.parameters.nominal) > SIGNIFICANT * fit.sigma
     return replace(
@@ -210,10 +205,10 @@ def _figures(force: HeldOut, moment: HeldOut, fit: Fit, identified: FlangeSensor
     )
 
 
-def _changes(cell: CellModel, identified: FlangeSensor, effects: residuals.Effects) -> tuple[Change, ...]:
+def _changes(cell: CellModel, identified: FlangeSensor, effects: residuals.SensorEffects) -> tuple[Change, ...]:
     changes: list[Change] = [TableValues("sensor", _table(identified, effects))]
     chain = cell.chain
-    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
+    split = sensor_data.shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
     changes += [BodyMass(chain.names[i], kg, com) for i, (kg, com) in split.items()]
     return tuple(changes)
 
@@ -223,7 +218,7 @@ def _seg_com(identified: FlangeSensor) -> Float:
     return out
 
 
-def _table(identified: FlangeSensor, effects: residuals.Effects) -> dict[str, Any]:
+def _table(identified: FlangeSensor, effects: residuals.SensorEffects) -> dict[str, Any]:
     """The table of the cell file, in its units."""
     place = np.concatenate(
         [identified.T_seg_sensor[:3, 3] / MM, rotation.to_zyx(identified.T_seg_sensor[:3, :3]) / DEG]
@@ -258,12 +253,12 @@ def _remarks(
     cell: CellModel,
     identified: FlangeSensor,
     fit: Fit,
-    effects: residuals.Effects,
-    rest: hose_pack.Rest,
+    effects: residuals.SensorEffects,
+    rest: hose_pack.HoseTerms,
     blocks: Sequence[residuals.SensorReadings],
 ) -> list[str]:
     out = []
-    rows, count = sum(len(b.group) for b in blocks), count_of(blocks)
+    rows, count = sum(len(b.group) for b in blocks), sensor_data.count_of(blocks)
     if count < rows and not effects.inertia:
         out.append(
             f"{rows} readings in {count} different orientations: readings of one orientation count together, in the "
@@ -276,7 +271,7 @@ def _remarks(
         out.append(
             f"No hose terms were fitted; they need {hose_pack.ROWS_PER_FUNCTION * COUNTS[1]} or more different "
             f"orientations; the data have {count} (directions of gravity that differ by over "
-            f"{ALIKE_RAD / DEG:.0f} deg; repeats and copies do not count)"
+            f"{sensor_data.ALIKE_RAD / DEG:.0f} deg; repeats and copies do not count)"
         )
     if identified.degree:
         out.append(
@@ -298,7 +293,7 @@ def _remarks(
 
 
 def _mass_remark(chain: ElasticChain, identified: FlangeSensor) -> str:
-    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
+    split = sensor_data.shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
     if not split:
         return "The cell file has no body with mass behind the sensor, so only the table [sensor] is changed"
     return (
@@ -308,7 +303,7 @@ def _mass_remark(chain: ElasticChain, identified: FlangeSensor) -> str:
     )
 
 
-def _hose_remarks(identified: FlangeSensor, rest: hose_pack.Rest) -> list[str]:
+def _hose_remarks(identified: FlangeSensor, rest: hose_pack.HoseTerms) -> list[str]:
     listed = ", ".join(
         f"degree {degree} in {body}: {held_out.mean()[0]:.2f} N" if degree else f"none: {held_out.mean()[0]:.2f} N"
         for (body, degree), held_out in rest.candidates.items()
@@ -361,7 +356,7 @@ def _pictures(blocks: Sequence[residuals.SensorReadings], force: HeldOut, moment
 RECIPE = Recipe(
     name="payload",
     title=TITLE,
-    kinds=KINDS,
+    kinds=sensor_data.KINDS,
     settings=SETTINGS,
     find=identify,
     propose=propose,

@@ -47,7 +47,7 @@ class Knowledge:
 
 
 @dataclass(frozen=True)
-class Effects:
+class SensorEffects:
     """Effects that the data can tell apart from the rest."""
 
     degree: int = 0  # of the orientation-dependent offset, 0 to 2
@@ -56,7 +56,7 @@ class Effects:
     inertia: bool = False  # the data have motion
 
 
-def parameters(sensor: flange_sensor.FlangeSensor, known: Knowledge, effects: Effects) -> Parameters:
+def parameters(sensor: flange_sensor.FlangeSensor, known: Knowledge, effects: SensorEffects) -> Parameters:
     """The parameters around what the cell file says.
 
     The offset has nominal 0 and its size as prior, so that bias, weight and mounting explain what they can.

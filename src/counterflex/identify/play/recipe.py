@@ -16,19 +16,7 @@ from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play import TITLE
-from counterflex.identify.play.parameters import (
-    COMPLIANCE,
-    axis_play,
-    blocks,
-    compliance,
-    compliance_share,
-    least_seen,
-    parameters,
-    too_wide,
-    why_not,
-    with_honest_sigma,
-    with_spread,
-)
+from counterflex.identify.play import parameters as play_parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
@@ -92,7 +80,7 @@ def _by_axis(records: Sequence[Motion]) -> dict[int, list[Motion]]:
     return {axis: [m for m in records if m.axis == axis] for axis in sorted({m.axis for m in records})}
 
 
-def _trusted(estimates: Sequence[_Axis], records: Sequence[Motion], *, as_stated: bool) -> list[_Axis]:
+def _trusted(estimates: Sequence[_AxisResult], records: Sequence[Motion], *, as_stated: bool) -> list[_AxisResult]:
     """Axes whose values are used; refuse data of which none are."""
     judged = [one for one in estimates if one.errors is not None]
     if not judged:
@@ -114,7 +102,7 @@ def _trusted(estimates: Sequence[_Axis], records: Sequence[Motion], *, as_stated
 
 
 @dataclass(frozen=True, eq=False)
-class _Axis:
+class _AxisResult:
     """Result of the motions of one axis; ``withheld`` says why its values are not to be used."""
 
     axis: int
@@ -134,18 +122,20 @@ def _axis(
     other: Sequence[Motion],
     settings: Mapping[str, Any],
     progress: Progress,
-) -> _Axis:
+) -> _AxisResult:
     remarks = _turned_torque(mine, bool(settings["as_stated"]))
     large = any(m.by == "encoder" and float(np.ptp(m.q)) > LARGE_RAD for m in mine)
-    p, places = parameters(cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine))
-    rows = [AxisResiduals(tuple(blocks(mine, places)))]
+    p, places = play_parameters.parameters(
+        cell, axis, free_compliance=large, delay=all(m.time_s is not None for m in mine)
+    )
+    rows = [AxisResiduals(tuple(play_parameters.blocks(mine, places)))]
     plain = solve(p, rows, robust=False, stop=_STOP, progress=share_of(progress, 0.0, 0.3, f"axis {axis + 1}"))
-    fit = with_honest_sigma(plain, rows[0])
+    fit = play_parameters.with_honest_sigma(plain, rows[0])
     needed = [name for name in p.names if name.endswith(".delay")]
     turn_spread = 0.0
     errors: HeldOut | None = None
     if other:
-        unseen = [AxisResiduals(tuple(blocks(other, places)))]
+        unseen = [AxisResiduals(tuple(play_parameters.blocks(other, places)))]
         errors = score_separate(p, rows, unseen, needed=needed, error=angle_error, robust=False, stop=_STOP)
     elif len(mine) > 1:
         errors = cross_validate(
@@ -162,13 +152,13 @@ def _axis(
         fit = _at_least(fit, jackknife([part.values for part in errors.fits]))
         turn_spread = float(jackknife([np.array([turn(part, axis)]) for part in errors.fits])[0])
     share = float(settings["bearing_m"]) / min(m.lever_m for m in mine)
-    fit = with_spread(_with_bearing(fit, share), compliance_share(plain, rows[0]))
+    fit = play_parameters.with_spread(_with_bearing(fit, share), play_parameters.compliance_share(plain, rows[0]))
     play = _play(fit, axis)
     friction = _link_friction(fit, axis, turn_spread)
-    withheld = why_not(axis, mine, *friction)
+    withheld = play_parameters.why_not(axis, mine, *friction)
     fit, wide = _named(fit, axis, friction, withheld is not None)
     progress(1.0)
-    return _Axis(
+    return _AxisResult(
         axis,
         fit,
         play,
@@ -239,7 +229,7 @@ def _link_friction(fit: Fit, axis: int, turn_spread: float) -> tuple[float, floa
     """Dry friction of an axis on the side of the link, N m, and its standard deviation."""
     width, sigma = loop_half_width(fit, axis)
     soft = fit.value(f"axis{axis + 1}.compliance")
-    held = 0.0 if fit.parameters.items[0].free else COMPLIANCE
+    held = 0.0 if fit.parameters.items[0].free else play_parameters.COMPLIANCE
     total = width / soft
     return total, float(np.hypot(max(sigma, turn_spread) / soft, held * total))
 
@@ -250,8 +240,8 @@ def _named(fit: Fit, axis: int, friction: tuple[float, float], withheld: bool) -
     band = fit.value(f"{name}.half_band"), fit.sigma_of(f"{name}.half_band")
     # A dead band below what any reading resolves is none, whatever its standard deviation is to it.
     wide = {
-        "half_band": band[0] > _NONE_RAD and too_wide(*band),
-        "friction": too_wide(*friction),
+        "half_band": band[0] > _NONE_RAD and play_parameters.too_wide(*band),
+        "friction": play_parameters.too_wide(*friction),
     }
     out = [
         f"axis {axis + 1}: {what} is not determined ({value / unit:.3g} +- {sigma / unit:.2g} {word}); measure more "
@@ -297,10 +287,10 @@ def _with_bearing(fit: Fit, share: float) -> Fit:
 def _figures(
     cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion], more: tuple[float, float]
 ) -> list[Figure]:
-    name, before = f"axis{axis + 1}", axis_play(cell, axis)[0]
+    name, before = f"axis{axis + 1}", play_parameters.axis_play(cell, axis)[0]
     width, sigma = loop_half_width(fit, axis)
     sigma = float(np.hypot(max(sigma, more[0]), more[1] * width))
-    old = compliance(cell, axis) * sum(before.friction_nm)
+    old = play_parameters.compliance(cell, axis) * sum(before.friction_nm)
     out = [
         Figure(
             f"{name}_half_band_urad",
@@ -355,13 +345,13 @@ def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
 def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[str]:
     out = [f"axis {axis + 1}: {sentence}" for sentence in fit.hidden]
     total = sum(play.friction_nm)
-    missing = least_seen(axis, mine, total)
+    missing = play_parameters.least_seen(axis, mine, total)
     if missing is not None:
         out.append(missing)
     if fit.parameters.items[0].free is False:
         out.append(
             f"axis {axis + 1}: friction refers to the torsion compliance of the cell file "
-            f"({compliance(cell, axis) * 1e9:.3g} urad/(kN m)); only their product is determined"
+            f"({play_parameters.compliance(cell, axis) * 1e9:.3g} urad/(kN m)); only their product is determined"
         )
     torque = motor_friction(mine)
     if torque is not None:

@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
 from counterflex.cutting.arc_force import force_thickness, mean_thickness
 from counterflex.cutting.coefficients import ForceLaw, LinearEdgeLaw
-from counterflex.identify.cutting.considered import RUNOUT_M, ForceSensor, runout_of_arcs, shown_by_sensor
+from counterflex.identify.cutting.considered import RUNOUT_M, SensorAccuracy, runout_of_arcs, shown_by_sensor
 from counterflex.identify.cutting.force_forms import FORMS, NAMES, Form, solve_physical
 from counterflex.identify.production.residuals import LAW, ProductionResiduals
 from counterflex.identify.solver.fit import Fit
@@ -38,7 +38,7 @@ _FREE: Final = {"directions": NAMES[:3], "exponents": NAMES[:6], "all": NAMES}
 
 
 @dataclass(frozen=True)
-class Condition:
+class CutCondition:
     """Condition of a set of constants in the data."""
 
     level: str
@@ -67,12 +67,12 @@ class Difference:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class ConstantEstimate:
     """Constants and what they rest on."""
 
     fit: Fit  # nine constants, then the geometry
     level: str  # which were free
-    conditions: tuple[Condition, ...]  # of every level
+    conditions: tuple[CutCondition, ...]  # of every level
     h_ref_m: float
     range_m: tuple[float, float]  # least and largest mean chip thickness
     held_out: HeldOut
@@ -120,7 +120,7 @@ def constants_of(law: ForceLaw, h_ref_m: float, known: Mapping[str, float], leve
     return Parameters.of(items)
 
 
-def condition_of(parameters: Parameters, block: ProductionResiduals, level: str) -> Condition:
+def condition_of(parameters: Parameters, block: ProductionResiduals, level: str) -> CutCondition:
     """Condition index of the free constants, the geometry eliminated with its priors."""
     x = parameters.nominal
     slope = parameters.slope(x)
@@ -138,7 +138,7 @@ def condition_of(parameters: Parameters, block: ProductionResiduals, level: str)
     close = value < max(float(value[-1]), 0.0) / MOST_INDEX**2
     close[0] = True
     alike = tuple(name for i, name in enumerate(names) if np.any(np.abs(vector[i, close]) > _NAMED))
-    return Condition(level, index, alike)
+    return CutCondition(level, index, alike)
 
 
 def row_error(block: Residuals, x: Float) -> Float:
@@ -157,11 +157,11 @@ def find(
     *,
     run: Int,
     level: str = "auto",
-    sensor: ForceSensor | None = None,
+    sensor: SensorAccuracy | None = None,
     runout_m: float = RUNOUT_M,
     growth_sigma: Float | None = None,
     seed: int = 0,
-) -> Estimate:
+) -> ConstantEstimate:
     """Find constants.
 
     Args:
@@ -196,15 +196,15 @@ def find(
     runs = np.unique(run, return_inverse=True)[1].reshape(-1).astype(np.int64)
     if int(runs.max()) + 1 >= FEWEST_PARTS:
         fit = with_jackknife(fit, [block], [runs])
-    moved = shown_by_sensor(block.pieces.force, block.pieces.axes, ForceSensor() if sensor is None else sensor)
+    moved = shown_by_sensor(block.pieces.force, block.pieces.axes, SensorAccuracy() if sensor is None else sensor)
     eccentric = runout_of_arcs(block.arcs(), law, max(runout_m, block.cutter.runout_m))
     worn = block.pieces.force * (np.zeros(len(run)) if growth_sigma is None else growth_sigma)[:, None]
     shared = considered(fit, [block], [np.concatenate([moved, eccentric[:, :, None], worn[:, :, None]], axis=2)])
     difference = _difference(fit, shared)
-    return Estimate(added(fit, shared), chosen, conditions, h_ref, span, held_out, difference, block)
+    return ConstantEstimate(added(fit, shared), chosen, conditions, h_ref, span, held_out, difference, block)
 
 
-def _chosen(conditions: Sequence[Condition], level: str) -> str:
+def _chosen(conditions: Sequence[CutCondition], level: str) -> str:
     if level != "auto":
         requested = next((c for c in conditions if c.level == level), None)
         if requested is None:

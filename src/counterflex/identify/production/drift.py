@@ -22,9 +22,9 @@ from counterflex.identify.production.hypotheses import (
     LINE,
     LONGEST_STRETCH,
     SHAPES,
-    Event,
     Kind,
     Series,
+    ToolEvent,
     Weighed,
     design,
     log_sum,
@@ -87,7 +87,7 @@ _DRAWS: Final = 4000
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedEvents:
     """An event that the factors show."""
 
     at: int  # first run after it
@@ -103,12 +103,12 @@ class Named:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class ForceDrift:
     """Growth of the force, by the runs of one tool in their order."""
 
     edge: Int  # (n,) number of the edge of each run, 0 the first
     before_m: Float  # (n,) length that its edge had cut at the middle of each run
-    events: tuple[Named, ...]  # named, in their order
+    events: tuple[NamedEvents, ...]  # named, in their order
     shape: str  # name of the most probable shape of the growth
     shape_chance: float
     factor: Float  # (n,) expected factor of each run, scatter apart
@@ -145,7 +145,7 @@ class Drift:
         return (limit - grown) / slope if slope > 0.0 else math.inf
 
 
-def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: float = 0.0) -> Drift:
+def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: float = 0.0) -> ForceDrift:
     """Life of a tool over runs in the order in which they were cut.
 
     ``cut_m``: (n,) length that each run cut. ``is_new``: (n,) runs stated to begin with a new edge; the first does.
@@ -159,7 +159,7 @@ def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: 
     sigma = np.maximum(np.array([f.sigma for f in factors]), _FLOOR)
     starts = np.array(is_new, dtype=np.bool_)
     starts[0] = True
-    search = _Search(Series(s, sigma, cut_m, starts, lost_share))
+    search = _DriftSearch(Series(s, sigma, cut_m, starts, lost_share))
     events = search.best()
     named = tuple(sorted((search.named(e, events) for e in events), key=lambda one: one.at))
     edge, before = search.series.edges(events)
@@ -167,22 +167,22 @@ def drift(factors: Sequence[RunFactor], cut_m: Float, is_new: Bool, lost_share: 
     return _drift(search, events, named, edge, before, is_known)
 
 
-class _Search:
+class _DriftSearch:
     """Event sets of one series, each weighed once with every shape."""
 
     def __init__(self, series: Series) -> None:
         self.series = series
-        self._known: dict[tuple[Event, ...], list[Weighed]] = {}
-        self._scores: dict[tuple[Event, ...], float] = {}
-        self._added: dict[tuple[Event, ...], list[tuple[Event, ...]]] = {}
+        self._known: dict[tuple[ToolEvent, ...], list[Weighed]] = {}
+        self._scores: dict[tuple[ToolEvent, ...], float] = {}
+        self._added: dict[tuple[ToolEvent, ...], list[tuple[ToolEvent, ...]]] = {}
 
-    def score(self, events: tuple[Event, ...]) -> float:
+    def score(self, events: tuple[ToolEvent, ...]) -> float:
         """Logarithm of the evidence of an event set, over all shapes."""
         if events not in self._scores:
             self._scores[events] = score(self.weighed([events])[0])
         return self._scores[events]
 
-    def weighed(self, sets: Sequence[tuple[Event, ...]]) -> list[list[Weighed]]:
+    def weighed(self, sets: Sequence[tuple[ToolEvent, ...]]) -> list[list[Weighed]]:
         """Hypotheses of event sets, over all shapes."""
         needed = [events for events in dict.fromkeys(sets) if events not in self._known]
         if needed:
@@ -191,9 +191,9 @@ class _Search:
                 self._known[events] = weighed[i * len(SHAPES) : (i + 1) * len(SHAPES)]
         return [self._known[events] for events in sets]
 
-    def best(self) -> tuple[Event, ...]:
+    def best(self) -> tuple[ToolEvent, ...]:
         """Event set of the largest odds among those that single changes lead to; every event in it pays."""
-        events: tuple[Event, ...] = ()
+        events: tuple[ToolEvent, ...] = ()
         for _ in range(MOST_EVENTS):
             more = self._best_of(self.additions(events))
             if more is None or self.score(more) - self.score(events) < math.log(NAMED):
@@ -201,11 +201,11 @@ class _Search:
             events = self._settled(more)
         return events
 
-    def near(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+    def near(self, events: tuple[ToolEvent, ...]) -> list[tuple[ToolEvent, ...]]:
         """The set, and those one change away from it."""
         return [events, *self.additions(events), *self._changes(events), *self._removals(events)]
 
-    def named(self, event: Event, events: tuple[Event, ...]) -> Named:
+    def named(self, event: ToolEvent, events: tuple[ToolEvent, ...]) -> NamedEvents:
         """An event of the best set, its odds, and the kinds that it may be."""
         rest = tuple(e for e in events if e != event)
         kinds: dict[Kind, float] = {}
@@ -216,15 +216,15 @@ class _Search:
         total = log_sum(np.array(list(kinds.values())))
         shares = sorted(((k, math.exp(v - total)) for k, v in kinds.items()), key=lambda one: -one[1])
         odds = math.exp(min(50.0, total - self.score(rest)))
-        return Named(event.at, event.until, self._size(event, events), odds, tuple(shares))
+        return NamedEvents(event.at, event.until, self._size(event, events), odds, tuple(shares))
 
-    def additions(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+    def additions(self, events: tuple[ToolEvent, ...]) -> list[tuple[ToolEvent, ...]]:
         """Sets with one event more, the few that simple shapes find the most probable."""
         if events not in self._added:
             self._added[events] = self._more(events)
         return self._added[events]
 
-    def _more(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+    def _more(self, events: tuple[ToolEvent, ...]) -> list[tuple[ToolEvent, ...]]:
         taken = {e.at for e in events}
         n, starts = len(self.series.factor), self.series.starts
         more = [
@@ -239,22 +239,22 @@ class _Search:
         scores = [score(weighed[2 * i : 2 * i + 2]) for i in range(len(more))]
         return [more[i] for i in np.argsort(scores)[::-1][:_CLOSE]]
 
-    def _at(self, at: int) -> list[Event]:
+    def _at(self, at: int) -> list[ToolEvent]:
         """Events that there may be at a run."""
         n = len(self.series.factor)
-        out = [Event(kind, at) for kind in Kind if kind is not Kind.PASSING and self._is_possible(kind)]
-        return out + [Event(Kind.PASSING, at, to) for to in range(at + 1, min(n, at + 1 + LONGEST_STRETCH))]
+        out = [ToolEvent(kind, at) for kind in Kind if kind is not Kind.PASSING and self._is_possible(kind)]
+        return out + [ToolEvent(Kind.PASSING, at, to) for to in range(at + 1, min(n, at + 1 + LONGEST_STRETCH))]
 
     def _is_possible(self, kind: Kind) -> bool:
         return kind is not Kind.LOST_TOOTH or self.series.lost_share > 0.0
 
-    def _of_kind(self, event: Event, kind: Kind) -> Event | None:
+    def _of_kind(self, event: ToolEvent, kind: Kind) -> ToolEvent | None:
         """The event as one of another kind; None where it cannot be."""
         if kind is event.kind:
             return event
-        return None if kind is Kind.PASSING or not self._is_possible(kind) else Event(kind, event.at)
+        return None if kind is Kind.PASSING or not self._is_possible(kind) else ToolEvent(kind, event.at)
 
-    def _changes(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+    def _changes(self, events: tuple[ToolEvent, ...]) -> list[tuple[ToolEvent, ...]]:
         """Sets with one event moved by a run or of another kind, two made one that passes, or one made two."""
         taken, out = {e.at for e in events}, []
         for event in events:
@@ -263,10 +263,10 @@ class _Search:
             for later in rest:
                 if later.at > event.at and Kind.PASSING not in (event.kind, later.kind):
                     others = tuple(e for e in rest if e != later)
-                    out.append(_ordered((*others, Event(Kind.PASSING, event.at, later.at))))
+                    out.append(_ordered((*others, ToolEvent(Kind.PASSING, event.at, later.at))))
         return out
 
-    def _in_place_of(self, event: Event, taken: set[int]) -> Iterator[tuple[Event, ...]]:
+    def _in_place_of(self, event: ToolEvent, taken: set[int]) -> Iterator[tuple[ToolEvent, ...]]:
         """One event of another kind, or a run earlier or later; one that passes as its two ends."""
         for kind in Kind:
             other = self._of_kind(event, kind)
@@ -276,21 +276,21 @@ class _Search:
             if 0 < at < len(self.series.factor) and at not in taken and not self.series.starts[at]:
                 until = event.until if event.until > at else 0
                 if event.kind is not Kind.PASSING or until:
-                    yield (Event(event.kind, at, until),)
+                    yield (ToolEvent(event.kind, at, until),)
         if event.kind is Kind.PASSING and event.until not in taken:
             for kind in (Kind.CHIPPED, Kind.MATERIAL):
-                yield Event(kind, event.at), Event(Kind.NEW_EDGE, event.until)
+                yield ToolEvent(kind, event.at), ToolEvent(Kind.NEW_EDGE, event.until)
 
-    def _removals(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
+    def _removals(self, events: tuple[ToolEvent, ...]) -> list[tuple[ToolEvent, ...]]:
         return [tuple(e for e in events if e != event) for event in events]
 
-    def _best_of(self, sets: list[tuple[Event, ...]]) -> tuple[Event, ...] | None:
+    def _best_of(self, sets: list[tuple[ToolEvent, ...]]) -> tuple[ToolEvent, ...] | None:
         if not sets:
             return None
         self.weighed(sets)  # in one batch
         return max(sets, key=self.score)
 
-    def _settled(self, events: tuple[Event, ...]) -> tuple[Event, ...]:
+    def _settled(self, events: tuple[ToolEvent, ...]) -> tuple[ToolEvent, ...]:
         """The set after changes that raise its odds, and without events that no longer pay."""
         for _ in range(4 * MOST_EVENTS):
             other = self._best_of(self._changes(events))
@@ -303,20 +303,25 @@ class _Search:
                 break
         return events
 
-    def _size(self, event: Event, events: tuple[Event, ...]) -> float:
+    def _size(self, event: ToolEvent, events: tuple[ToolEvent, ...]) -> float:
         """Change of the expected factor at an event, share of that before it."""
         one = max(self.weighed([events])[0], key=lambda w: float(np.max(w.log_weight)))
         expected = one.design.rows @ one.mean[int(np.argmax(one.log_weight))]
         return float(expected[event.at] / expected[event.at - 1] - 1.0)
 
 
-def _ordered(events: tuple[Event | None, ...]) -> tuple[Event, ...]:
+def _ordered(events: tuple[ToolEvent | None, ...]) -> tuple[ToolEvent, ...]:
     return tuple(sorted((e for e in events if e is not None), key=lambda e: (e.at, e.until)))
 
 
 def _drift(
-    search: _Search, events: tuple[Event, ...], named: tuple[Named, ...], edge: Int, before: Float, is_known: bool
-) -> Drift:
+    search: _DriftSearch,
+    events: tuple[ToolEvent, ...],
+    named: tuple[NamedEvents, ...],
+    edge: Int,
+    before: Float,
+    is_known: bool,
+) -> ForceDrift:
     """Growth over all hypotheses near the best one, by draws from their mixture."""
     near = [w for group in search.weighed(search.near(events)) for w in group]
     weight = np.concatenate([w.log_weight for w in near])
@@ -335,7 +340,7 @@ def _drift(
     if not is_known:
         known, growth = (0.0, -math.inf, math.inf), (0.0, -math.inf, math.inf)
     scatter = float(np.sum(weight.reshape(-1, len(tau)) @ tau))
-    return Drift(
+    return ForceDrift(
         edge, before, named, shape, share, np.mean(expected, axis=0), np.mean(force, axis=0), np.std(force, axis=0),
         known[0], known[1], known[2], scatter, growth[0], growth[1], growth[2], is_known,
     )  # fmt: skip

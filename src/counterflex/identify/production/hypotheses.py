@@ -65,7 +65,7 @@ RATE: Final = {
 
 
 @dataclass(frozen=True)
-class Event:
+class ToolEvent:
     """A change between runs."""
 
     kind: Kind
@@ -142,7 +142,7 @@ class Series:
         """Median factor."""
         return float(np.median(self.factor))
 
-    def edges(self, events: Sequence[Event]) -> tuple[Int, Float]:
+    def edges(self, events: Sequence[ToolEvent]) -> tuple[Int, Float]:
         """(n,) number of the edge, and the length that it had cut at the middle of each run."""
         starts = self.starts.copy()
         for event in events:
@@ -158,7 +158,7 @@ class Series:
 class Design:
     """Columns of one hypothesis."""
 
-    events: tuple[Event, ...]
+    events: tuple[ToolEvent, ...]
     shape: Shape
     rows: Float  # (n, p) columns at each run
     mean: Float  # (p,) prior means
@@ -175,7 +175,7 @@ class Design:
         return math.log(self.shape.prior) + sum(event.prior for event in self.events)
 
 
-def design(series: Series, events: tuple[Event, ...], shape: Shape) -> Design:
+def design(series: Series, events: tuple[ToolEvent, ...], shape: Shape) -> Design:
     """Columns of a hypothesis."""
     n, scale = len(series.factor), series.scale
     edge, before = series.edges(events)

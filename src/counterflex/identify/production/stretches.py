@@ -110,7 +110,7 @@ def stretches_of(
     touching = inside & plan.cutting[row] & (plan.tool[row] == tool)
     _check(run, touching)
     contacts = _contacts(touching, run.time_s)
-    reader = _Reader(cell, cutter, run, plan, at, row, choice)
+    reader = _StretchReader(cell, cutter, run, plan, at, row, choice)
     out: list[dict[str, object]] = []
     drift, length, online = np.zeros(3), 0.0, 0.0
     speed = np.linalg.norm(np.gradient(run.p_part, run.time_s, axis=0), axis=1)
@@ -174,7 +174,7 @@ def _contacts(touching: Bool, time_s: Float) -> list[tuple[int, int]]:
     return out
 
 
-class _Reader:
+class _StretchReader:
     """One run, contact by contact."""
 
     def __init__(

@@ -79,7 +79,7 @@ TURN_PRIOR_RAD: Final = 2.0 * DEG
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class PullLayout:
     """Parameters of a stiffness identification: springs, half bands of the play, turn of the tracker."""
 
     springs: Springs  # of the cell
@@ -101,7 +101,7 @@ def layout(
     turn_sigma: Float | None = None,
     *,
     bearing_m: float = BEARING_M,
-) -> Layout:
+) -> PullLayout:
     """Parameters for some pulls.
 
     Half bands are parameters where a history is known (elsewhere play only adds to the standard deviation); the turn
@@ -135,10 +135,10 @@ def layout(
             Parameter(f"T_base_tracker.r{c}", "rad", 0.0, float(s), label=f"turn of the tracker about its {c}")
             for c, s in zip("xyz", np.full(3, TURN_PRIOR_RAD) if turn_sigma is None else turn_sigma, strict=True)
         ]
-    return Layout(springs, springs.parameters + Parameters.of(items), bands, turn, bearing_m)
+    return PullLayout(springs, springs.parameters + Parameters.of(items), bands, turn, bearing_m)
 
 
-def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float | None) -> PullResiduals:
+def block(chain: ElasticChain, plan: PullLayout, pulls: Pulls, R_base_tracker: Float | None) -> PullResiduals:
     """Residuals of pulls around what the cell file says.
 
     Standard deviations: of the displacement as stated, of the load times the compliance of the arm, of the lost motion
@@ -189,7 +189,7 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     )
 
 
-def refreshed(old: PullResiduals, chain: ElasticChain, plan: Layout, pulls: Pulls, x: Float) -> PullResiduals:
+def refreshed(old: PullResiduals, chain: ElasticChain, plan: PullLayout, pulls: Pulls, x: Float) -> PullResiduals:
     """The block with lost motion and second-order deflection at the values x (p,) of the parameters."""
     at = with_compliance(chain, plan.springs.compliance(chain, x[: len(plan.springs)]))
     second = linear_gap(at, pulls.q, pulls.w_tcp_base, gravity=True, equilibrium=True)

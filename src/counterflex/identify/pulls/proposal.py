@@ -15,7 +15,7 @@ from counterflex.identify.design.choice import candidates_of, choose, expected_s
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.compliances import bearing_of, springs
 from counterflex.identify.geometry.known_frames import known_frames
-from counterflex.identify.pulls.blocks import Layout, block, layout
+from counterflex.identify.pulls.blocks import PullLayout, block, layout
 from counterflex.identify.pulls.pulls import AGAIN, HISTORIES, Pulls
 from counterflex.identify.pulls.residuals import PullResiduals
 from counterflex.identify.recipe import Proposal
@@ -139,7 +139,7 @@ def _pulls(name: str, q: Float, force: Float, sigma: float, history: str) -> Pul
     )
 
 
-def _use(cell: CellModel, chain: ElasticChain, plan: Layout, force: float, rng: np.random.Generator) -> Float:
+def _use(cell: CellModel, chain: ElasticChain, plan: PullLayout, force: float, rng: np.random.Generator) -> Float:
     """(t, f) derivative of the deflection near the part by the fit coordinates, in units of 10 um."""
     q = measurable(cell, _USE_POSES, rng, around_part=1.0)
     axes = np.tile(np.eye(3), (len(q), 1))

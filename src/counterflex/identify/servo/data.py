@@ -28,7 +28,7 @@ _BAND_HZ = (1.0, 60.0)
 
 
 @dataclass(frozen=True)
-class Mode:
+class RingingMode:
     """A damped oscillation."""
 
     frequency_hz: float  # undamped natural frequency
@@ -36,7 +36,7 @@ class Mode:
     amplitude: float  # root of the sum of squared amplitudes over the channels, unit of the signals
 
 
-def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
+def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> RingingMode:
     """The lowest mode that rings noticeably.
 
     ``signals``: (n, k) at even steps, from just after the release; like units. ``step_s``: s. Returns of the modes with
@@ -58,7 +58,7 @@ def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
     amplitudes = np.linalg.norm(np.linalg.lstsq(V, y.astype(np.complex128), rcond=None)[0], axis=1)
     rate = np.log(z) / h
     modes = [
-        Mode(float(abs(r)) / (2.0 * np.pi), float(-r.real / abs(r)), 2.0 * float(a))
+        RingingMode(float(abs(r)) / (2.0 * np.pi), float(-r.real / abs(r)), 2.0 * float(a))
         for r, a in zip(rate, amplitudes, strict=True)
         if r.imag > 0.0 and _BAND_HZ[0] < abs(r) / (2.0 * np.pi) < _BAND_HZ[1] and 0.0 < -r.real / abs(r) < 0.6
     ]

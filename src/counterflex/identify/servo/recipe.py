@@ -23,7 +23,7 @@ from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo import TITLE
-from counterflex.identify.servo.data import LoadStep, Mode, load_steps, lowest_mode
+from counterflex.identify.servo.data import LoadStep, RingingMode, load_steps, lowest_mode
 from counterflex.identify.servo.proposal import FORCE_N, propose
 from counterflex.identify.servo.residuals import ServoResiduals, together, with_exchange
 from counterflex.identify.solver.fit import Fit
@@ -278,7 +278,7 @@ def _figures(cell: CellModel, axis: int, fit: Fit, servo: Servo) -> list[Figure]
     return out
 
 
-def modes(steps: Sequence[LoadStep]) -> list[Mode]:
+def modes(steps: Sequence[LoadStep]) -> list[RingingMode]:
     """Lowest mode of each load step that rings: of the tool where a tracker saw it, else of the motors."""
     out = []
     for step in steps:

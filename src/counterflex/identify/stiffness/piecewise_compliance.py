@@ -21,7 +21,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG
 from counterflex.identify.geometry.compliances import DIRECTIONS
-from counterflex.identify.pulls.blocks import Layout
+from counterflex.identify.pulls.blocks import PullLayout
 from counterflex.identify.pulls.pulls import Pulls
 from counterflex.identify.pulls.residuals import PullResiduals, Shape
 from counterflex.identify.solver.fit import Fit
@@ -72,7 +72,7 @@ class Region:
     centre: float = 0.0  # mean of `raw`, weighted by the square of the load
     spread: float = 1.0  # range of `raw`
 
-    def phi(self, chain: ElasticChain, plan: Layout, pulls: Pulls) -> Float:
+    def phi(self, chain: ElasticChain, plan: PullLayout, pulls: Pulls) -> Float:
         """(n,) of some pulls."""
         load = element_loads(chain, pulls.q, pulls.w_tcp_base)
         own = load[:, plan.springs.segment[self.spring], plan.springs.direction[self.spring]]
@@ -80,7 +80,7 @@ class Region:
             return (self.raw(pulls.q, own) - self.centre) / self.spread
         return factor(self.element(chain, plan, 1.0), pulls.q) - 1.0
 
-    def element(self, chain: ElasticChain, plan: Layout, change: float) -> ElasticRegion:
+    def element(self, chain: ElasticChain, plan: PullLayout, change: float) -> ElasticRegion:
         """As a plan uses it: the factor ``1 + change phi`` on the compliance."""
         at = np.array(self.knots)
         raw = self.raw(np.repeat(at[:, None], 6, axis=1), np.zeros(len(at)))
@@ -121,7 +121,7 @@ class PiecewiseSearch:
     error: tuple[float, ...]
 
 
-def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> list[Region]:
+def candidates(chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls]) -> list[Region]:
     """All regions that the poses and loads of some pulls tell apart."""
     q = np.concatenate([p.q for p in pulls])
     loads = np.concatenate([element_loads(chain, p.q, p.w_tcp_base) for p in pulls])
@@ -163,7 +163,7 @@ def candidates(chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls]) -> lis
 
 def search(
     chain: ElasticChain,
-    plan: Layout,
+    plan: PullLayout,
     pulls: Sequence[Pulls],
     blocks: Sequence[PullResiduals],
     fit: Fit,
@@ -201,7 +201,7 @@ def search(
 
 
 def shaped_like(
-    result: PiecewiseSearch, chain: ElasticChain, plan: Layout, pulls: Pulls, block: PullResiduals
+    result: PiecewiseSearch, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals
 ) -> PullResiduals:
     """Another block with the shapes of the regions kept."""
     first = len(plan.parameters)
@@ -209,7 +209,9 @@ def shaped_like(
     return replace(block, shapes=shapes)
 
 
-def elements(result: PiecewiseSearch | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
+def elements(
+    result: PiecewiseSearch | None, chain: ElasticChain, plan: PullLayout, fit: Fit
+) -> tuple[ElasticRegion, ...]:
     """Regions that a plan can use: those over an angle; a compliance that changes with load is its mean."""
     regions = () if result is None else result.regions
     return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
@@ -227,7 +229,7 @@ def _with(
     return wider, shaped
 
 
-def _error(parameters: Parameters, blocks: Sequence[PullResiduals], plan: Layout) -> float:
+def _error(parameters: Parameters, blocks: Sequence[PullResiduals], plan: PullLayout) -> float:
     held_out: HeldOut = cross_validate(parameters, blocks, needed=plan.frame_names, error=position_error)
     return held_out.mean()[0]
 

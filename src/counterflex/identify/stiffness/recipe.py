@@ -21,7 +21,7 @@ from counterflex.identify.geometry.compliances import bearing_of, springs, with_
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
 from counterflex.identify.pulls import checks as pull_checks
 from counterflex.identify.pulls import proposal as pull_proposal
-from counterflex.identify.pulls.blocks import Layout, block, layout, refreshed, with_honest_sigma
+from counterflex.identify.pulls.blocks import PullLayout, block, layout, refreshed, with_honest_sigma
 from counterflex.identify.pulls.proposal import propose_pulls
 from counterflex.identify.pulls.pulls import Pulls, read_pulls
 from counterflex.identify.pulls.residuals import PullResiduals
@@ -119,7 +119,7 @@ def _moved(chain: ElasticChain, data: Sequence[Dataset], *, as_stated: bool) -> 
 
 
 def settle(
-    chain: ElasticChain, plan: Layout, pulls: Sequence[Pulls], blocks: Sequence[PullResiduals], progress: Progress
+    chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls], blocks: Sequence[PullResiduals], progress: Progress
 ) -> tuple[Fit, list[PullResiduals]]:
     """Fit, with what is not linear in the compliances brought up to date until it rests within 1 um.
 
@@ -142,7 +142,7 @@ def settle(
 
 def _judged(
     chain: ElasticChain,
-    plan: Layout,
+    plan: PullLayout,
     pieces: piecewise_compliance.PiecewiseSearch | None,
     fit: Fit,
     blocks: Sequence[PullResiduals],
@@ -169,7 +169,7 @@ def _judged(
     return held_out, [b.measured for b in others]
 
 
-def _score(chain: ElasticChain, plan: Layout, tracker: KnownFrames | None) -> Any:
+def _score(chain: ElasticChain, plan: PullLayout, tracker: KnownFrames | None) -> Any:
     """Quick fit of one dataset, as :data:`counterflex.identify.data.manifest_checks.Score`."""
 
     def score(data: Dataset) -> Misfit:

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM, UM_PER_KN
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.pulls.blocks import Layout
+from counterflex.identify.pulls.blocks import PullLayout
 from counterflex.identify.pulls.pulls import Pulls
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit
@@ -99,7 +99,7 @@ def figures(chain: ElasticChain, pulls: Sequence[Pulls], fit: Fit, held_out: Hel
 
 def remarks(
     chain: ElasticChain,
-    plan: Layout,
+    plan: PullLayout,
     fit: Fit,
     held_out: HeldOut,
     pulls: Sequence[Pulls],
@@ -131,7 +131,7 @@ def remarks(
     return tuple(out)
 
 
-def _determined(plan: Layout, fit: Fit, held_out: HeldOut) -> list[str]:
+def _determined(plan: PullLayout, fit: Fit, held_out: HeldOut) -> list[str]:
     well, fair, poor, unseen = [], [], [], []
     for k, item in enumerate(plan.springs.parameters):
         if not item.free:
@@ -187,7 +187,7 @@ def _doubtful(fit: Fit, pulls: Sequence[Pulls]) -> list[str]:
     return out
 
 
-def pictures(held_out: HeldOut, measured: Sequence[Float], plan: Layout, fit: Fit) -> tuple[Picture, ...]:
+def pictures(held_out: HeldOut, measured: Sequence[Float], plan: PullLayout, fit: Fit) -> tuple[Picture, ...]:
     """Error of held-out pulls over their deflection, and what was found against what was known."""
     size = sizes(held_out, measured) / MM
     springs = [k for k, p in enumerate(plan.springs.parameters) if p.free and p.nominal > 0.0]

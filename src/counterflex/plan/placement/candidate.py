@@ -13,7 +13,7 @@ from counterflex.plan.placement.chatter import Feeding, feeding
 from counterflex.plan.placement.error import ErrorLeft
 from counterflex.plan.posture.choose import Freedom, cannot_touch
 from counterflex.plan.posture.clearance import Surroundings, kept, too_close
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.impossible import FAULTS
 from counterflex.plan.posture.survey import RobotHere, survey_path
@@ -26,7 +26,7 @@ POINTS: Final = 40
 """Points in the cut that a thinned path has at most."""
 
 
-def thinned(path: CutPath, most: int = POINTS) -> tuple[CutPath, Int]:
+def thinned(path: LoadedPath, most: int = POINTS) -> tuple[LoadedPath, Int]:
     """Few points for many: what is cut in pieces of equal length, and the ends of the whole path.
 
     The cut is divided into ``most`` pieces of equal length. Of each the point stays whose force is nearest to the
@@ -45,7 +45,7 @@ def thinned(path: CutPath, most: int = POINTS) -> tuple[CutPath, Int]:
     rows: Int = np.union1d(chosen, outer).astype(np.int64)
     weight = np.zeros(len(path))
     np.add.at(weight, chosen, pieces)
-    part = CutPath(
+    part = LoadedPath(
         path.p_part[rows],
         path.axis_part[rows],
         path.w_tcp_part[rows],
@@ -57,7 +57,7 @@ def thinned(path: CutPath, most: int = POINTS) -> tuple[CutPath, Int]:
     return part, rows
 
 
-def _in_the_cut(path: CutPath, most: int) -> tuple[Int, Float]:
+def _in_the_cut(path: LoadedPath, most: int) -> tuple[Int, Float]:
     """Rows that stand for the pieces of the cut, and the lengths of these."""
     cutting = np.flatnonzero(path.weight_m > 0.0)
     weight = path.weight_m[cutting]
@@ -91,7 +91,7 @@ NEAR: Final = 3
 class Site:
     """A program whose place is searched, thinned."""
 
-    cut: CutPath  # thinned path
+    cut: LoadedPath  # thinned path
     robot: RobotHere  # robot and tool; the pose of the part, or of the spindle that stands, is replaced
     freedom: Freedom  # rotations that are tried
     rows: Int  # (m,) rows of the whole path that the thinned one has, rising

@@ -23,7 +23,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.plan.posture.survey_kernel import POWER
 from counterflex.plan.relative_motion import RelativeMotion
@@ -51,7 +51,9 @@ class ErrorLeft:
     measured: Mode | None  # lowest mode of a tap test, or None
 
     @classmethod
-    def of(cls, whole: CutPath, thin: CutPath, rows: Int, chain: ElasticChain, measured: Mode | None) -> ErrorLeft:
+    def of(
+        cls, whole: LoadedPath, thin: LoadedPath, rows: Int, chain: ElasticChain, measured: Mode | None
+    ) -> ErrorLeft:
         """Of a program.
 
         Args:
@@ -75,7 +77,7 @@ class ErrorLeft:
         at = np.array(largest, dtype=np.int64)[most]
         return cls(with_likely_play(chain), stands[most], step[at], speed[at], measured)
 
-    def means(self, cut: CutPath, chain: ElasticChain, relative: RelativeMotion, q: Float) -> tuple[float, float]:
+    def means(self, cut: LoadedPath, chain: ElasticChain, relative: RelativeMotion, q: Float) -> tuple[float, float]:
         """Power means over the cut of the deflection at rest, and of the error with lost motion and swing, m.
 
         Args:
@@ -119,7 +121,7 @@ def _across(normals_part: Float, displacement_part: Float) -> Float:
     return out
 
 
-def _force_steps(path: CutPath) -> Float:
+def _force_steps(path: LoadedPath) -> Float:
     """(n, 3) N, change of the force from :data:`STEP_S` before; none cuts in the air."""
     force = np.where((path.weight_m > 0.0)[:, None], path.w_tcp_part[:, :3], 0.0)
     before = np.searchsorted(path.time_s, path.time_s - STEP_S, side="right") - 1

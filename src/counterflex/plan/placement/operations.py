@@ -19,10 +19,10 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ReachError
 from counterflex.path.toolpath import RAPID, ToolPath, tool_orientation, tool_poses
 from counterflex.plan.placement.candidate import Site, site_of, worth
-from counterflex.plan.placement.search import Seen
+from counterflex.plan.placement.search import CandidatePoses
 from counterflex.plan.posture.choose import cannot_touch
 from counterflex.plan.posture.clearance import kept
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.posture.held import Task
 from counterflex.plan.posture.survey import constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import POWER
@@ -51,7 +51,7 @@ class OperationSite:
     site: Site  # its thinned path on the robot
     length_m: float  # path in the cut
 
-    def posture_costs(self, seen: Seen) -> Float:
+    def posture_costs(self, seen: CandidatePoses) -> Float:
         """(r, 8) m^(POWER + 1), deflection of each posture held in a place; infinite where it is not reached."""
         robot = self.site.robot.facing(seen.T_base_standing)
         cut = self.site.cut
@@ -60,7 +60,7 @@ class OperationSite:
         out[cannot_touch(self.site.datum_points, robot, self.site.freedom)] = np.inf
         return out
 
-    def held(self, seen: Seen, branch: str, rotation_rad: float) -> tuple[float, float]:
+    def held(self, seen: CandidatePoses, branch: str, rotation_rad: float) -> tuple[float, float]:
         """Error in a place and posture, m, and the least damping ratio in the cut; infinite where it cannot be run.
 
         Args:
@@ -131,7 +131,7 @@ def sites_of(task: Task, operations: Sequence[Operation], stretches: Sequence[St
     for number, one in enumerate(operations):
         rows = slice(one.first, one.last + 1)
         around = None if task.around is None else replace(task.around, tool=task.around.tool[rows])
-        cut = CutPath(
+        cut = LoadedPath(
             task.cut.p_part[rows], task.cut.axis_part[rows], task.cut.w_tcp_part[rows], task.cut.normals_part[rows],
             task.cut.weight_m[rows], task.cut.time_s[rows], task.cut.run[rows],
         )  # fmt: skip

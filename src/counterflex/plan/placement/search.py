@@ -26,7 +26,7 @@ search back to where the part can be reached."""
 
 
 @dataclass(frozen=True)
-class Region:
+class PlacementBounds:
     """Bounds of the pose of the part."""
 
     # (4 + k,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base at zero of
@@ -36,7 +36,7 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class CandidatePoses:
     """Poses that a candidate gives, relative to the robot."""
 
     # (4, 4) in the robot base: frame of the program, or tool frame of the spindle where the robot holds the part
@@ -84,13 +84,13 @@ def reach_m(opw: Opw) -> float:
     return float(opw.c2_m + np.hypot(opw.c3_m, opw.a2_m))
 
 
-def usual_region(opw: Opw) -> Region:
+def usual_region(opw: Opw) -> PlacementBounds:
     """In front of the robot, from the height of its foot to that of axis 2, any rotation of the part.
 
     With R the reach (:func:`reach_m`): x from 0.2 to 1 R, y half of R to both sides.
     """
     reach = reach_m(opw)
-    return Region((0.2 * reach, -0.5 * reach, 0.0, -np.pi), (reach, 0.5 * reach, 0.5 * reach, np.pi))
+    return PlacementBounds((0.2 * reach, -0.5 * reach, 0.0, -np.pi), (reach, 0.5 * reach, 0.5 * reach, np.pi))
 
 
 def placed(place: Float, middle: Float, R_turned: Float) -> Float:
@@ -112,8 +112,8 @@ def placed(place: Float, middle: Float, R_turned: Float) -> Float:
 
 def search(
     site: Site,
-    region: Region,
-    seen: Callable[[Float], Seen],
+    region: PlacementBounds,
+    seen: Callable[[Float], CandidatePoses],
     count: int,
     seed: int = 1,
     progress: Progress = silent,
@@ -150,8 +150,8 @@ def search(
 
 def _judge(
     site: Site,
-    region: Region,
-    seen: Callable[[Float], Seen],
+    region: PlacementBounds,
+    seen: Callable[[Float], CandidatePoses],
     judged: list[tuple[Float, Candidate]],
     total: int,
     progress: Progress,

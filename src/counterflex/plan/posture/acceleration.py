@@ -14,7 +14,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
 
@@ -67,7 +67,7 @@ def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: i
     rows = slice(max(0, point - NEIGHBOURS), min(len(path), point + NEIGHBOURS + 1))
     here, count = point - rows.start, rows.stop - rows.start
     none = np.zeros(count)
-    piece = CutPath(
+    piece = LoadedPath(
         path.p_part_tcp[rows], path.axis_part[rows], np.zeros((count, 6)), np.zeros((count, 1, 3)), none, none,
         np.zeros(count, dtype=np.int64),
     )  # fmt: skip

@@ -15,7 +15,7 @@ from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.inputs import Setting
 from counterflex.plan.posture.acceleration import too_fast, too_fast_at
 from counterflex.plan.posture.clearance import too_close, worst
-from counterflex.plan.posture.cut_path import CutPath, in_contact, stations
+from counterflex.plan.posture.cut_path import LoadedPath, in_contact, stations
 from counterflex.plan.posture.held import Held, Task, held
 from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible, too_slow
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
@@ -76,7 +76,7 @@ class Freedom:
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class ChosenPosture:
     """The posture that was chosen."""
 
     present: Held | None  # as the cell file has it; None where the program cannot be run so
@@ -88,7 +88,7 @@ class Chosen:
     poses: int  # postures that were tried
 
 
-def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
+def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> ChosenPosture:
     """Choose the posture with the smallest deflection that matters.
 
     Args:
@@ -115,7 +115,7 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
         present = None
     length = float(np.sum(cut.weight_m)) or 1.0
     progress(1.0)
-    return Chosen(
+    return ChosenPosture(
         present,
         best,
         way,
@@ -196,6 +196,6 @@ def cannot_touch(points: Float | None, robot: RobotHere, freedom: Freedom) -> Bo
     k = len(points)
     upright = np.tile([0.0, 0.0, 1.0], (k, 1))
     none = np.zeros(k)
-    touched = CutPath(points, upright, np.zeros((k, 6)), np.zeros((k, 1, 3)), none, none, np.zeros(k, np.int64))
+    touched = LoadedPath(points, upright, np.zeros((k, 6)), np.zeros((k, 1, 3)), none, none, np.zeros(k, np.int64))
     q = survey_path(touched, robot, freedom.grid_rad, np.arange(k)).q
     return np.asarray(np.any(np.isnan(q[..., 0]), axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import pose
 from counterflex.plan.posture.survey import RobotHere
-from counterflex.plan.preflight.bodies import Body, holds_stock, pairs, tool_of
+from counterflex.plan.preflight.bodies import CollisionBody, holds_stock, pairs, tool_of
 from counterflex.plan.preflight.collision import Closest, Scene, Standing, at_least, closest, poses
 
 PLACES: Final = 12
@@ -24,7 +24,7 @@ _NEAR_M: Final = 1e-3
 class Surroundings:
     """Bodies that must not touch."""
 
-    bodies: Sequence[Body]  # coarse bodies, see counterflex.plan.preflight.bodies
+    bodies: Sequence[CollisionBody]  # coarse bodies, see counterflex.plan.preflight.bodies
     tool: Int  # (n,) number of the tool in the spindle at each point of the path
     clearance_m: float  # least distance; tools need none
 
@@ -65,7 +65,7 @@ class Surroundings:
         ]
 
 
-def _carried_away(body: Body, T_base_before: Float) -> Body:
+def _carried_away(body: CollisionBody, T_base_before: Float) -> CollisionBody:
     if body.frame != "base" or not body.surrounds:
         return body
     T_before_body = body.T_frame_body

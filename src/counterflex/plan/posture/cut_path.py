@@ -19,7 +19,7 @@ _PARALLEL: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class CutPath:
+class LoadedPath:
     """n points of a program in the part frame, with the load of the undisturbed cut."""
 
     p_part: Float  # (n, 3) m, tool tips
@@ -62,7 +62,7 @@ def surface_normals(path: ToolPath, surface: Surface = "both") -> Float:
     return np.stack(chosen, axis=1)
 
 
-def cut_path(path: ToolPath, cut: UndisturbedCut, run: Int, surface: Surface = "both") -> CutPath:
+def cut_path(path: ToolPath, cut: UndisturbedCut, run: Int, surface: Surface = "both") -> LoadedPath:
     """The path of a program with its load.
 
     Args:
@@ -72,7 +72,7 @@ def cut_path(path: ToolPath, cut: UndisturbedCut, run: Int, surface: Surface = "
         surface: Which surface matters.
     """
     length = np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)
-    return CutPath(
+    return LoadedPath(
         path.p_part_tcp,
         path.axis_part,
         cut.w_tcp_part,
@@ -83,7 +83,7 @@ def cut_path(path: ToolPath, cut: UndisturbedCut, run: Int, surface: Surface = "
     )
 
 
-def stations(path: CutPath, apart_s: float, most: int) -> Int:
+def stations(path: LoadedPath, apart_s: float, most: int) -> Int:
     """Rows between which the tool may turn by a step of the grid.
 
     Every stretch of rapid or feed is divided evenly in time, so that its edges last ``apart_s`` or a little longer; its
@@ -121,7 +121,7 @@ def fractions(time_s: Float, rows: Int) -> Float:
     return np.clip(out, 0.0, 1.0)
 
 
-def in_contact(path: CutPath, rows: Int) -> Bool:
+def in_contact(path: LoadedPath, rows: Int) -> Bool:
     """(m,) edges along which material is cut."""
     total = np.cumsum(path.weight_m)
     out: Bool = np.diff(total[rows]) > 0.0

@@ -12,7 +12,7 @@ from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting, part_compliance, solve_joints
 from counterflex.plan.posture.clearance import Surroundings
-from counterflex.plan.posture.cut_path import CutPath
+from counterflex.plan.posture.cut_path import LoadedPath
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.survey import RobotHere, base_points
 from counterflex.plan.preflight.reversals import reversals, unloadings
@@ -27,7 +27,7 @@ class Task:
 
     path: ToolPath  # n points of the program
     line: Int  # (n,) source line of each
-    cut: CutPath  # the same with load and directions
+    cut: LoadedPath  # the same with load and directions
     setting: Setting  # of the plan, with the present posture
     robot: RobotHere  # robot, tool and place of the part
     around: Surroundings | None = None  # bodies that must not touch, or None where nobody looks

@@ -17,8 +17,8 @@ from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.inputs import Limits
 from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
-from counterflex.plan.posture.cut_path import CutPath, fractions
-from counterflex.plan.posture.survey_kernel import CODES, POWER, Grid, Points, Survey, survey_edges
+from counterflex.plan.posture.cut_path import LoadedPath, fractions
+from counterflex.plan.posture.survey_kernel import CODES, POWER, CandidateGrid, Points, Survey, survey_edges
 from counterflex.plan.relative_motion import RelativeMotion, part_carried, tool_carried
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.model.controller_axes import room
@@ -77,7 +77,7 @@ class RobotHere:
             return own
         return np.minimum(own, room(axes, self.controller_chain.joint_limits_rad, q) - self.limits.joint_margin_rad)
 
-    def grid(self, rotations_rad: Float) -> Grid:
+    def grid(self, rotations_rad: Float) -> CandidateGrid:
         """Grid of candidates for the kernels.
 
         Raises:
@@ -91,7 +91,7 @@ class RobotHere:
                 limit="a spherical wrist, axes 2 and 3 parallel",
                 hint="Give the robot by catalogue name or by its lengths ([robot.geometry])",
             )
-        return Grid(
+        return CandidateGrid(
             arm_record(chain.opw),
             np.cos(rotations_rad),
             np.sin(rotations_rad),
@@ -100,7 +100,7 @@ class RobotHere:
         )
 
 
-def base_points(path: CutPath, T_base_part: Float, rows: Int) -> Points:
+def base_points(path: LoadedPath, T_base_part: Float, rows: Int) -> Points:
     """The path in base axes, as the kernels read it.
 
     Args:
@@ -124,7 +124,7 @@ def base_points(path: CutPath, T_base_part: Float, rows: Int) -> Points:
     )
 
 
-def hand_points(path: CutPath, robot: RobotHere, rows: Int) -> Points:
+def hand_points(path: LoadedPath, robot: RobotHere, rows: Int) -> Points:
     """The path in base axes at rotation 0, with the flange of a robot that carries the tool or the part.
 
     Where it carries the part, the load is that on the hand: the opposite of that on the tool.
@@ -167,7 +167,7 @@ def load_by_rotation(points: Points, rows: Int, rotations_rad: Float) -> tuple[F
 
 
 def survey_path(
-    path: CutPath, robot: RobotHere, rotations_rad: Float, rows: Int, progress: Progress = silent
+    path: LoadedPath, robot: RobotHere, rotations_rad: Float, rows: Int, progress: Progress = silent
 ) -> Survey:
     """Try every rotation and branch at every point of a path.
 

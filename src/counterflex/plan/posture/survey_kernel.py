@@ -47,7 +47,7 @@ class Points(NamedTuple):
     part_carried: int
 
 
-class Grid(NamedTuple):
+class CandidateGrid(NamedTuple):
     """Candidates at each point, and limits of the robot."""
 
     arms: Annotated[Records, (ARM,)]  # (1,) ARM geometry
@@ -70,12 +70,12 @@ class Survey(NamedTuple):
 
 
 _POINTS = bundle(Points)
-_GRID = bundle(Grid)
+_GRID = bundle(CandidateGrid)
 _SURVEY = bundle(Survey)
 
 
 @kernel("int64(Arm, Grid, float64[::1])", Arm=ARM, Grid=_GRID)
-def within(arm: Record, grid: Grid, q: Float) -> int:
+def within(arm: Record, grid: CandidateGrid, q: Float) -> int:
     """Code of the limit that a posture breaks; its axes are turned into their limits where a full turn does that.
 
     Args:
@@ -106,7 +106,7 @@ def within(arm: Record, grid: Grid, q: Float) -> int:
 
 
 @kernel("void(Grid, Points, int64, int64, float64[::1], float64[::1])", Grid=_GRID, Points=_POINTS)
-def flange_at(grid: Grid, points: Points, row: int, turn: int, R: Float, wrist: Float) -> None:
+def flange_at(grid: CandidateGrid, points: Points, row: int, turn: int, R: Float, wrist: Float) -> None:
     """Flange and wrist of one point at one rotation.
 
     ``R``: (9,) rotation of the flange in the base, written; ``wrist``: (3,) m, written.
@@ -149,7 +149,7 @@ def turned_about(v: Float, z: Float, c: float, s: float, out: Float) -> None:
     entry=True,
 )
 def survey_edges(
-    chain: Compact, grid: Grid, points: Points, stations: Int, survey: Survey, first: int, last: int
+    chain: Compact, grid: CandidateGrid, points: Points, stations: Int, survey: Survey, first: int, last: int
 ) -> None:
     """Try every posture at every point of the edges first..last-1.
 

@@ -14,7 +14,7 @@ from counterflex.core.jit import thread_count
 from counterflex.core.units import DEG
 from counterflex.plan.posture.branches_kernel import SLOTS
 from counterflex.plan.posture.burden_kernel import burdens
-from counterflex.plan.posture.cut_path import CutPath, in_contact
+from counterflex.plan.posture.cut_path import LoadedPath, in_contact
 from counterflex.plan.posture.survey import RobotHere, hand_points, load_by_rotation
 from counterflex.plan.posture.survey_kernel import POWER, Survey
 from counterflex.plan.posture.walk_kernel import PER_ROTATION, TURNS, Edges, Rules, walk
@@ -49,7 +49,7 @@ class Way:
     cost: float
 
 
-def least_cost(path: CutPath, survey: Survey) -> float:
+def least_cost(path: LoadedPath, survey: Survey) -> float:
     """Cost of the deflection with every point in its best posture, m^(POWER + 1)."""
     cutting = path.weight_m > 0.0
     return float(np.sum(path.weight_m[cutting] * survey.least[cutting] ** POWER))
@@ -114,7 +114,7 @@ def _best_in_branch(
 
 
 def best_way(
-    path: CutPath, robot: RobotHere, survey: Survey, rows: Int, steps: Int, weights: Weights
+    path: LoadedPath, robot: RobotHere, survey: Survey, rows: Int, steps: Int, weights: Weights
 ) -> tuple[Way | None, Int]:
     """The cheapest way through the postures, exact on the grid.
 

@@ -18,8 +18,8 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
-from counterflex.plan.preflight.spacing import Blocks
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row
+from counterflex.plan.preflight.spacing import BlockSpacing
 
 SMOOTH_RAD: Final = math.radians(3.0)
 """Corners that turn by less are none, see :mod:`counterflex.path.path_speed`."""
@@ -61,7 +61,7 @@ class Corners:
         return out
 
 
-def corners_of(path: ToolPath, blocks: Blocks, approximation_m: Float, blending_m: float) -> Corners:
+def corners_of(path: ToolPath, blocks: BlockSpacing, approximation_m: Float, blending_m: float) -> Corners:
     """Corners between the blocks of a path.
 
     Args:
@@ -95,7 +95,7 @@ def corners_of(path: ToolPath, blocks: Blocks, approximation_m: Float, blending_
     )
 
 
-def approximation_rows(corners: Corners, cutting: Bool, bounds: Bounds) -> list[Row]:
+def approximation_rows(corners: Corners, cutting: Bool, bounds: CheckLimits) -> list[Row]:
     """Return whether the approximation fits between the points, and what it leaves of the corners.
 
     Args:

@@ -53,7 +53,7 @@ STOCK: Final = "stock"
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class CollisionBody:
     """A convex body fixed to a frame."""
 
     name: str  # for messages, and by which a cell file replaces it
@@ -88,17 +88,17 @@ def along(
     assumed: bool = True,
     tool: int | None = None,
     surrounds: bool = False,
-) -> Body:
+) -> CollisionBody:
     """A capsule or cylinder whose axis runs between two points; a capsule between equal points is a sphere.
 
     Args:
-        name: See :class:`Body`.
+        name: See :class:`CollisionBody`.
         frame: See there.
         p_frame_from: (3,) m.
         p_frame_to: (3,) m.
         radius_m: > 0.
         shape: ``capsule`` or ``cylinder``.
-        assumed: See :class:`Body`.
+        assumed: See :class:`CollisionBody`.
         tool: See there.
         surrounds: See there.
     """
@@ -110,21 +110,21 @@ def along(
     x /= np.linalg.norm(x)
     R = np.stack([x, np.cross(z, x), z], axis=1)
     T = pose.make(R, 0.5 * (np.asarray(p_frame_from) + p_frame_to))
-    return Body(name, frame, shape, T, (radius_m, max(0.5 * length, _SPHERE_M)), assumed, tool, surrounds)
+    return CollisionBody(name, frame, shape, T, (radius_m, max(0.5 * length, _SPHERE_M)), assumed, tool, surrounds)
 
 
-def box(name: str, frame: str, low_m: Float, high_m: Float, *, assumed: bool = True) -> Body:
+def box(name: str, frame: str, low_m: Float, high_m: Float, *, assumed: bool = True) -> CollisionBody:
     """A box of the surroundings along the axes of its frame, between two corners (3,) m."""
     low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
     half = tuple((0.5 * (high - low)).tolist())
-    return Body(name, frame, "box", pose.make(p=0.5 * (low + high)), half, assumed, surrounds=True)
+    return CollisionBody(name, frame, "box", pose.make(p=0.5 * (low + high)), half, assumed, surrounds=True)
 
 
-def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surrounds: bool) -> Body:
+def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surrounds: bool) -> CollisionBody:
     """The convex hull of points as a body.
 
     Args:
-        name: See :class:`Body`.
+        name: See :class:`CollisionBody`.
         frame: See there.
         T_frame_mesh: (4, 4) pose of the axes that the points are given in.
         points_m: (k, 3) m, not all in one plane.
@@ -136,10 +136,12 @@ def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surroun
     T = T_frame_mesh @ pose.make(p=centre)
     half = tuple((0.5 * (high - low)).tolist())
     corners: Float = (points_m - centre)[shape_hull.vertices]
-    return Body(name, frame, "mesh", T, half, False, None, surrounds, vertices_m=corners, faces=shape_hull.equations)
+    return CollisionBody(
+        name, frame, "mesh", T, half, False, None, surrounds, vertices_m=corners, faces=shape_hull.equations
+    )
 
 
-def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Body]:
+def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[CollisionBody]:
     """The outline of what does not cut of a tool, as cylinders as wide as its wider end, in the TCP's frame.
 
     Args:
@@ -185,7 +187,7 @@ def arm_reach(chain: ElasticChain) -> float:
     return sum(float(np.linalg.norm(offset)) for offset in joint_offsets(chain)[2:])
 
 
-def links(chain: ElasticChain) -> list[Body]:
+def links(chain: ElasticChain) -> list[CollisionBody]:
     """The robot as seven capsules between its joint frames, as :data:`SHARES` of its arm's length.
 
     The forearm ends at the wrist's centre with its cap: behind it is a fork, in which the hand turns.
@@ -203,7 +205,7 @@ def links(chain: ElasticChain) -> list[Body]:
     ]
 
 
-def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> list[Body]:
+def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> list[CollisionBody]:
     """Spindle, what holds it to the flange, and the tools, from the TCP: its z points out of the spindle.
 
     The tool is a cylinder as long as its overhang, or where that is not known as its flutes and one diameter more;
@@ -227,7 +229,7 @@ def carried(chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapp
     ]
 
 
-def _tools(cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> tuple[list[Body], float]:
+def _tools(cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> tuple[list[CollisionBody], float]:
     """Tools in the TCP's frame, and the stick-out of the shortest, m."""
     stick_out = {n: overhang_m.get(n, cutter.flute_length_m + cutter.diameter_m) for n, cutter in cutters.items()}
     tools = [
@@ -240,7 +242,7 @@ def _tools(cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float]) -> tu
 
 def standing(
     chain: ElasticChain, cutters: Mapping[int, Cutter], overhang_m: Mapping[int, float], T_base_tcp: Float
-) -> list[Body]:
+) -> list[CollisionBody]:
     """Spindle and tools that stand, of a robot that holds the part: as :func:`carried`, without a bracket.
 
     Args:
@@ -256,7 +258,7 @@ def standing(
     return [turned_round(body, T_base_tcp) for body in (spindle, *tools)]
 
 
-def held_part(chain: ElasticChain, stock: HeightMap) -> list[Body]:
+def held_part(chain: ElasticChain, stock: HeightMap) -> list[CollisionBody]:
     """The blank in the robot's hand as its bounding box, and a gripper from the flange to the middle of its underside.
 
     The gripper is a capsule that ends at the underside: it is no thicker than it is long.
@@ -276,7 +278,7 @@ def held_part(chain: ElasticChain, stock: HeightMap) -> list[Body]:
     return [along("gripper", "flange", np.zeros(3), underside - radius * up, radius), blank]
 
 
-def turned_round(body: Body, T_base_tcp: Float) -> Body:
+def turned_round(body: CollisionBody, T_base_tcp: Float) -> CollisionBody:
     """A body of a cell in which the robot holds the part, fixed to a frame of the chain, which ends in the part frame.
 
     Args:
@@ -294,7 +296,7 @@ def turned_round(body: Body, T_base_tcp: Float) -> Body:
     return body
 
 
-def part_bodies(stock: HeightMap) -> list[Body]:
+def part_bodies(stock: HeightMap) -> list[CollisionBody]:
     """The blank as its bounding box, and a table below it."""
     low, high = _bounds(stock)
     beyond = np.array([TABLE_BEYOND_M, TABLE_BEYOND_M, 0.0])
@@ -311,7 +313,9 @@ def _bounds(stock: HeightMap) -> tuple[Float, Float]:
     return low, low + np.maximum(size, _SPHERE_M)
 
 
-def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable[str] = ()) -> list[Body]:
+def with_given(
+    assumed: Iterable[CollisionBody], given: Sequence[CollisionBody], removed: Iterable[str] = ()
+) -> list[CollisionBody]:
     """Bodies of a cell file beside the assumed ones; one of the same name replaces it, a removed one is left out.
 
     A body in place of a tool is that tool.
@@ -325,7 +329,7 @@ def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable
     return [*(body for name, body in before.items() if name not in gone), *present]
 
 
-def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+def pairs(bodies: Sequence[CollisionBody]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
     """Pairs of bodies that are compared, by their index.
 
     Whatever an axis moves is compared with the surroundings, but a tool not with the stock, which it cuts (that rapids
@@ -348,15 +352,15 @@ def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int
     return outer, list(itertools.product(hand, arm))
 
 
-def _cuts(first: Body, second: Body) -> bool:
+def _cuts(first: CollisionBody, second: CollisionBody) -> bool:
     return first.cuts and second.name == STOCK
 
 
-def holds_stock(first: Body, second: Body) -> bool:
+def holds_stock(first: CollisionBody, second: CollisionBody) -> bool:
     """Return whether a pair is the holder of a tool and the blank: no posture changes how they stand to each other."""
     return any(a.tool is not None and not a.cuts and b.name == STOCK for a, b in ((first, second), (second, first)))
 
 
-def tool_of(first: Body, second: Body) -> int | None:
+def tool_of(first: CollisionBody, second: CollisionBody) -> int | None:
     """Number of the tool in a pair of bodies, or None."""
     return first.tool if first.tool is not None else second.tool

@@ -18,7 +18,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import Body, pairs, tool_of
+from counterflex.plan.preflight.bodies import CollisionBody, pairs, tool_of
 from counterflex.plan.preflight.machined_stock import LeftOver, MachinedStock
 from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 from counterflex.plan.preflight.sweep import sweep_between
@@ -52,7 +52,7 @@ _NUDGE_M: Final = 1e-5 * np.array([0.8, 0.5, 0.3])
 class Scene:
     """Bodies that can be placed and asked for their distances."""
 
-    def __init__(self, bodies: Sequence[Body]) -> None:
+    def __init__(self, bodies: Sequence[CollisionBody]) -> None:
         """Build the bodies.
 
         Args:
@@ -157,7 +157,7 @@ class Standing:
         )
 
 
-def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Standing) -> Float:
+def poses(chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, standing: Standing) -> Float:
     """Poses of bodies in the base.
 
     Args:
@@ -182,7 +182,7 @@ def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Stand
     return np.stack(placed, axis=1)
 
 
-def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
+def at_least(bodies: Sequence[CollisionBody], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
     """Lower bounds of distances of pairs of bodies: core of one (axis or box) against the sphere around the other.
 
     Args:
@@ -209,7 +209,7 @@ def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_bas
 
 def closest(
     chain: ElasticChain,
-    bodies: Sequence[Body],
+    bodies: Sequence[CollisionBody],
     compared: Sequence[tuple[int, int]],
     q: Float,
     tool: Int,
@@ -241,7 +241,7 @@ def closest(
         low, high = sorted((bodies[first].link, bodies[second].link))
         by_links.setdefault((low, high), []).append((first, second))
     watched = [(of, sweep_between(chain, bodies, q, tool, *links, standing.moved_m)) for links, of in by_links.items()]
-    placed = Placed(chain, bodies, q, standing, left_over)
+    placed = PlacedBody(chain, bodies, q, standing, left_over)
     best: Closest | None = None
     row = reported = 0
     while row < len(q):
@@ -261,7 +261,7 @@ def closest(
     return best
 
 
-class Placed:
+class PlacedBody:
     """Bodies at the rows of a path.
 
     Args:
@@ -273,7 +273,12 @@ class Placed:
     """
 
     def __init__(
-        self, chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Standing, left_over: LeftOver | None
+        self,
+        chain: ElasticChain,
+        bodies: Sequence[CollisionBody],
+        q: Float,
+        standing: Standing,
+        left_over: LeftOver | None,
     ) -> None:
         self._chain, self._bodies, self._q, self._standing = chain, bodies, q, standing
         self._left_over, self._scene, self._row = left_over, Scene(bodies), -1
@@ -313,7 +318,7 @@ class Placed:
 
 def collision_rows(
     chain: ElasticChain,
-    bodies: Sequence[Body],
+    bodies: Sequence[CollisionBody],
     q: Float,
     tool: Int,
     standing: Standing,
@@ -358,7 +363,7 @@ def collision_rows(
     return rows
 
 
-def _by_row(bodies: Sequence[Body]) -> dict[str, list[tuple[int, int]]]:
+def _by_row(bodies: Sequence[CollisionBody]) -> dict[str, list[tuple[int, int]]]:
     """Pairs that each row compares, in the order of the rows."""
     outer, inner = pairs(bodies)
     out: dict[str, list[tuple[int, int]]] = {ROBOT: [], TOOL: [], HOLDER: [], ARM: inner}
@@ -369,15 +374,15 @@ def _by_row(bodies: Sequence[Body]) -> dict[str, list[tuple[int, int]]]:
     return out
 
 
-def _is_assumed(body: Body) -> bool:
+def _is_assumed(body: CollisionBody) -> bool:
     return body.assumed and body.tool is None
 
 
-def _holds(bodies: Sequence[Body], pair: tuple[int, int]) -> bool:
+def _holds(bodies: Sequence[CollisionBody], pair: tuple[int, int]) -> bool:
     return any(bodies[k].tool is not None and not bodies[k].cuts for k in pair)
 
 
-def _holder_row(result: Closest | None, bodies: Sequence[Body], tool: Int, grain_m: float) -> Row:
+def _holder_row(result: Closest | None, bodies: Sequence[CollisionBody], tool: Int, grain_m: float) -> Row:
     """The row of the holders; not looked at for tools whose holder is not known."""
     known = {body.tool for body in bodies if body.tool is not None and not body.cuts}
     lacking = [f"T{n}" for n in np.unique(tool).tolist() if n and n not in known]
@@ -391,7 +396,7 @@ def _holder_row(result: Closest | None, bodies: Sequence[Body], tool: Int, grain
     return Row(HOLDER, "ok", max(0.0, result.distance_m), 0.0, "m", result.point, what)
 
 
-def _row(name: str, result: Closest | None, bodies: Sequence[Body], clearance_m: float | None) -> Row:
+def _row(name: str, result: Closest | None, bodies: Sequence[CollisionBody], clearance_m: float | None) -> Row:
     """A row; without a clearance that of a tool."""
     if result is None:
         return Row(name, NOT_LOOKED_AT, what="nothing to compare", missing="[[cell.body]]")

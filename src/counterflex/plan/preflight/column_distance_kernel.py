@@ -120,7 +120,7 @@ def stock_distance(
 
     Args:
         shape: One of the constants of this module.
-        size: (3,) as of :class:`~counterflex.plan.preflight.bodies.Body`.
+        size: (3,) as of :class:`~counterflex.plan.preflight.bodies.CollisionBody`.
         planes: (f, 4) of a mesh.
         T_stock_body: (4, 4) pose of the body in the frame of the map.
         z: (ny, nx) tops of the columns.

@@ -19,11 +19,11 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.preflight.approximation import LEAST_M, Corners
-from counterflex.plan.preflight.row import Bounds
-from counterflex.plan.preflight.spacing import Blocks, reached_feed
+from counterflex.plan.preflight.row import CheckLimits
+from counterflex.plan.preflight.spacing import BlockSpacing, reached_feed
 
 
-class Cause(IntEnum):
+class SpeedCause(IntEnum):
     """Cause that limits a path speed."""
 
     PROGRAMMED = 0
@@ -63,7 +63,7 @@ class HeldSpeed:
 class _Speeds:
     """Speeds with what limits each of them."""
 
-    def __init__(self, speed_m_s: Float, cause: Cause) -> None:
+    def __init__(self, speed_m_s: Float, cause: SpeedCause) -> None:
         self.speed = speed_m_s.copy()
         self.cause: Int = np.full(len(speed_m_s), int(cause), dtype=np.int64)
         self.axis: Int = np.full(len(speed_m_s), -1, dtype=np.int64)
@@ -77,7 +77,7 @@ class _Speeds:
 
 
 def held_speed(
-    path: ToolPath, q: Float, turned_rad: Float, blocks: Blocks, corners: Corners, bounds: Bounds
+    path: ToolPath, q: Float, turned_rad: Float, blocks: BlockSpacing, corners: Corners, bounds: CheckLimits
 ) -> HeldSpeed:
     """Path speed that the robot holds.
 
@@ -96,12 +96,12 @@ def held_speed(
     row = np.flatnonzero(length > LEAST_M)
     if len(row) == 0:
         nothing = np.zeros(n)
-        standing: Int = np.full(n, int(Cause.STANDSTILL), dtype=np.int64)
+        standing: Int = np.full(n, int(SpeedCause.STANDSTILL), dtype=np.int64)
         return HeldSpeed(nothing, nothing, nothing, nothing, time, standing, np.full(n, -1), nothing)
     way, unit = length[row], step[row] / length[row, None]
     rates = np.diff(q, axis=0, prepend=q[:1])[row] / way[:, None]
     programmed = np.where(time[row] > 0.0, way / np.where(time[row] > 0.0, time[row], 1.0), path.feed_m_s[row])
-    segment = _Speeds(np.maximum(programmed, 1e-6), Cause.PROGRAMMED)
+    segment = _Speeds(np.maximum(programmed, 1e-6), SpeedCause.PROGRAMMED)
     _limit_segments(segment, row, way, rates, turned_rad[row], blocks, bounds)
     along = np.full(len(row), bounds.acceleration_m_s2)
     if bounds.joint_accelerations_rad_s2 is not None:
@@ -113,33 +113,33 @@ def held_speed(
 
 
 def _limit_segments(
-    segment: _Speeds, row: Int, way: Float, rates: Float, turned: Float, blocks: Blocks, bounds: Bounds
+    segment: _Speeds, row: Int, way: Float, rates: Float, turned: Float, blocks: BlockSpacing, bounds: CheckLimits
 ) -> None:
     """Speeds that hold anywhere on a segment."""
     every = slice(None)
     if bounds.joint_speeds_rad_s is not None:
         share = np.abs(rates) / bounds.joint_speeds_rad_s
         axis = np.argmax(share, axis=1)
-        segment.limit(every, 1.0 / np.maximum(share.max(axis=1), 1e-12), Cause.JOINT_SPEED, axis)
+        segment.limit(every, 1.0 / np.maximum(share.max(axis=1), 1e-12), SpeedCause.JOINT_SPEED, axis)
     if bounds.orientation_rad_s is not None:
         speed = bounds.orientation_rad_s * way / np.maximum(turned, 1e-12)
-        segment.limit(every, speed, Cause.REORIENTATION)
+        segment.limit(every, speed, SpeedCause.REORIENTATION)
     number = np.searchsorted(blocks.point, row)
     known = np.flatnonzero((number < len(blocks.point)) & blocks.cuts[np.minimum(number, len(blocks.point) - 1)])
     own = number[known]
-    segment.limit(known, blocks.length_m[own] / bounds.least_block_s, Cause.BLOCK_TIME)
+    segment.limit(known, blocks.length_m[own] / bounds.least_block_s, SpeedCause.BLOCK_TIME)
     if bounds.look_ahead is not None:
         reached = reached_feed(blocks, 1e-12, bounds.look_ahead, bounds.acceleration_m_s2)
-        segment.limit(known, reached[own], Cause.LOOK_AHEAD)
+        segment.limit(known, reached[own], SpeedCause.LOOK_AHEAD)
 
 
 def _nodes(
     segment: _Speeds, path: ToolPath, row: Int, way: Float, unit: Float, rates: Float, along: Float, corners: Corners,
-    bounds: Bounds,
+    bounds: CheckLimits,
 ) -> _Speeds:  # fmt: skip
     """Speeds at the ends of the segments; where a corner is rounded its speed holds on the whole rounding."""
     m = len(row)
-    node = _Speeds(np.full(m + 1, np.inf), Cause.PROGRAMMED)
+    node = _Speeds(np.full(m + 1, np.inf), SpeedCause.PROGRAMMED)
     inner = np.arange(1, m)
     between = np.zeros(m + 1)  # over which way the direction changes
     between[1:-1] = 0.5 * (way[:-1] + way[1:])
@@ -147,14 +147,14 @@ def _nodes(
     distance = np.where(corners.sharp, corners.distance_m, 0.5 * corners.side_m)
     between[at] = 2.0 * distance * np.cos(0.5 * corners.turn_rad) ** 2
     stops = corners.exact | (corners.sharp & (distance <= LEAST_M))
-    node.limit(at[stops], 0.0, Cause.EXACT_STOP)
+    node.limit(at[stops], 0.0, SpeedCause.EXACT_STOP)
     bend = np.maximum(np.linalg.norm(np.diff(unit, axis=0), axis=1), 1e-12)
-    node.limit(inner, np.sqrt(bounds.acceleration_m_s2 * between[inner] / bend), Cause.TOOL_ACCELERATION)
+    node.limit(inner, np.sqrt(bounds.acceleration_m_s2 * between[inner] / bend), SpeedCause.TOOL_ACCELERATION)
     if bounds.joint_accelerations_rad_s2 is not None:
         share = np.abs(np.diff(rates, axis=0)) / bounds.joint_accelerations_rad_s2
         axis = np.argmax(share, axis=1)
         speed = np.sqrt(between[inner] / np.maximum(share.max(axis=1), 1e-12))
-        node.limit(inner, speed, Cause.JOINT_ACCELERATION, axis)
+        node.limit(inner, speed, SpeedCause.JOINT_ACCELERATION, axis)
     station = np.concatenate([[0.0], np.cumsum(way)])
     for corner in np.flatnonzero(corners.sharp & ~stops):
         k = int(at[corner])
@@ -162,7 +162,7 @@ def _nodes(
             continue
         _round(segment, station, along, k, float(distance[corner]), node)
     stands = np.flatnonzero(path.time_s[row[1:] - 1] > path.time_s[row[:-1]]) + 1
-    node.limit(np.concatenate([[0], stands, [m]]), 0.0, Cause.STANDSTILL)
+    node.limit(np.concatenate([[0], stands, [m]]), 0.0, SpeedCause.STANDSTILL)
     for ends in (slice(0, m), slice(1, m + 1)):
         node.limit(ends, segment.speed, segment.cause, segment.axis)
     return node
@@ -217,7 +217,7 @@ def _result(
     by_node = np.minimum(v0, v1) < segment.speed * _TIE
     out = HeldSpeed(
         np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), time.copy(),
-        np.full(n, int(Cause.STANDSTILL), dtype=np.int64), np.full(n, -1, dtype=np.int64), np.zeros(n),
+        np.full(n, int(SpeedCause.STANDSTILL), dtype=np.int64), np.full(n, -1, dtype=np.int64), np.zeros(n),
     )  # fmt: skip
     out.programmed_m_s[row], out.mean_m_s[row], out.length_m[row] = programmed, way / duration, way
     out.lowest_m_s[row], out.duration_s[row] = np.minimum(v0, v1), duration

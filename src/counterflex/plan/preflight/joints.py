@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, worst_of_axes
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row, worst_of_axes
 from counterflex.robot.model.controller_axes import ControllerAxes
 
 _TURN: Final = "Turn the tool about its axis (counterflex plan posture), or move the part"
@@ -141,7 +141,7 @@ def at_feed(path: ToolPath) -> Bool:
     return out
 
 
-def speed_rows(path: ToolPath, speeds: Float, bounds: Bounds) -> list[Row]:
+def speed_rows(path: ToolPath, speeds: Float, bounds: CheckLimits) -> list[Row]:
     """Fastest axis at feed and in rapids, by its limit where that is known."""
     feed = (path.kind == FEED)[:, None]
     size = np.abs(speeds)
@@ -177,7 +177,7 @@ def _low() -> str:
     return _TURN[0].lower() + _TURN[1:]
 
 
-def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: Bounds) -> Row:
+def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: CheckLimits) -> Row:
     """Largest acceleration of an axis at feed, by its limit where that is known."""
     chosen = np.abs(joint_accelerations_rad_s2) * at_feed(path)[:, None]
     limits = bounds.joint_accelerations_rad_s2

@@ -24,7 +24,7 @@ from counterflex.plan.cut import any_tilted, cut
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
 from counterflex.plan.elastic_motion import STILL
 from counterflex.plan.inputs import Setting
-from counterflex.plan.preflight.bodies import STOCK, Body
+from counterflex.plan.preflight.bodies import STOCK, CollisionBody
 from counterflex.plan.preflight.column_distance_kernel import BOX, CAPSULE, CYLINDER, MESH, stock_distance
 from counterflex.plan.turning_cut.cut import TurningCut
 
@@ -70,7 +70,7 @@ class MachinedStock:
         self._coarse = coarse(self._stock)
         self._done = row
 
-    def distance(self, body: Body, T_stock_body: Float, most_m: float) -> float:
+    def distance(self, body: CollisionBody, T_stock_body: Float, most_m: float) -> float:
         """Signed distance of a body to the material, m.
 
         Args:
@@ -97,7 +97,7 @@ class LeftOver:
         near_m: Pairs with the box that come nearer are compared with what is left.
     """
 
-    def __init__(self, stock: MachinedStock, bodies: Sequence[Body], near_m: float) -> None:
+    def __init__(self, stock: MachinedStock, bodies: Sequence[CollisionBody], near_m: float) -> None:
         self.near_m, self.grain_m = near_m, stock.cell_m
         self._stock, self._bodies = stock, bodies
         self._box = next((k for k, body in enumerate(bodies) if body.name == STOCK and body.assumed), -1)

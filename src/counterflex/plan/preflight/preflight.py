@@ -20,7 +20,7 @@ from counterflex.plan.cut import at_points
 from counterflex.plan.inputs import Setting, joint_angles, programmed_poses
 from counterflex.plan.preflight import joints as joint_checks
 from counterflex.plan.preflight.approximation import approximation_rows, corners_of
-from counterflex.plan.preflight.bodies import Body
+from counterflex.plan.preflight.bodies import CollisionBody
 from counterflex.plan.preflight.collision import collision_rows
 from counterflex.plan.preflight.external_moves import external_row, standing_along
 from counterflex.plan.preflight.hazards import complete
@@ -39,10 +39,10 @@ from counterflex.plan.preflight.process.cut_rows import (
 )
 from counterflex.plan.preflight.process.demands import CORRECTION
 from counterflex.plan.preflight.rapids import with_points_in_rapids
-from counterflex.plan.preflight.reversals import Event, event_row, reversals, unloadings
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
+from counterflex.plan.preflight.reversals import ReversalEvent, event_row, reversals, unloadings
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row
 from counterflex.plan.preflight.size import size_rows
-from counterflex.plan.preflight.spacing import Blocks, blocks_of, spacing_rows
+from counterflex.plan.preflight.spacing import BlockSpacing, blocks_of, spacing_rows
 from counterflex.plan.preflight.speed_row import speed_row
 from counterflex.plan.preflight.swung_arcs import Swung, axes_row, linear_rows, swung, taken
 from counterflex.programs.robot_text.stated import Stated
@@ -93,8 +93,8 @@ class AlongPath:
     held: HeldSpeed  # path speed
     joint_speeds_rad_s: Float  # (m, 6) at the programmed feed
     joint_accelerations_rad_s2: Float  # (m, 6) likewise
-    blocks: Blocks  # of the path
-    reversals: Sequence[Event]  # axes that turn round in the cut
+    blocks: BlockSpacing  # of the path
+    reversals: Sequence[ReversalEvent]  # axes that turn round in the cut
     cutting: Bool  # (m,) segments that remove material; all at feed where none does
 
 
@@ -106,9 +106,9 @@ class Preflight:
     path: ToolPath  # the path that was looked at: rapids have points between
     q: Float  # (m, 6) rad, controller angles of its first m rows: all of them where everything is reached
     margin_rad: Float  # (m, 6) distance of each axis to its nearer limit
-    bodies: tuple[Body, ...]  # coarse bodies
+    bodies: tuple[CollisionBody, ...]  # coarse bodies
     along: AlongPath | None  # curves for a picture; None where nothing is reached
-    bounds: Bounds  # what was compared with
+    bounds: CheckLimits  # what was compared with
 
     @property
     def failed(self) -> bool:
@@ -120,9 +120,9 @@ def preflight(
     path: ToolPath,
     stock: HeightMap,
     setting: Setting,
-    bounds: Bounds,
+    bounds: CheckLimits,
     machining: Machining,
-    bodies: Sequence[Body],
+    bodies: Sequence[CollisionBody],
     written: AsWritten,
     progress: Progress = silent,
 ) -> Preflight:
@@ -251,8 +251,8 @@ def _reach_row(solution: PathSolution, reserve: Float | None) -> Row:
 
 
 def _along(
-    path: ToolPath, q: Float, swung_path: Swung, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
-    cutting: Bool,
+    path: ToolPath, q: Float, swung_path: Swung, bounds: CheckLimits, written: AsWritten,
+    turns: Sequence[ReversalEvent], cutting: Bool,
 ) -> AlongPath:  # fmt: skip
     """Curves along the rows that are reached."""
     # Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
@@ -270,7 +270,7 @@ def _along(
 
 
 def _joint_rows(
-    path: ToolPath, solution: PathSolution, margin: Float, along: AlongPath, bounds: Bounds, path_name: str
+    path: ToolPath, solution: PathSolution, margin: Float, along: AlongPath, bounds: CheckLimits, path_name: str
 ) -> list[Row]:
     return [
         joint_checks.limit_row(margin, bounds.joint_margin_rad),
@@ -283,8 +283,8 @@ def _joint_rows(
 
 
 def _loads(
-    made: MadeCut, q: Float, setting: Setting, bounds: Bounds, machining: Machining
-) -> tuple[list[Event], list[Row]]:
+    made: MadeCut, q: Float, setting: Setting, bounds: CheckLimits, machining: Machining
+) -> tuple[list[ReversalEvent], list[Row]]:
     """Reversals, and the rows that need joint angles and the predicted force."""
     if made.result is None:
         return [], []

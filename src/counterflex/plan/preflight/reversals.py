@@ -24,7 +24,7 @@ _ADVICE: Final = "Turn the tool about its axis (counterflex plan posture), move 
 
 
 @dataclass(frozen=True, eq=False)
-class Event:
+class ReversalEvent:
     """One reversal or one unloading."""
 
     axis: int  # 0..5
@@ -72,7 +72,7 @@ def _lost(chain: ElasticChain, J: Float, axis: int) -> float:
     return float("nan") if entry is None else 2.0 * entry.half_band_rad * float(np.linalg.norm(J[:3, axis]))
 
 
-def reversals(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) -> list[Event]:
+def reversals(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) -> list[ReversalEvent]:
     """Reversals of an axis in the cut: the axis goes back while material is removed.
 
     Args:
@@ -91,11 +91,11 @@ def reversals(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) -
                 continue
             J = jacobian(chain, q[row : back + 1])
             torque = np.abs(np.einsum("nij,ni->nj", J, w_tcp_base[row : back + 1])[:, axis])
-            events.append(Event(axis, row, float(torque.max()), _lost(chain, J[0], axis)))
+            events.append(ReversalEvent(axis, row, float(torque.max()), _lost(chain, J[0], axis)))
     return events
 
 
-def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) -> list[Event]:
+def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) -> list[ReversalEvent]:
     """Drives whose torque (weight and cutting force) changes its sign in the cut, first contact included.
 
     Args:
@@ -114,11 +114,11 @@ def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) 
             if contact[row]:
                 J = jacobian(chain, q[row : row + 1])[0]
                 size = float(abs(torque[row, axis] - weight[row, axis]))
-                events.append(Event(axis, int(row), size, _lost(chain, J, axis)))
+                events.append(ReversalEvent(axis, int(row), size, _lost(chain, J, axis)))
     return events
 
 
-def event_row(check: str, events: list[Event], limit_m: float) -> Row:
+def event_row(check: str, events: list[ReversalEvent], limit_m: float) -> Row:
     """Return the event with the largest lost motion at the tool; where no play is known its size is not looked at.
 
     ``events``: of one kind; ``limit_m``: largest lost motion that may stay in the part.

@@ -35,7 +35,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class CheckLimits:
     """Limits that the checks compare with; None is not known."""
 
     joint_margin_rad: float  # least distance to a joint limit

@@ -14,14 +14,14 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row
 
 LOOK_AHEAD_KEY: Final = "controller.look_ahead_blocks"
 _ADVICE: Final = "Use arcs, fewer points (a larger chord tolerance in the CAM program), or a lower feed"
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class BlockSpacing:
     """Moving blocks of a program in order."""
 
     point: Int  # (k,) row of the path at which each ends
@@ -31,7 +31,7 @@ class Blocks:
     stands: Bool  # (k,) the tool stands behind it (a dwell, the end): there it brakes anyway
 
 
-def blocks_of(path: ToolPath) -> Blocks:
+def blocks_of(path: ToolPath) -> BlockSpacing:
     """Blocks of a sampled path: rows of one motion are one block.
 
     Args:
@@ -44,10 +44,12 @@ def blocks_of(path: ToolPath) -> Blocks:
     moves = total > 0.0
     time = path.time_s[last] - path.time_s[np.maximum(first - 1, 0)]
     dwell = np.append((~moves & (time > 0.0))[1:], True) if len(moves) else moves
-    return Blocks(last[moves], total[moves], path.feed_m_s[last[moves]], path.kind[last[moves]] == FEED, dwell[moves])
+    return BlockSpacing(
+        last[moves], total[moves], path.feed_m_s[last[moves]], path.kind[last[moves]] == FEED, dwell[moves]
+    )
 
 
-def reached_feed(blocks: Blocks, least_block_s: float, look_ahead: int | None, acceleration_m_s2: float) -> Float:
+def reached_feed(blocks: BlockSpacing, least_block_s: float, look_ahead: int | None, acceleration_m_s2: float) -> Float:
     """Feed that the controller can hold in each block, m/s.
 
     Args:
@@ -73,7 +75,7 @@ def reached_feed(blocks: Blocks, least_block_s: float, look_ahead: int | None, a
     return out
 
 
-def spacing_rows(path: ToolPath, bounds: Bounds) -> list[Row]:
+def spacing_rows(path: ToolPath, bounds: CheckLimits) -> list[Row]:
     """Block time at feed, and feed left by the look-ahead.
 
     Args:

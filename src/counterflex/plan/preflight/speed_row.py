@@ -11,9 +11,9 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM, PERCENT
 from counterflex.plan.preflight.approximation import BLENDING_KEY
-from counterflex.plan.preflight.held_speed import Cause, HeldSpeed
+from counterflex.plan.preflight.held_speed import HeldSpeed, SpeedCause
 from counterflex.plan.preflight.joints import ACCELERATION_KEY
-from counterflex.plan.preflight.row import Bounds, Row
+from counterflex.plan.preflight.row import CheckLimits, Row
 
 HELD: Final = 0.99
 """A segment whose mean speed reaches that share of the programmed one is as fast as programmed."""
@@ -21,24 +21,25 @@ SPEED_CHECK: Final = "path speed held"
 TOOL_KEY: Final = "controller.acceleration_mm_s2"
 ORIENTATION_KEY: Final = "limits.orientation_speed_deg_s"
 _WORDS: Final = {
-    Cause.PROGRAMMED: "change of the programmed feed",
-    Cause.JOINT_SPEED: "joint speed of axis {}",
-    Cause.REORIENTATION: "reorientation of the tool",
-    Cause.BLOCK_TIME: "block time",
-    Cause.LOOK_AHEAD: "look-ahead",
-    Cause.TOOL_ACCELERATION: "acceleration of the tool",
-    Cause.JOINT_ACCELERATION: "joint acceleration of axis {}",
-    Cause.EXACT_STOP: "exact stops",
-    Cause.STANDSTILL: "start and standstill",
+    SpeedCause.PROGRAMMED: "change of the programmed feed",
+    SpeedCause.JOINT_SPEED: "joint speed of axis {}",
+    SpeedCause.REORIENTATION: "reorientation of the tool",
+    SpeedCause.BLOCK_TIME: "block time",
+    SpeedCause.LOOK_AHEAD: "look-ahead",
+    SpeedCause.TOOL_ACCELERATION: "acceleration of the tool",
+    SpeedCause.JOINT_ACCELERATION: "joint acceleration of axis {}",
+    SpeedCause.EXACT_STOP: "exact stops",
+    SpeedCause.STANDSTILL: "start and standstill",
 }
 _ADVICE: Final = {
-    Cause.JOINT_SPEED: "Turn the tool about its axis (counterflex plan posture), move the part, or lower the feed",
-    Cause.REORIENTATION: "Lower the feed where the tool turns, or spread the turn over more of the path",
-    Cause.BLOCK_TIME: "Use arcs, fewer points, or a lower feed",
-    Cause.LOOK_AHEAD: "Use arcs, fewer points, or a lower feed",
-    Cause.TOOL_ACCELERATION: "Round corners in the program, allow a larger approximation distance, or lower the feed",
-    Cause.JOINT_ACCELERATION: "Round corners in the program, turn the tool about its axis, or lower the feed",
-    Cause.EXACT_STOP: "Let the controller round the corners where nothing else happens (C_DIS, zone, CNT)",
+    SpeedCause.JOINT_SPEED: "Turn the tool about its axis (counterflex plan posture), move the part, or lower the feed",
+    SpeedCause.REORIENTATION: "Lower the feed where the tool turns, or spread the turn over more of the path",
+    SpeedCause.BLOCK_TIME: "Use arcs, fewer points, or a lower feed",
+    SpeedCause.LOOK_AHEAD: "Use arcs, fewer points, or a lower feed",
+    SpeedCause.TOOL_ACCELERATION: "Round corners in the program, allow a larger approximation distance, or lower the "
+    "feed",
+    SpeedCause.JOINT_ACCELERATION: "Round corners in the program, turn the tool about its axis, or lower the feed",
+    SpeedCause.EXACT_STOP: "Let the controller round the corners where nothing else happens (C_DIS, zone, CNT)",
 }
 _LISTED: Final = 3
 QUIET_SHARE: Final = 0.05
@@ -50,13 +51,13 @@ QUIET_M: Final = 2.0 * MM
 
 def slower(held: HeldSpeed) -> Bool:
     """(n,) segments below the programmed speed; ramps from one programmed feed to the next do not count."""
-    out: Bool = held.slower(HELD) & (held.cause != Cause.PROGRAMMED)
+    out: Bool = held.slower(HELD) & (held.cause != SpeedCause.PROGRAMMED)
     return out
 
 
 def words(cause: int, axis: int) -> str:
     """Cause that limits the speed, in words."""
-    return _WORDS[Cause(cause)].format(axis + 1)
+    return _WORDS[SpeedCause(cause)].format(axis + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class SpeedInCut:
     slower_m: float  # on which of it the robot is slower than programmed
     more_s: float  # time that it takes more there
     # words, cause and share 0..1 of what is slower, the largest first; axes are causes of their own
-    causes: Sequence[tuple[str, Cause, float]]
+    causes: Sequence[tuple[str, SpeedCause, float]]
     row: int  # row of the path with the lowest speed there; where it is held everywhere the one nearest to being slower
     lowest_m_s: float  # lowest speed at this row
     programmed_m_s: float  # programmed there
@@ -100,7 +101,7 @@ def speed_in_cut(held: HeldSpeed, cutting: Bool) -> SpeedInCut | None:
     return SpeedInCut(total, float(way[rows].sum()), late, _shares(held, way, slow), row, lowest, programmed)
 
 
-def speed_row(held: HeldSpeed, cutting: Bool, bounds: Bounds, path_name: str = "cutting path") -> Row:
+def speed_row(held: HeldSpeed, cutting: Bool, bounds: CheckLimits, path_name: str = "cutting path") -> Row:
     """The lowest speed in the cut, and on how much of it the robot is slower than programmed.
 
     Args:
@@ -133,30 +134,37 @@ def speed_row(held: HeldSpeed, cutting: Bool, bounds: Bounds, path_name: str = "
     )
 
 
-def _shares(held: HeldSpeed, way: Float, slow: Bool) -> list[tuple[str, Cause, float]]:
+def _shares(held: HeldSpeed, way: Float, slow: Bool) -> list[tuple[str, SpeedCause, float]]:
     """Causes and their share of what is slow, the largest first; axes are causes of their own."""
     code = 10 * held.cause + held.axis + 1
     out = []
     for value in np.unique(code[slow]).tolist():
         cause, axis = divmod(value, 10)
         share = float(way[slow & (code == value)].sum() / way[slow].sum())
-        out.append((words(cause, axis - 1), Cause(cause), share))
+        out.append((words(cause, axis - 1), SpeedCause(cause), share))
     return sorted(out, key=lambda entry: -entry[2])
 
 
-def _assumed(bounds: Bounds, causes: set[Cause]) -> str:
+def _assumed(bounds: CheckLimits, causes: set[SpeedCause]) -> str:
     """Defaults of the cell file that the figure stands on."""
     texts = []
-    if causes & {Cause.TOOL_ACCELERATION, Cause.EXACT_STOP, Cause.STANDSTILL} and TOOL_KEY in bounds.assumed:
+    if (
+        causes & {SpeedCause.TOOL_ACCELERATION, SpeedCause.EXACT_STOP, SpeedCause.STANDSTILL}
+        and TOOL_KEY in bounds.assumed
+    ):
         texts.append(f"{TOOL_KEY} {bounds.acceleration_m_s2 / MM:g}")
-    if Cause.TOOL_ACCELERATION in causes and BLENDING_KEY in bounds.assumed:
+    if SpeedCause.TOOL_ACCELERATION in causes and BLENDING_KEY in bounds.assumed:
         texts.append(f"{BLENDING_KEY} {bounds.blending_m / MM:g}")
-    if Cause.REORIENTATION in causes and ORIENTATION_KEY in bounds.assumed and bounds.orientation_rad_s is not None:
+    if (
+        SpeedCause.REORIENTATION in causes
+        and ORIENTATION_KEY in bounds.assumed
+        and bounds.orientation_rad_s is not None
+    ):
         texts.append(f"{ORIENTATION_KEY} {bounds.orientation_rad_s / DEG:g}")
     return f"; assumed: {', '.join(texts)}" if texts else ""
 
 
-def _left_out(bounds: Bounds) -> str:
+def _left_out(bounds: CheckLimits) -> str:
     """Limits that are not known and so slow nothing down."""
     lacking = [key for key, known in (
         ("limits.joint_speed_deg_s", bounds.joint_speeds_rad_s), (ACCELERATION_KEY, bounds.joint_accelerations_rad_s2),

@@ -15,7 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.plan.preflight.bodies import Body, joint_offsets
+from counterflex.plan.preflight.bodies import CollisionBody, joint_offsets
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 
 CELLS_M: Final = (8.0 * MM, 2.0 * MM, 0.5 * MM)
@@ -25,7 +25,7 @@ _FACTORS: Final = np.array([1, 73856093, 19349663, 83492791, 49979687, 15485863,
 """Factors that number the cells (the first primes of Teschner et al. 2003, Optimized spatial hashing)."""
 
 
-class Sweep:
+class JointSweep:
     """Rows of a path that need no distance computation, for bodies that move alike.
 
     Args:
@@ -108,9 +108,9 @@ class Sweep:
 
 
 def sweep_between(
-    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6,
+    chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, tool: Int, low: int = 0, high: int = 6,
     moved_m: Float | None = None,
-) -> Sweep:  # fmt: skip
+) -> JointSweep:  # fmt: skip
     """Return the sweep of bodies that ``high`` axes move, against those that ``low`` axes move.
 
     The axes between move the one against the other. What the flange carries has its own bound against what stands.
@@ -128,9 +128,9 @@ def sweep_between(
 
 
 def sweep_of_joints(
-    chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int, low: int = 0, high: int = 6,
+    chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, tool: Int, low: int = 0, high: int = 6,
     moved_m: Float | None = None,
-) -> Sweep:  # fmt: skip
+) -> JointSweep:  # fmt: skip
     """Return the sweep of any bodies of a robot: ``sum |dq_j| R_j`` bounds the motion of every one of their points.
 
     ``R_j`` is the longest way from axis j outward along the chain, with the farthest corner of what the flange carries.
@@ -147,10 +147,10 @@ def sweep_of_joints(
     beyond = float(np.linalg.norm(chain.T_flange_tcp[:3, 3])) if chain.flange_segment < chain.n else 0.0
     size = max((_reach(b, np.eye(4)) for b in bodies if b.link), default=0.0)
     place = (q * (way + beyond + size))[:, low:high]
-    return Sweep(place if moved_m is None else np.column_stack([place, moved_m]), None, 0.0, tool)
+    return JointSweep(place if moved_m is None else np.column_stack([place, moved_m]), None, 0.0, tool)
 
 
-def sweep_of_flange(chain: ElasticChain, bodies: Sequence[Body], q: Float, tool: Int) -> Sweep:
+def sweep_of_flange(chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, tool: Int) -> JointSweep:
     """Return the sweep of bodies that the flange carries, by the motion of the tool centre point and its turning.
 
     ``q``: (n, 6) rad; ``tool``: (n,).
@@ -163,10 +163,10 @@ def sweep_of_flange(chain: ElasticChain, bodies: Sequence[Body], q: Float, tool:
         carried = [body for body in bodies if body.link == 6]
         reach = max((_reach(b, ahead.get(b.frame, ahead["flange"])) for b in carried), default=0.0)
         reach += float(np.linalg.norm(chain.T_segment_flange[:3, 3]))  # the frame of axis 6 lies behind the flange
-    return Sweep(np.ascontiguousarray(T[:, :3, 3]), np.ascontiguousarray(T[:, :3, :3]), reach, tool)
+    return JointSweep(np.ascontiguousarray(T[:, :3, 3]), np.ascontiguousarray(T[:, :3, :3]), reach, tool)
 
 
-def _reach(body: Body, T_tcp_frame: Float) -> float:
+def _reach(body: CollisionBody, T_tcp_frame: Float) -> float:
     """Distance of the farthest corner of a body from the origin that its frame is given in, m."""
     centre = (T_tcp_frame @ body.T_frame_body)[:3, 3]
     return float(np.linalg.norm(centre) + np.linalg.norm(body.size_m) + body.size_m[0])

@@ -18,7 +18,7 @@ from counterflex.core.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Arc:
+class EntryArc:
     """An arc in a level plane."""
 
     start: Float  # (2,) m
@@ -27,7 +27,7 @@ class Arc:
     left: bool  # it turns left (G3)
 
 
-def arc_in(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad: float) -> Arc:
+def arc_in(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad: float) -> EntryArc:
     """The arc that ends at a point in a direction and comes from the free side.
 
     Args:
@@ -42,14 +42,14 @@ def arc_in(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad
     """
     centre, left = _centre(point, tangent, free, radius_m, angle_rad)
     start = centre + _turned(point - centre, -angle_rad if left else angle_rad)
-    return Arc(start, np.array(point), centre, left)
+    return EntryArc(start, np.array(point), centre, left)
 
 
-def arc_out(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad: float) -> Arc:
+def arc_out(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad: float) -> EntryArc:
     """The arc that begins at a point in a direction and leaves to the free side; arguments as :func:`arc_in`."""
     centre, left = _centre(point, tangent, free, radius_m, angle_rad)
     end = centre + _turned(point - centre, angle_rad if left else -angle_rad)
-    return Arc(np.array(point), end, centre, left)
+    return EntryArc(np.array(point), end, centre, left)
 
 
 def ramp(start: Float, end: Float, top_m: float, slope_rad: float, step_m: float) -> Float:

@@ -10,8 +10,8 @@ import numpy as np
 from counterflex.core.told_apart import with_interval
 from counterflex.core.units import UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import Cycle
-from counterflex.evaluate.iso9283.path_figures import PathFigures
+from counterflex.evaluate.iso9283.path_cycles import PathCycle
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity
 from counterflex.evaluate.iso9283.poses import PoseCycles
 from counterflex.report.figure_data import numbers
@@ -211,8 +211,8 @@ def _corners(corners: Sequence[Mapping[str, Any]]) -> Section:
 def path_page(
     summary: Mapping[str, Any],
     path: CommandedPath,
-    figures: PathFigures,
-    cycles: Sequence[Cycle],
+    figures: IsoPathFigures,
+    cycles: Sequence[PathCycle],
     velocity: PathVelocity | None,
 ) -> str:
     """Page of a path test, as HTML text."""

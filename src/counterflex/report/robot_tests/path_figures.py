@@ -11,8 +11,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MM_PER_S, UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
-from counterflex.evaluate.iso9283.path_cycles import Cycle
-from counterflex.evaluate.iso9283.path_figures import PathFigures
+from counterflex.evaluate.iso9283.path_cycles import PathCycle
+from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity
 from counterflex.report.figure_data import numbers, thin
 from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID
@@ -34,7 +34,7 @@ def plane_of(p: Float) -> Float:
     return out
 
 
-def magnified(path: CommandedPath, f: PathFigures) -> float:
+def magnified(path: CommandedPath, f: IsoPathFigures) -> float:
     """Factor by which deviations are drawn larger: 1, 2 or 5 times a power of ten."""
     size = float(np.ptp(path.p, axis=0).max())
     largest = float(np.linalg.norm(f.p_attained - f.command[:, None], axis=2).max())
@@ -43,7 +43,7 @@ def magnified(path: CommandedPath, f: PathFigures) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= max(raw, 1.0))
 
 
-def path_band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
+def path_band_figure(path: CommandedPath, f: IsoPathFigures) -> dict[str, Any]:
     """The commanded path, and the attained ones with their deviations drawn larger, in the plane of the path."""
     V, factor = plane_of(path.p), magnified(path, f)
     line = path.p @ V.T / MM
@@ -69,7 +69,7 @@ def path_band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
     return {"data": data, "layout": layout}
 
 
-def band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
+def band_figure(path: CommandedPath, f: IsoPathFigures) -> dict[str, Any]:
     """Barycentre of the attained paths across the commanded one, and the tube of radius RT about it, along the path."""
     gaps = np.searchsorted(f.length_m, [end for _, end in path.stretches])[:-1]
     x = np.insert(f.length_m / MM, gaps, np.nan)
@@ -107,7 +107,7 @@ def band_figure(path: CommandedPath, f: PathFigures) -> dict[str, Any]:
     return {"data": data, "layout": layout}
 
 
-def corner_figure(path: CommandedPath, cycles: Sequence[Cycle], reach_m: float) -> dict[str, Any]:
+def corner_figure(path: CommandedPath, cycles: Sequence[PathCycle], reach_m: float) -> dict[str, Any]:
     """Attained paths around the first corners at true scale, the corner in the middle."""
     points = path.corners[:_CORNERS].tolist()
     V = plane_of(path.p)

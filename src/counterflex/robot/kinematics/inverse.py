@@ -102,9 +102,8 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        turned = _solutions(chain, target, choices, sigma, wrist)
-        results += [one for one in turned if not _breaks_coupled(chain, one)]
-        outside += [one for one in turned if _breaks_coupled(chain, one)]
+        for one in _solutions(chain, target, choices, sigma, wrist):
+            (outside if _breaks_coupled(chain, one) else results).append(one)
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)

@@ -63,7 +63,7 @@ class ByAxes:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class JointPieces:
     """Linear pieces of a path of n rows."""
 
     begins: Bool  # (n,) rows at which a motion by axes ends and a piece begins; row 0 begins one in any case
@@ -75,7 +75,7 @@ def solve_pieces(
     chain: ElasticChain,
     Ts_base_tcp: Float,
     branch: str,
-    pieces: Pieces,
+    pieces: JointPieces,
     *,
     enforce_limits: bool = True,
     sigma_floor: float = SIGMA_FLOOR,

@@ -21,7 +21,7 @@ from counterflex.plan.inputs import Inputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
 from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.rapids import flute_row, rapid_row
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, Verdict
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row, Verdict
 from counterflex.plan.preflight.size import ProgramSize
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import UndisturbedCut
@@ -282,7 +282,7 @@ def cut_rows(made: MadeCut, setting: Setting, machining: Machining, written: AsW
 
 
 def demanded(
-    made: MadeCut, path: ToolPath, q: Float, setting: Setting, bounds: Bounds, machining: Machining
+    made: MadeCut, path: ToolPath, q: Float, setting: Setting, bounds: CheckLimits, machining: Machining
 ) -> list[Row]:
     """Rows of what the cut asks of spindle, tool and robot.
 

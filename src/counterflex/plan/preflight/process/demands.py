@@ -18,7 +18,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan import chip_range
 from counterflex.plan.cut import Cut
 from counterflex.plan.feed_limits import ACCELERATION, CutDemand, limits_by_name
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Bounds, Row, Verdict
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, CheckLimits, Row, Verdict
 from counterflex.plan.process_limits import ProcessLimits
 
 CHIP: Final = "chip thickness"
@@ -107,7 +107,7 @@ def _short_of(tool: Int, limits_of: Callable[[int], ProcessLimits]) -> str:
     return f"overhang of {', '.join(lacking)} not known" if lacking else ""
 
 
-def correction_row(demand: CutDemand, bounds: Bounds, rigid: str) -> Row:
+def correction_row(demand: CutDemand, bounds: CheckLimits, rigid: str) -> Row:
     """The largest deflection, of which compensation corrects at most ``limits.correction_mm``.
 
     Args:
