@@ -145,7 +145,7 @@ class Invariants:
         self._senders(world)
         result = session.loop.quick_result
         unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
-        self._answers(world, result.silent == 1 or unarmed)
+        self._answers(world, result.silent == 1 or unarmed or session.searches)
         self._in_the_cut(world, state)
         self._obeyed(world, state, correction)
         if session.trouble:

@@ -23,6 +23,7 @@ from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ProtocolError
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
+from counterflex.protocols.processes.last_answer import LastAnswer
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State
@@ -126,6 +127,7 @@ class World:
         self._tie = itertools.count()
         self._arrived: list[Answer] = []
         self._sent: list[bytes] = []
+        self._answers: Float = np.zeros((2, 16))
         self.session: OnlineSession | None = None
         self.log_of: Callable[[], KeptLog] = lambda: (
             DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
@@ -175,7 +177,8 @@ class World:
         self.session = opened(
             self.story, self.side, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns
         )
-        self.session.not_closed = self._not_closed
+        self._answers *= self._not_closed
+        self.session.follow(LastAnswer(self._answers), not_closed=self._not_closed)
         self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
