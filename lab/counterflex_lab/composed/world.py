@@ -313,10 +313,12 @@ class World:
         if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
+            if self.story.has("force-short"):
+                self.side.shows_force(self.robot.own_force())
             torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
             self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
         if self.session is not None:
-            if self.story.forced:
+            if self.story.forced and self.story.sensor != "egm":
                 samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)
                 self.force.waiting.extend(samples)
             if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:

@@ -19,6 +19,7 @@ from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.link.messages import MESSAGES
+from counterflex.protocols.force.source import LARGEST
 
 UNDEFINED: Final = 0
 DATA: Final = 2
@@ -154,7 +155,7 @@ def measured_force(data: bytes) -> Float | None:
     type of field 1 tells them apart.
 
     Raises:
-        ProtocolError: Neither form, or not six finite numbers.
+        ProtocolError: Neither form, or not six finite numbers up to 1e6.
     """
     if not data:
         return None
@@ -166,8 +167,8 @@ def measured_force(data: bytes) -> Float | None:
         if seven.HasField("fcActive") and not seven.fcActive:
             return None
         values = list(seven.force)
-    if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise ProtocolError("the robot's own force is not six numbers", value=values)
+    if len(values) != 6 or not all(abs(value) <= LARGEST for value in values):  # a NaN is not
+        raise ProtocolError("the robot's own force is not six numbers", value=values, limit=f"{LARGEST:g} N, N m")
     return np.array(values)
 
 
