@@ -15,7 +15,9 @@ demo: $(VENV)/.installed-run  ## Install, run the main job on embedded data, pri
 	$(BIN)/counterflex demo --out out/demo
 	@echo "To use the command in this terminal: source $(BIN)/activate"
 
-PYTEST := $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+# Some tests wait for a clock, a port or a process: one worker more than there are cores keeps these busy.
+WORKERS := $(shell $(PYTHON) -c "import os; print((os.cpu_count() or 1) + 1)")
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.installed-dev  ## Install, run the tests but the long ones; with TURN=1 also those of this commit's third.
 	$(PYTEST) $(if $(TURN),--turn,-m "not long")

@@ -192,7 +192,7 @@ def _corner(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def _bounds(rows: list[dict[str, Any]], keys: list[tuple[str, str, str]]) -> list[str]:
-    """What no plan from a catalogue can go below."""
+    """Error that no plan from a catalogue can go below."""
     lines = []
     for key in keys:
         if key[2] == "catalogue":
@@ -207,7 +207,7 @@ def _bounds(rows: list[dict[str, Any]], keys: list[tuple[str, str, str]]) -> lis
 
 
 def _coverage(rows: list[dict[str, Any]]) -> list[str]:
-    """How many intervals hold, by family."""
+    """Number of intervals that hold, by family."""
     lines = []
     for family in sorted({r["family"] for r in rows}):
         held = [
@@ -225,7 +225,7 @@ def _coverage(rows: list[dict[str, Any]]) -> list[str]:
 
 
 def same_for_all(errors_m: Float) -> tuple[float, float]:
-    """What one and the same correction leaves on many robots, were it chosen after all of them have been measured.
+    """Error that one correction leaves on many robots, chosen after all of them have been measured.
 
     A plan that knows the catalogue corrects all robots of a type by one c and leaves ``|c / e - 1|`` of an error e.
 

@@ -45,7 +45,7 @@ READ_BYTES, WRITTEN_BYTES = 20_000, 200_000
 
 
 class Job(NamedTuple):
-    """What a campaign machines."""
+    """Job of a campaign."""
 
     cell: Path
     program: Path

@@ -119,7 +119,7 @@ def ends_of(program: Program) -> Float:
 
 
 def untouched_faults(job: Job, plan: Plan, written: Program) -> list[str]:
-    """What differs between a program and its compensated form although no force acts there.
+    """Differences between a program and its compensated form where no force acts.
 
     Args:
         job: The original.
@@ -169,7 +169,7 @@ def judge() -> ModuleType:
 
 
 def linuxcnc_fault(file: Path) -> str | None:
-    """Why LinuxCNC's interpreter refuses a program, or that it ends elsewhere than we say; None when all is well."""
+    """Reason of LinuxCNC's interpreter for refusing a program, or another end than ours; None when all is well."""
     try:
         calls = judge().canonical_calls(file)
     except RuntimeError as fault:

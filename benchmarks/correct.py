@@ -129,7 +129,7 @@ _NONE: Final = MeasuredPart("", "", "", "mm", (), 0.0)
 
 
 def noise_only(name: str, seed: int, out: str) -> dict[str, Any]:
-    """How much a part that is right but for the noise of its scan would change the program."""
+    """Change of the program by a part that is right but for the noise of its scan."""
     cell, job, plan, loaded, reference = prepared(name, out)
     nodes = nodes_of(plan.path)
     judged = machined(job, cell, plan, truth_of(cell, None), reference)

@@ -36,7 +36,7 @@ Step = Callable[[Float, Float], tuple[Float, Float]]  # q, w -> deflection, q_c
 
 
 def available(name: str) -> bool:
-    """Whether a library is installed."""
+    """Return whether a library is installed."""
     return importlib.util.find_spec(name) is not None
 
 
@@ -255,7 +255,7 @@ def batches(candidates: dict[str, tuple[int, Callable[[], Any]]], rounds: int) -
 
 
 def ratio(peers: dict[str, float], own: float) -> float | None:
-    """How many times longer the best peer takes, or None without peers."""
+    """Time of the best peer over ours, or None without peers."""
     return min(peers.values()) / own if peers else None
 
 

@@ -155,7 +155,7 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
 
 
 class _Operator:
-    """Who acknowledges and arms again, by the same requests as ``counterflex operator``, and what there was to do."""
+    """Operator who acknowledges and arms again by the requests of ``counterflex operator``; counts what he did."""
 
     def __init__(self, session: OnlineSession) -> None:
         self._session, self._last = session, State.IDLE

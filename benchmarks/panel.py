@@ -1,4 +1,4 @@
-"""What the operator panel costs the loop: times to answer with and without panel, in alternating blocks of one run.
+"""Cost of the operator panel: times to answer with and without it, in alternating blocks of one run.
 
 ``python benchmarks/panel.py [--quick] [--minutes M] [--json FILE]``. A loop in a process of its own answers a robot
 over real sockets every 4 ms. In three of four blocks a panel serves four pages at 20 Hz; M minutes are with the panel.
@@ -266,7 +266,7 @@ def order(groups: int) -> Iterator[tuple[int, bool]]:
 
 
 def judge(values: Float, kinds: list[bool], groups: list[int], seed: int = 0) -> dict[str, Any]:
-    """Whether a percentile changes with the panel.
+    """Return whether a percentile changes with the panel.
 
     Args:
         values: (n,) us, the percentile of each block.

@@ -227,7 +227,7 @@ def table(rows: list[Row]) -> list[str]:
 
 
 def goals(of: dict[tuple[str, int], Row], seeds: list[int]) -> list[str]:
-    """What was asked for, and on how many seeds it was reached; a refused way has not reached it."""
+    """Goals, and the number of seeds on which each was reached; a refused way has not reached it."""
 
     def value(way: str, seed: int) -> float:
         found = of[way, seed]["path_p997_mm"]

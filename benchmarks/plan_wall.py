@@ -45,19 +45,12 @@ CHOICES: Final = ("as programmed", "placement and posture", "strategy", "all thr
 
 @dataclass(frozen=True)
 class Work:
-    """A program with its cell file.
+    """A program with its cell file."""
 
-    Attributes:
-        program: As it is or as advised.
-        cell_file: With the part in the place that was chosen for it.
-        known: The cell file as it was: simulated cells are drawn about it.
-        folder: For the compensated program.
-    """
-
-    program: Path
-    cell_file: Path
-    known: Path
-    folder: Path
+    program: Path  # as it is or as advised
+    cell_file: Path  # with the part in the place that was chosen for it
+    known: Path  # the cell file as it was: simulated cells are drawn about it
+    folder: Path  # for the compensated program
 
     @cached_property
     def cell(self) -> Cell:
@@ -74,7 +67,7 @@ class Work:
 
 
 def error_mm(program: Path, cell_file: Path, known_file: Path, seed: int) -> float:
-    """What is left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
+    """Error left on a simulated cell, mm; infinite where the tool is pulled in as deep as its flutes are long."""
     cell = read_cell(cell_file)
     truth = truth_of(read_cell(known_file), seed, FAMILIES["wide"])
     try:

@@ -116,7 +116,7 @@ def true_forces(folder: Path, h_m: float) -> np.ndarray:
 
 
 def row_of(folder: Path, result: dict[str, Any], one: dict[str, Any]) -> dict[str, Any]:
-    """What two runs gave (``result``) and the first alone (``one``), beside the truth."""
+    """Row of the results of two runs (``result``) and of the first alone (``one``), beside the truth."""
     row: dict[str, Any] = {}
     h = next(f["value"] for f in one["figures"] if f["name"] == "h_ref_um") * UM
     true = true_forces(folder, h) / N_PER_MM2
@@ -184,7 +184,7 @@ def drawn(seed: int, plan: Path, cut: PlannedCut, cell: Cell) -> dict[str, Any]:
 
 
 def show_drawn(first: int, last: int) -> None:
-    """How often 90 % intervals hold where everything that they stand for is drawn; a robot that does not bend."""
+    """Show the coverage of 90 % intervals where everything that they stand for is drawn; a robot that does not bend."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "part.ngc").write_text(DRAWN, encoding="ascii", newline="")

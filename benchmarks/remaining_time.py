@@ -1,4 +1,4 @@
-"""How well the progress of long commands tells the time that is left.
+"""Compare the remaining time that long commands report with the time that was left.
 
 Runs commands with a line of progress every half second on a pipe, and says of each: how long it took, at which share
 of that time the bar stood at 25, 50 and 75 %, and the time left that was told over the true one: at a quarter of the
@@ -71,32 +71,20 @@ _RESUMED = ("campaign", "reproduce groove", "reproduce paths")
 
 @dataclass(frozen=True)
 class Told:
-    """A line of progress.
+    """A line of progress."""
 
-    Attributes:
-        time_s: When it came, since the command was started.
-        fraction: Done, 0..1.
-        left_s: Time left that it says, or None.
-    """
-
-    time_s: float
-    fraction: float
-    left_s: float | None
+    time_s: float  # when it came, since the command was started
+    fraction: float  # done, 0..1
+    left_s: float | None  # time left that it says, or None
 
 
 @dataclass(frozen=True)
 class Watched:
-    """A command that was watched.
+    """A command that was watched."""
 
-    Attributes:
-        duration_s: How long it took.
-        told: Its lines of progress, in order.
-        status: Exit status.
-    """
-
-    duration_s: float
-    told: tuple[Told, ...]
-    status: int
+    duration_s: float  # how long it took
+    told: tuple[Told, ...]  # its lines of progress, in order
+    status: int  # exit status
 
     def time_share(self, fraction: float) -> float | None:
         """Share of the time at which the bar first stood at a fraction; None where it never did before the end."""
@@ -111,7 +99,7 @@ class Watched:
         return self._ratio([item for item in self.told if item.time_s >= share * self.duration_s])
 
     def within(self) -> bool:
-        """Whether what was told is within the goal, as it was told: its rounding to whole seconds counts as error."""
+        """Return whether the reported time is within the goal; its rounding to whole seconds counts as error."""
         ratio = self.ratio_at_work()
         return ratio is None or 1.0 / GOAL <= ratio <= GOAL
 

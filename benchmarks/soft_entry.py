@@ -41,19 +41,12 @@ RADIUS_M: Final = 8.0 * MM
 
 @dataclass(frozen=True)
 class Case:
-    """A program and where its cut begins.
+    """A program and where its cut begins."""
 
-    Attributes:
-        edges: Rewrite entries over an edge of the blank.
-        centre: (x, y) m of a round wall, or None for a slot along x.
-        begin: (x, y) m, where the cut begins.
-        wall_m: Radius of the tool's path about the centre.
-    """
-
-    edges: bool
-    centre: tuple[float, float] | None
-    begin: tuple[float, float]
-    wall_m: float = 0.0
+    edges: bool  # rewrite entries over an edge of the blank
+    centre: tuple[float, float] | None  # (x, y) m of a round wall, or None for a slot along x
+    begin: tuple[float, float]  # (x, y) m, where the cut begins
+    wall_m: float = 0.0  # radius of the tool's path about the centre
 
 
 CASES: Final = {

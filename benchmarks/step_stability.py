@@ -1,4 +1,4 @@
-"""Whether the integration step of the simulated cell is short enough for its stuck friction elements.
+"""Check that the integration step of the simulated cell is short enough for its stuck friction elements.
 
 One step of the plant, linearised with all slip elements stuck and the motors held, is a matrix; its spectral radius
 must be at most 1. Above it, friction elements oscillate from step to step with the force at which they slip, and a

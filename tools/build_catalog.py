@@ -196,7 +196,7 @@ def robot_file(raw: dict[str, Any], stiffness: list[dict[str, str]]) -> dict[str
 
 
 def limits_source(raw: dict[str, Any]) -> str:
-    """Who says the limits: the note of the file where it has one, else its first source."""
+    """Source of the limits: the note of the file where it has one, else its first source."""
     for note in raw.get("notes") or []:
         if "limits" in note and not note.startswith("TRAP"):
             return str(note)

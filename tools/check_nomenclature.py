@@ -1,5 +1,7 @@
 """Check that docs/nomenclature.md explains every public physical quantity, and the pages on files every key and column.
 
+Numbers that the pages of cell file and datasets state as defaults are held against the tables that read these files.
+
 A public name is a parameter of a public function or method, or an annotated attribute of a public class, that holds
 floating-point numbers (``float``, ``Float``, ``Float32``, tuples and sequences of ``float``). It passes when
 
@@ -62,14 +64,14 @@ class Quantity:
 
 @dataclass
 class Page:
-    """What the nomenclature page lists: unit suffixes, frame names, other names."""
+    """The nomenclature page: unit suffixes, frame names, other names."""
 
     suffixes: set[str] = field(default_factory=set)
     frames: set[str] = field(default_factory=set)
     names: set[str] = field(default_factory=set)
 
     def explains(self, name: str) -> bool:
-        """Whether the page says unit and sign of a name."""
+        """Return whether the page says unit and sign of a name."""
         return name in self.names or self._frame(name) is not None or self.suffix(name) is not None
 
     def _frame(self, name: str) -> str | None:
@@ -82,7 +84,7 @@ class Page:
         return max(found, key=len, default=None)
 
     def unused(self, names: set[str]) -> list[str]:
-        """What the page lists and no public name uses."""
+        """Names that the page lists and no public name uses."""
         suffixes = {self.suffix(name) for name in names}
         frames = {self._frame(name) for name in names}
         left = self.names - names
@@ -117,7 +119,7 @@ def quantities(source: str, file: str) -> Iterator[Quantity]:
 
 
 def _is_alias(value: ast.expr) -> bool:
-    """Whether a module-level value is a type such as ``Annotated[float, ...]`` or ``tuple[float, ...]``."""
+    """Return whether a module-level value is a type such as ``Annotated[float, ...]`` or ``tuple[float, ...]``."""
     return isinstance(value, ast.Subscript) and _numeric(value, set())
 
 
@@ -160,18 +162,46 @@ def all_quantities() -> list[Quantity]:
     return found
 
 
-def cell_keys(model: type[BaseModel] = CellTables) -> set[str]:
-    """Every key of the cell file, as the tables that read it have them."""
-    keys: set[str] = set()
+def tables_of(model: type[BaseModel] = CellTables) -> list[type[BaseModel]]:
+    """Every table of a file, as what reads it has them; of the cell file by default."""
+    tables: list[type[BaseModel]] = []
     todo: list[object] = [model]
     while todo:
         item = todo.pop()
         if isinstance(item, type) and issubclass(item, BaseModel):
-            keys |= set(item.model_fields)
+            tables += [] if item in tables else [item]
             todo += [info.annotation for info in item.model_fields.values()]
         else:
             todo += getattr(item, "__args__", ())
-    return keys
+    return tables
+
+
+def cell_keys(model: type[BaseModel] = CellTables) -> set[str]:
+    """Every key of the cell file, as the tables that read it have them."""
+    return {key for table in tables_of(model) for key in table.model_fields}
+
+
+def defaults_of(model: type[BaseModel] = CellTables) -> dict[str, set[object]]:
+    """Defaults by key, over all tables that have it."""
+    results: dict[str, set[object]] = {}
+    for table in tables_of(model):
+        for key, info in table.model_fields.items():
+            results.setdefault(key, set()).add(info.default if isinstance(info.default, int | float) else None)
+    return results
+
+
+def wrong_defaults(text: str, defaults: dict[str, set[object]]) -> list[str]:
+    """Numbers in the last column of a page's tables that no table of the file has as default of the key."""
+    faults = []
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split(" |")] if line.startswith("| `") else [""]
+        keys = [key for entry in _CODE.findall(cells[0]) for key in entry.split()]
+        values = [value.strip() for value in cells[-1].split(",")]
+        for key, value in zip(keys, values if len(values) == len(keys) else values * len(keys), strict=False):
+            known = defaults.get(key, {None})
+            if re.fullmatch(r"-?\d+(\.\d+)?", value) and None not in known and float(value) not in known:
+                faults.append(f"`{key}` is {', '.join(map(str, known))} where nothing is given, not {value}")
+    return faults
 
 
 def truth_keys(table: object) -> set[str]:
@@ -191,6 +221,11 @@ def file_keys() -> dict[str, set[str]]:
         "scenario-file.md": cell_keys(Scenario),
         "truth-file.md": truth_keys(to_dict(truth_of(read_cell(CELL), 1))),
     }
+
+
+def file_defaults() -> dict[str, dict[str, set[object]]]:
+    """Defaults of the files whose pages state them."""
+    return {"cell-file.md": defaults_of(), "datasets.md": defaults_of(Manifest)}
 
 
 def missing_keys(text: str, keys: set[str]) -> list[str]:
@@ -260,6 +295,7 @@ def main() -> int:
     for name, keys in file_keys().items():
         text = (ROOT / "docs" / name).read_text(encoding="utf-8")
         faults += [f"docs/{name}: `{key}` is missing" for key in missing_keys(text, keys)]
+        faults += [f"docs/{name}: {fault}" for fault in wrong_defaults(text, file_defaults().get(name, {}))]
         count += len(keys)
     retired = tomllib.loads(RETIRED.read_text(encoding="utf-8"))
     words = {row["pattern"]: row["write"] for row in retired["word"]}

@@ -112,7 +112,7 @@ def run_browser(*arguments: str) -> str:
 
 
 def looked_at(page: Path, folder: Path) -> list[dict[str, Any]]:
-    """What a browser finds at each width.
+    """Measurements of a browser at each width.
 
     Raises:
         SystemExit: The browser gave no answer.
@@ -138,7 +138,7 @@ def looked_at(page: Path, folder: Path) -> list[dict[str, Any]]:
 
 
 def printed(page: Path, folder: Path) -> list[str]:
-    """What is wrong on paper."""
+    """Faults on paper."""
     paper = folder / "page.pdf"
     run_browser("--no-pdf-header-footer", f"--print-to-pdf={paper}", page.resolve().as_uri())
     if not paper.is_file():
@@ -152,7 +152,7 @@ def printed(page: Path, folder: Path) -> list[str]:
 
 
 def faults(found: dict[str, Any]) -> list[str]:
-    """What is wrong at one width, in words."""
+    """Faults at one width, in words."""
     out = []
     if found["scroll"] > found["width"] + 1:
         out.append(f"the page is {found['scroll']} px wide")

@@ -64,45 +64,28 @@ _PORTS = threading.Lock()
 
 @dataclass(frozen=True)
 class Content:
-    """What a file says.
+    """Content of a file."""
 
-    Attributes:
-        text: Everything but the numbers; names of columns where it is a table.
-        numbers: All numbers in the order in which they stand, 1-D.
-    """
-
-    text: bytes
-    numbers: np.ndarray[tuple[int], np.dtype[np.float64]]
+    text: bytes  # everything but the numbers; names of columns where it is a table
+    numbers: np.ndarray[tuple[int], np.dtype[np.float64]]  # all numbers in the order in which they stand, 1-D
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Digest of one file.
+    """Digest of one file."""
 
-    Attributes:
-        numbers: How many numbers it holds.
-        values: SHA-256 of their 64-bit values, in order.
-        text: SHA-256 of everything else.
-    """
-
-    numbers: int
-    values: str
-    text: str
+    numbers: int  # how many numbers it holds
+    values: str  # SHA-256 of their 64-bit values, in order
+    text: str  # SHA-256 of everything else
 
 
 @dataclass(frozen=True)
 class Mask:
-    """What varies from run to run for a reason that is no arithmetic.
+    """A part of the results that varies from run to run for a reason that is no arithmetic."""
 
-    Attributes:
-        files: Pattern of the names of files.
-        pattern: Text that is left out.
-        columns: Columns of a CSV table that are left out.
-    """
-
-    files: str
-    pattern: str = ""
-    columns: tuple[str, ...] = ()
+    files: str  # pattern of the names of files
+    pattern: str = ""  # text that is left out
+    columns: tuple[str, ...] = ()  # columns of a CSV table that are left out
 
     def out_of(self, data: bytes) -> bytes:
         """The text of a file without what is masked."""
@@ -145,7 +128,7 @@ def digest(content: Content) -> Entry:
 
 
 def masks_of(jobs: dict[str, Any]) -> list[Mask]:
-    """What varies from run to run, from the list of jobs."""
+    """Read the masks of what varies from run to run from the list of jobs."""
     return [Mask(**{**m, "columns": tuple(m.get("columns", ()))}) for m in jobs["mask"]]
 
 

@@ -18,23 +18,14 @@ _HEAD_PX: Final = 7.0
 
 @dataclass
 class Sketch:
-    """A picture in the making.
+    """A picture in the making."""
 
-    Attributes:
-        title: What it shows, for readers who do not see it.
-        view: (2, 3) rows: direction of the picture's right and up in space.
-        centre: (3,) m, the middle of the picture.
-        scale: Pixels per metre.
-        height: Of the picture, pixels.
-        parts: SVG elements so far.
-    """
-
-    title: str
-    view: Float
-    centre: Float
-    scale: float
-    height: float
-    parts: list[str] = field(default_factory=list)
+    title: str  # what it shows, for readers who do not see it
+    view: Float  # (2, 3) rows: direction of the picture's right and up in space
+    centre: Float  # (3,) m, the middle of the picture
+    scale: float  # pixels per metre
+    height: float  # of the picture, pixels
+    parts: list[str] = field(default_factory=list)  # SVG elements so far
 
     def at(self, p: Float) -> tuple[float, float]:
         """Place of a point (3,) m in the picture, pixels."""

@@ -24,22 +24,17 @@ _CLASSES = 8
 
 @dataclass(eq=False)
 class Instrumented:
-    """A kernel with counters.
+    """A kernel with counters."""
 
-    Attributes:
-        run: The kernel; its last argument is :attr:`counts`.
-        counts: (branches,) how often each was entered, to be set to zero by whoever runs it.
-    """
-
-    run: Callable[..., Any]
-    counts: Int
+    run: Callable[..., Any]  # the kernel; its last argument is counts
+    counts: Int  # (branches,) how often each was entered, to be set to zero by whoever runs it
 
     def __post_init__(self) -> None:
         """Nothing has been reached yet."""
         self._reached: Bool = np.zeros((len(self.counts), _CLASSES), dtype=np.bool_)
 
     def new(self) -> bool:
-        """Whether the last run entered a branch, or as often as no run before; forgets its counts."""
+        """Return whether the last run entered a branch, or as often as no run before; forgets its counts."""
         return bool(novel(self.counts, self._reached))
 
     def signature(self) -> frozenset[tuple[int, int]]:

@@ -94,7 +94,7 @@ def _link(data: dict[str, object]) -> FrameLink:
 
 
 def _taken(link: FrameLink, frames: bytes, bits: int) -> FrameLink:
-    """What a new stream of samples says of frames."""
+    """Read frames with a new stream of samples."""
     super(FrameLink, link).__init__(bits=bits)
     link.begin()
     link._take_frames(frames)
@@ -109,7 +109,7 @@ def _crc(data: bytes) -> int:
 
 
 def _same(found: FrameLink, samples: Sequence[Sample], bits: int, *, invalid: int, saturated: int) -> bool:
-    """Whether there are good samples; raises where the judge counts others."""
+    """Return whether there are good samples; raises where the judge counts others."""
     good, lost, bad, total = _judge(samples, bits, invalid, saturated)
     if (found.good, found.lost, found.bad) != (good, lost, bad):
         raise Finding(f"counted {found.good, found.lost, found.bad}, the judge {good, lost, bad}")

@@ -14,20 +14,13 @@ class Finding(Exception):
 
 @dataclass(eq=False)
 class Target:
-    """One reader.
+    """One reader."""
 
-    Attributes:
-        seeds: Good telegrams.
-        text: They are text.
-        check: Reads one with the reader and the judge; raises where they differ; returns whether it was accepted.
-        read: Reads one with the reader alone, for timing.
-        instrumented: Runs one through the reader with counters, or None: not a kernel of ours.
-        coverage: The counters of that.
-    """
-
-    seeds: Sequence[bytes]
-    text: bool
+    seeds: Sequence[bytes]  # good telegrams
+    text: bool  # they are text
+    # reads one with the reader and the judge; raises where they differ; returns whether it was accepted
     check: Callable[[bytes], bool]
-    read: Callable[[bytes], object]
+    read: Callable[[bytes], object]  # reads one with the reader alone, for timing
+    # runs one through the reader with counters, or None: not a kernel of ours
     instrumented: Callable[[bytes], object] | None = None
-    coverage: Instrumented | None = field(default=None, repr=False)
+    coverage: Instrumented | None = field(default=None, repr=False)  # the counters of that

@@ -1,4 +1,4 @@
-"""What is fuzzed, and the independent reader that judges it: an XML library, struct, a protobuf decoder of our own."""
+"""Targets of fuzzing, and the independent reader that judges each: an XML library, struct, a protobuf decoder."""
 
 from __future__ import annotations
 
@@ -308,7 +308,7 @@ def _document(seed: bytes, read: Callable[[bytes], object]) -> Target:
 
 
 def _refusing(read: Callable[[bytes], object]) -> Callable[[bytes], bool]:
-    """Whether it was accepted; every error of the package's own is a refusal, any other one is not."""
+    """Return whether it was accepted; every error of the package's own is a refusal, any other one is not."""
 
     def call(data: bytes) -> bool:
         try:

@@ -45,6 +45,7 @@ def load() -> None:
         RuntimeError: A library has started a thread: no process may be forked from this one.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command itself does before it imports NumPy
+    os.environ.setdefault("MUJOCO_GL", "disable")
     refused = _Refused()
     sys.meta_path.insert(0, refused)
     try:
@@ -67,7 +68,7 @@ def load() -> None:
 
 
 def context(*, many: bool = False) -> Any:
-    """Where processes for :func:`ended` come from; None where the system has no forks.
+    """Context that starts processes for :func:`ended`; None where the system has no forks.
 
     Args:
         many: So many that it is worth reading all compiled kernels for them (:mod:`loaded_kernels`), some seconds.

@@ -188,7 +188,7 @@ def undisturbed() -> Still:
         return float(mean_force(cutter, law, arc[None], FEED_TOOTH_M).wrench_tcp[0, 1])
 
     def cut(correction: float, soft: float) -> float:
-        """Where the tool goes: force and place belong together."""
+        """Place of the tool: force and place belong together."""
         off = correction
         for _ in range(60):
             off = correction + soft * force(off)
@@ -214,17 +214,11 @@ def undisturbed() -> Still:
 
 @dataclass(frozen=True, eq=False)
 class Pulls:
-    """Deflections of the tool by pulls; the torsion of each axis is a parameter, all else is known.
+    """Deflections of the tool by pulls; the torsion of each axis is a parameter, all else is known."""
 
-    Attributes:
-        columns: (rows, 3, 6) m per unit of compliance of each axis.
-        measured: (rows, 3) m, less what all else makes.
-        noise_m: Standard deviation.
-    """
-
-    columns: Float
-    measured: Float
-    noise_m: float
+    columns: Float  # (rows, 3, 6) m per unit of compliance of each axis
+    measured: Float  # (rows, 3) m, less what all else makes
+    noise_m: float  # standard deviation
     name: str = "pulls"
     components: tuple[str, ...] = ("x m", "y m", "z m")
 
@@ -265,7 +259,7 @@ def columns_of(chain: ElasticChain, rng: np.random.Generator, count: int) -> Flo
 
 
 def intervals() -> Still:
-    """What a fit states of its predictions, and their error on pulls that it has not seen, over the number of pulls."""
+    """Stated uncertainty of predictions and their error on pulls held out of the fit, over the number of pulls."""
     chain = cell().chain
     nominal = chain.compliance[chain.torsion, 5]
     parameters = Parameters.of(
@@ -302,7 +296,7 @@ def intervals() -> Still:
 
 
 def families() -> Still:
-    """How far the deflection of a slot on simulated cells is from what the cell file predicts, by family."""
+    """Deflection of a slot on simulated cells against the prediction of the cell file, by family."""
     known, q = cell(), posture()
     depth = engagement_of_arc(known.cutter(1), DEPTH_M, 0.0, math.pi)
     R_base_part = known.T_base_part[:3, :3]

@@ -1,4 +1,4 @@
-"""How well an instrumented spindle holder tells the force of a cut: printed layout and method, better places, observer.
+"""Measure the force error of an instrumented holder: printed layout and method, better places, observer.
 
 Each laboratory (seed) calibrates the simulated holder and cuts aluminium with it as Denkena2015 section 4 does
 (12000 rpm, 3000 mm/min, 1 mm wide, 10 mm deep, D 12 mm, 3 flutes). Printed are the half widths that hold 95 % of the

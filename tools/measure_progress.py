@@ -18,19 +18,12 @@ from dataclasses import dataclass
 
 @dataclass
 class Part:
-    """A part of the work.
+    """A part of the work."""
 
-    Attributes:
-        what: Its name, numbers left out.
-        seconds: It took.
-        begin: Fraction of the bar at its begin.
-        end: At its end.
-    """
-
-    what: str
-    seconds: float
-    begin: float
-    end: float
+    what: str  # its name, numbers left out
+    seconds: float  # it took
+    begin: float  # fraction of the bar at its begin
+    end: float  # at its end
 
 
 def gathered(reports: list[tuple[float, float, str]], begin_s: float, end_s: float) -> list[Part]:

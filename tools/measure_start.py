@@ -1,4 +1,4 @@
-"""How long a command takes at its first start and at a later one: importing, compiling kernels, computing.
+"""Measure a command's first start and a later one: importing, compiling kernels, computing.
 
 Each command runs twice, with an empty kernel cache and with the one that the first run has filled. Times are those of
 the processor, of all processes of the command together, so that other work on the computer changes them little; the
@@ -69,7 +69,7 @@ class Stopwatch:
             self._within += [time.process_time(), 0.0]
 
     def end(self, what: str, kernel: str = "") -> None:
-        """What began last ends."""
+        """End what began last."""
         if threading.get_ident() != self._thread:
             return
         inner, begin = self._within.pop(), self._within.pop()

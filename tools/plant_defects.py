@@ -62,27 +62,16 @@ def _alike(one: str, other: str) -> int:
 
 @dataclass(frozen=True)
 class Defect:
-    """One defect.
+    """One defect."""
 
-    Attributes:
-        name: Unique words, what is wrong.
-        file: Source file below the root.
-        kind: One of :data:`KINDS`.
-        before: Text of the whole file.
-        after: The same with the defect.
-        function: Function or class that holds it.
-        interpreted: Run the kernels as plain Python, where that is quicker than to compile them.
-        tests: Test files to run first, where imports do not tell which are nearest.
-    """
-
-    name: str
-    file: str
-    kind: str
-    before: str
-    after: str
-    function: str
-    interpreted: bool = False
-    tests: tuple[str, ...] = ()
+    name: str  # unique words, what is wrong
+    file: str  # source file below the root
+    kind: str  # one of KINDS
+    before: str  # text of the whole file
+    after: str  # the same with the defect
+    function: str  # function or class that holds it
+    interpreted: bool = False  # run the kernels as plain Python, where that is quicker than to compile them
+    tests: tuple[str, ...] = ()  # test files to run first, where imports do not tell which are nearest
 
     def nearest(self, own: int, above: int) -> tuple[list[str], list[str]]:
         """Return the test files of its own room and of those above that are run for it, in their order."""

@@ -88,7 +88,7 @@ def _ends(headline: dict[str, Any]) -> list[list[float]]:
 
 
 def kept(summary: dict[str, Any]) -> dict[str, Any]:
-    """What is kept of a summary in the repository: what the block is made from, and the commit it was measured at."""
+    """Part of a summary that is kept in the repository: the sources of the block, and the commit it was measured at."""
     words = ["git", "-C", str(README.parent), "describe", "--always", "--dirty", "--abbrev=10"]
     made = subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
     return {"commit": made or "unknown", **{key: summary[key] for key in KEPT}}

@@ -38,21 +38,13 @@ _FEW: Final = 4
 
 
 class Ended(NamedTuple):
-    """How a run of a benchmark ended.
+    """End of a benchmark's run."""
 
-    Attributes:
-        file: Of the benchmark.
-        status: Exit status, or what became of it.
-        seconds: Wall time, s.
-        output: Standard output and standard error.
-        words: Options.
-    """
-
-    file: Path
-    status: int | str
-    seconds: float
-    output: str
-    words: tuple[str, ...] = benchmark_options.BRIEF
+    file: Path  # of the benchmark
+    status: int | str  # exit status, or what became of it
+    seconds: float  # wall time, s
+    output: str  # standard output and standard error
+    words: tuple[str, ...] = benchmark_options.BRIEF  # options
 
 
 def run(job: tuple[Path, tuple[str, ...]], forks: Any = None) -> Ended:
@@ -94,7 +86,7 @@ def _named(ended: Ended) -> str:
 
 
 def failure(ended: Ended) -> str:
-    """What to print of one that failed: its last lines, then all of it."""
+    """Text to print of one that failed: its last lines, then all of it."""
     lines = ended.output.splitlines() or ["no output"]
     text = [f"FAILED {_named(ended)}: exit {ended.status}. Its last lines:", *lines[-_LAST:]]
     if len(lines) > _LAST:

@@ -76,38 +76,24 @@ _PORTS = re.compile(r"counterflex (run|operator|tracker|ads|twin (?!measure|trac
 
 @dataclass(frozen=True)
 class Command:
-    """One printed command.
+    """One printed command."""
 
-    Attributes:
-        words: As it is run.
-        terminal: Number of its terminal; empty: the only one.
-        exits: Exit statuses that are right.
-        stopped: It is ended by Ctrl-C.
-        shown: What is printed in place of the words, where they are long.
-        is_long: It takes minutes.
-    """
-
-    words: str
-    terminal: str = ""
-    exits: tuple[int, ...] = (0,)
-    stopped: bool = False
-    shown: str = ""
-    is_long: bool = False
+    words: str  # as it is run
+    terminal: str = ""  # number of its terminal; empty: the only one
+    exits: tuple[int, ...] = (0,)  # exit statuses that are right
+    stopped: bool = False  # it is ended by Ctrl-C
+    shown: str = ""  # what is printed in place of the words, where they are long
+    is_long: bool = False  # it takes minutes
 
 
 @dataclass
 class Page:
-    """What is printed on a page.
+    """Commands and outputs printed on a page."""
 
-    Attributes:
-        steps: Commands that run at the same time, by terminal; one after the other within it.
-        left_out: Reasons of commands that are not run.
-        unexplained: Commands that are not run without a reason.
-    """
-
+    # commands that run at the same time, by terminal; one after the other within it
     steps: list[dict[str, list[Command]]] = field(default_factory=list)
-    left_out: Counter[str] = field(default_factory=Counter)
-    unexplained: list[str] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)  # reasons of commands that are not run
+    unexplained: list[str] = field(default_factory=list)  # commands that are not run without a reason
 
 
 def command_of(line: str) -> Command | None:
@@ -180,7 +166,7 @@ class _Terminal(threading.Thread):
 
     @property
     def waits(self) -> bool:
-        """Whether it ends by Ctrl-C alone."""
+        """Return whether it ends by Ctrl-C alone."""
         return any(command.stopped for command in self._commands)
 
     def run(self) -> None:

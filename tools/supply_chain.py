@@ -38,19 +38,12 @@ _MARKS: Final = {
 
 @dataclass(frozen=True)
 class Package:
-    """A locked package.
+    """A locked package."""
 
-    Attributes:
-        name: As the lock file spells it.
-        version: Locked.
-        marker: Platforms that it is for; empty: all.
-        hashes: SHA-256 of every file that may be installed.
-    """
-
-    name: str
-    version: str
-    marker: str
-    hashes: tuple[str, ...]
+    name: str  # as the lock file spells it
+    version: str  # locked
+    marker: str  # platforms that it is for; empty: all
+    hashes: tuple[str, ...]  # SHA-256 of every file that may be installed
 
 
 Locked: TypeAlias = dict[str, list[Package]]

@@ -24,20 +24,14 @@ _SALT: Final = "jv"
 
 
 class Turn(NamedTuple):
-    """What is to be run at one commit.
+    """Share of the long runs at one commit."""
 
-    Attributes:
-        number: Of the third, from 0.
-        changed: Paths below the root of what is run besides.
-        why: What says the number.
-    """
-
-    number: int
-    changed: Collection[str] = ()
-    why: str = ""
+    number: int  # of the third, from 0
+    changed: Collection[str] = ()  # paths below the root of what is run besides
+    why: str = ""  # what says the number
 
     def takes(self, path: str) -> bool:
-        """Whether a file is run.
+        """Return whether a file is run.
 
         Args:
             path: Below the root, with slashes.
@@ -76,7 +70,7 @@ def turn(root: Path = ROOT) -> Turn:
 
 
 def _git(root: Path, *words: str) -> str:
-    """What Git answers, nothing where it cannot."""
+    """Answer of Git, empty where it cannot."""
     try:
         ended = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
     except FileNotFoundError:
@@ -85,7 +79,7 @@ def _git(root: Path, *words: str) -> str:
 
 
 def said(now: Turn) -> str:
-    """What is run in a turn, as a line."""
+    """The runs of a turn as a line."""
     return f"third {now.number + 1} of {COUNT} of the long tests and benchmarks ({now.why}); all of them: make long"
 
 

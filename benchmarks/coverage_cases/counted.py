@@ -1,4 +1,4 @@
-"""What one seed tells about a recipe: intervals, and the truth that they should hold."""
+"""Result of one seed about a recipe: intervals, and the truth that they should hold."""
 
 from __future__ import annotations
 
@@ -11,27 +11,18 @@ from counterflex.identify.solver.intervals import intervals
 
 @dataclass(frozen=True)
 class Counted:
-    """One parameter of one seed.
+    """One parameter of one seed."""
 
-    Attributes:
-        name: Of the parameter.
-        truth: SI.
-        value: As found.
-        sigma: Its stated standard deviation.
-        lower: Lower end of its 95 % interval.
-        upper: Upper end.
-    """
-
-    name: str
-    truth: float
-    value: float
-    sigma: float
-    lower: float
-    upper: float
+    name: str  # of the parameter
+    truth: float  # SI
+    value: float  # as found
+    sigma: float  # its stated standard deviation
+    lower: float  # lower end of its 95 % interval
+    upper: float  # upper end
 
     @property
     def inside(self) -> bool:
-        """Whether the interval holds the truth."""
+        """Return whether the interval holds the truth."""
         return self.lower <= self.truth <= self.upper
 
 

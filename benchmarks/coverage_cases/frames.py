@@ -42,7 +42,7 @@ def angles(count: int = POSES) -> Float:
 
 
 def scaled(data: Dataset, seed: int) -> Dataset:
-    """What a tracker shows whose lengths are not true."""
+    """Readings of a tracker whose lengths are not true."""
     name = "p_tracker_target" if data.has("p_tracker_target") else "p_tracker_fiducial"
     channel = data.channel(name)
     factor = 1.0 + SCALE * np.random.default_rng([41, seed]).standard_normal()

@@ -90,7 +90,7 @@ def seen(truth: Truth, lab: Laboratory, q: Float, *, errors: bool) -> Dataset:
 
 
 def displacements_of(truth: Truth) -> dict[str, float]:
-    """What the displacements behind the driven axes truly are; those of a body that is not driven count with them."""
+    """True displacements behind the driven axes; those of a body that is not driven count with them."""
     nominal = (*cell().nominal_robot.segments, *cell().nominal_end_effector.segments)
     out: dict[str, float] = {}
     before, T, T0 = "", np.eye(4), np.eye(4)

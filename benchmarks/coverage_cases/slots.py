@@ -41,7 +41,7 @@ AGAIN = 0.02
 
 
 def law(seed: int, *, known: bool = False) -> KienzleLaw:
-    """What the material truly is, off the known law by a tenth; exponents by 0.03."""
+    """True law of the material, off the known one by a tenth; exponents by 0.03."""
     rng = np.random.default_rng([61, seed])
     k = np.array([780.0, 273.0, 117.0]) * (1.0 if known else np.exp(0.1 * rng.standard_normal(3)))
     m = 0.25 + (0.0 if known else 0.03) * rng.standard_normal(3)

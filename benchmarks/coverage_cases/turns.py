@@ -38,23 +38,14 @@ WALK_M = 0.05 * UM
 
 @dataclass(frozen=True)
 class QuickAxis:
-    """Outcome of the short form of the recipe for an axis.
+    """Outcome of the short form of the recipe for an axis."""
 
-    Attributes:
-        axis: 1..6.
-        seen: How its half dead band is seen.
-        inside: The 95 % interval of the half dead band holds the truth.
-        written: Its values go into the cell file.
-        link_nm: Dry friction on the side of the link as identified.
-        true_all_nm: True dry friction of link and motor.
-    """
-
-    axis: int
-    seen: str
-    inside: bool
-    written: bool
-    link_nm: float
-    true_all_nm: float
+    axis: int  # 1..6
+    seen: str  # how its half dead band is seen
+    inside: bool  # the 95 % interval of the half dead band holds the truth
+    written: bool  # its values go into the cell file
+    link_nm: float  # dry friction on the side of the link as identified
+    true_all_nm: float  # true dry friction of link and motor
 
 
 @cache

@@ -40,33 +40,19 @@ _ANGLES: Final = 720
 
 @dataclass(frozen=True)
 class Cut:
-    """Cut of a trial.
+    """Cut of a trial."""
 
-    Attributes:
-        speed_rpm: Spindle speed.
-        teeth: Of the tool.
-        width_share: Width of the cut by the diameter; 1 is a slot.
-        is_climb: Climb milling; else conventional.
-        feed_tooth_m: Feed per tooth.
-        ramp_m: Way over which the tool comes into the cut.
-        runout_m: Standard deviation of the radius of a tooth.
-        pitch_rad: Largest difference of the pitch angles, as variable pitch cutters have.
-        sample_s: Period of the force sensor.
-        force_n: Mean force of a slot.
-        gaps: Gaps of the stock, without material over a quarter of the cut.
-    """
-
-    speed_rpm: float = 13_000.0
-    teeth: int = 3
-    width_share: float = 1.0
-    is_climb: bool = True
-    feed_tooth_m: float = 38.5 * UM
-    ramp_m: float = 8.0 * MM
-    runout_m: float = 6.0 * UM
-    pitch_rad: float = 0.0
-    sample_s: float = 1e-3
-    force_n: float = FULL_N
-    gaps: int = 0
+    speed_rpm: float = 13_000.0  # spindle speed
+    teeth: int = 3  # of the tool
+    width_share: float = 1.0  # width of the cut by the diameter; 1 is a slot
+    is_climb: bool = True  # climb milling; else conventional
+    feed_tooth_m: float = 38.5 * UM  # feed per tooth
+    ramp_m: float = 8.0 * MM  # way over which the tool comes into the cut
+    runout_m: float = 6.0 * UM  # standard deviation of the radius of a tooth
+    pitch_rad: float = 0.0  # largest difference of the pitch angles, as variable pitch cutters have
+    sample_s: float = 1e-3  # period of the force sensor
+    force_n: float = FULL_N  # mean force of a slot
+    gaps: int = 0  # gaps of the stock, without material over a quarter of the cut
 
     @property
     def turn_per_s(self) -> float:
@@ -117,20 +103,14 @@ SLOT: Final = Cut()
 
 @dataclass(frozen=True)
 class Incident:
-    """What goes wrong in a trial.
+    """An incident in a trial."""
 
-    Attributes:
-        event: What it is; None is a sound cut.
-        at_m: Where it begins, from the start of the cut.
-        size: Of it: share of the mean force of an overload, teeth that break, N of chatter or of slow chatter, rise of
-            the ratio per metre; m without material.
-        thinner_share: Share by which the stock becomes thinner there; below 0 thicker.
-    """
-
-    event: Event | None = None
-    at_m: float = 60.0 * MM
+    event: Event | None = None  # what it is; None is a sound cut
+    at_m: float = 60.0 * MM  # where it begins, from the start of the cut
+    # of it: share of the mean force of an overload, teeth that break, N of chatter or of slow chatter, rise of the
+    # ratio per metre; m without material
     size: float = 0.0
-    thinner_share: float = 0.0
+    thinner_share: float = 0.0  # share by which the stock becomes thinner there; below 0 thicker
 
 
 def mean_force(cut: Cut) -> Float:
@@ -244,19 +224,12 @@ def _teeth(
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a trial went.
+    """Outcome of a trial."""
 
-    Attributes:
-        events: First place of each event from the start of the cut, m.
-        trend_per_m: Change of the ratio per metre at the end.
-        trend_sigma_per_m: Its standard deviation.
-        seen: Share of the cycles in the cut in which each event could be seen.
-    """
-
-    events: dict[Event, float]
-    trend_per_m: float
-    trend_sigma_per_m: float
-    seen: dict[Event, float]
+    events: dict[Event, float]  # first place of each event from the start of the cut, m
+    trend_per_m: float  # change of the ratio per metre at the end
+    trend_sigma_per_m: float  # its standard deviation
+    seen: dict[Event, float]  # share of the cycles in the cut in which each event could be seen
 
 
 def run_trial(settings: MonitorSettings, cut_m: float, incident: Incident, seed: int, cut: Cut = SLOT) -> Outcome:

@@ -134,6 +134,7 @@ def check(folder: Path, robot: str, arm: Arm, maker: str, draw: np.random.Genera
     return True
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("maker", MAKERS)
 def test_the_first_motion_of_own_robots_arrives(maker: str, tmp_path: Path) -> None:
     draw = np.random.default_rng(20)

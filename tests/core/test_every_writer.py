@@ -81,9 +81,9 @@ def _temporary(tree: ast.AST) -> set[str]:
 
 def _in_memory(tree: ast.AST) -> set[int]:
     """Calls that are handed to :func:`counterflex.core.atomic.write_made`."""
-    made = [
-        node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "atomic.write_made"
-    ]
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    named = [node for node in calls if getattr(node.func, "attr", "") == "write_made"]
+    made = [node for node in named if ast.unparse(node.func) == "atomic.write_made"]
     return {id(part) for node in made for part in ast.walk(node)}
 
 

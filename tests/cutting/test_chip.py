@@ -10,7 +10,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import MM, UM
-from counterflex.cutting.chip import circle_thickness, edge_radii, second_order_thickness, trochoid_thickness
+from counterflex.cutting.chip import circle_thickness, edge_radii, trochoid_thickness
 
 PHI = np.linspace(0.02, math.pi - 0.02, 181)
 
@@ -60,7 +60,7 @@ def test_second_order_formula_errs_by_the_third_order() -> None:
     errors = []
     for feed in (0.02, 0.04, 0.08):
         true = trochoid_thickness(PHI, feed, np.full(3, 3.0))
-        errors.append(np.abs(second_order_thickness(PHI, feed, 3.0, 3) - true).max())
+        errors.append(np.abs(_second_order_thickness(PHI, feed, 3.0, 3) - true).max())
     assert errors[1] / errors[0] == pytest.approx(8.0, rel=0.1)
     assert errors[2] / errors[1] == pytest.approx(8.0, rel=0.1)
 
@@ -96,3 +96,11 @@ def test_bad_input() -> None:
         trochoid_thickness(1.0, 0.1, np.array([1.0, -1.0]))
     with pytest.raises(ModelError):
         trochoid_thickness(1.0, 5.0, np.full(2, 1.0))
+
+
+def _second_order_thickness(phi: Float, feed_m: float, radius_m: float, flutes: int) -> Float:
+    """The trochoid's thickness to second order in f_z / R: path of Martellotti, and curvature of the earlier path."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    ratio = feed_m / radius_m
+    result: Float = feed_m * (sin - flutes / (2.0 * math.pi) * ratio * sin * cos + 0.5 * ratio * cos * cos)
+    return result

@@ -19,7 +19,7 @@ def counted(recipe: str) -> tuple[float, float]:
         for line in TABLE.splitlines()
         if re.match(rf"\| {recipe}\b[^|]*\| errors", line)
     )
-    every, _, worst = re.match(r"(\d+), (\d+), (\d+) %", row[3]).groups()  # type: ignore[union-attr]
+    every, _, worst = re.match(r"(\d+), (\d+), (\d+) %", row[2]).groups()  # type: ignore[union-attr]
     return float(every) / 100.0, float(worst) / 100.0
 
 

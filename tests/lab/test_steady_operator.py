@@ -27,6 +27,7 @@ from counterflex_lab.faults.rig import PATIENT, Rig
 from counterflex_lab.soak import soak
 from counterflex_lab.soak.figures import figures
 from counterflex_lab.soak.operator import PATIENCE, SteadyOperator, requested_words
+from counterflex_lab.soak.processes import BLOCK
 from counterflex_lab.soak.replay_figures import active, in_standstill, micro
 
 
@@ -267,7 +268,7 @@ def test_progress_is_what_the_cell_has_played_not_the_time_that_passed(monkeypat
     told: list[float] = []
     looks: Any = SimpleNamespace(sample=lambda: {"loop_mb": 1.0})
     out = soak._Watched(SteadyOperator(lambda _: {"state": "active", "feed_hold": False, "cause": "none"}))
-    watch = soak._Watch(out, looks, pipe, SimpleNamespace(), 10 * soak._BLOCK, lambda done, _="": told.append(done))  # type: ignore[arg-type]
+    watch = soak._Watch(out, looks, pipe, SimpleNamespace(), 10 * BLOCK, lambda done, _="": told.append(done))  # type: ignore[arg-type]
 
     def poll(_: float) -> bool:
         now[0] += 6.0

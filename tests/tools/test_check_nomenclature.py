@@ -92,6 +92,16 @@ def test_cell_keys_are_collected_through_lists_and_optional_tables() -> None:
     assert tool.missing_keys("| key | |\n| `a`, `b` | `c` |\n| `d e` | |\n", {"a", "b", "c", "d", "e"}) == ["c"]
 
 
+def test_a_default_that_no_table_has_is_reported() -> None:
+    tool = _load()
+    text = "| key | | |\n| `a` | x | 2 |\n| `b`, `c` | y | 1, 3 |\n| `d` | z | none |\n| `e` | | 5 |\n"
+    assert tool.wrong_defaults(text, {"a": {1.0, 2.0}, "b": {1}, "c": {2.0}, "d": {4.0}, "e": {None}}) == [
+        "`c` is 2.0 where nothing is given, not 3"
+    ]
+    page = (tool.ROOT / "docs" / "cell-file.md").read_text(encoding="utf-8")
+    assert tool.wrong_defaults(page.replace("| 0.3 |", "| 0.4 |"), tool.defaults_of())
+
+
 def test_truth_keys_are_collected_through_tables_and_lists() -> None:
     assert _load().truth_keys({"a": 1, "b": [{"c": [1.0]}, {"d": {"e": 2}}]}) == {"a", "b", "c", "d", "e"}
 

@@ -40,3 +40,9 @@ def test_every_name_on_the_page_is_an_example() -> None:
     named = {name.split("/")[-1] for row in rows for name in re.findall(r"`([^`]+\.\w+)`", row)}
     assert named
     assert named <= there
+
+
+def test_the_smallest_cell_stands_on_the_page_of_the_cell_file() -> None:
+    page = (ROOT / "docs" / "cell-file.md").read_text(encoding="utf-8")
+    cell = (EXAMPLES / "cells" / "smallest.toml").read_text(encoding="utf-8")
+    assert f"```toml\n{cell}```" in page

@@ -1,4 +1,4 @@
-"""What a fault led to: how far it was followed, whether the cut went on without it, what was told."""
+"""Consequences of a fault: how far it was followed, whether the cut went on without correction, what was told."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def words(named: Cause | State) -> str:
 
 
 class Aftermath:
-    """What the controller has seen since a moment: the present, in which something begins.
+    """The loop as the controller has seen it since a moment: the present, in which something begins.
 
     Args:
         rig: That it begins in.
@@ -108,7 +108,7 @@ class Aftermath:
 
     @property
     def again(self) -> int:
-        """How often the loop became active once more."""
+        """Number of times that the loop became active once more."""
         return sum(part == "active" for part in self.path) - 1
 
     @property
@@ -125,7 +125,7 @@ class Aftermath:
         return None if cycles is None else cycles * PERIOD_S
 
     def kept(self, first: int) -> bool:
-        """Whether the correction stays what it was, and is one, from a later cycle on."""
+        """Return whether the correction stays what it was, and is one, from a later cycle on."""
         after = np.array(self._seen.correction_m[self.begin + first :])
         return bool(np.all(after == after[0])) and float(np.linalg.norm(after[0])) > 0.0
 

@@ -84,7 +84,7 @@ def _in_part() -> Float:
 def reported(
     robot: FakeRsi, cycle: int, running: bool, run_cycles: int | None = None, *, of_cell: bool = False
 ) -> Report:
-    """What a robot on a straight path shows that follows its correction at once.
+    """Report of a robot on a straight path that follows its correction at once.
 
     Args:
         robot: Its controller.

@@ -23,7 +23,7 @@ from counterflex.twin.devices.commanded_motion import Report
 from counterflex_lab.devices import RsiContext
 from counterflex_lab.faults.aftermath import STANDING, Aftermath, described, settled, steady, words
 from counterflex_lab.faults.demonstration import PERIOD_S, sensor_reading
-from counterflex_lab.faults.rig import PATIENT, rigged
+from counterflex_lab.faults.rig import PATIENT, Rig, rigged
 from counterflex_lab.faults.scenario import Effort, Outcome, Scenario
 
 _BEGUN_M: Final = 1e-5
@@ -53,6 +53,11 @@ def _clamped(c: Float) -> Float:
     return c * min(1.0, 0.5 * MM / max(1e-9, float(np.linalg.norm(c))))
 
 
+def _first(found: int, k: int, so: bool) -> int:
+    """First cycle in which it was so, -1 before."""
+    return k if so and found < 0 else found
+
+
 def _answers(effort: Effort, *, answer: Callable[[Float], Float], end: str, within_s: float) -> Outcome:
     """The robot answers so from the beginning.
 
@@ -69,15 +74,13 @@ def _answers(effort: Effort, *, answer: Callable[[Float], Float], end: str, with
         for k in range(_ONCE):
             rig.cycle()
             c = rig.loop.correction[:3]
-            begun = k if begun < 0 and np.linalg.norm(c) > _BEGUN_M else begun
-            if reported < 0 and rig.seen.reported[-1] in (Cause.ANSWER_SHORT, Cause.WRONG_FRAME):
-                reported = k
-            if rig.state != State.ACTIVE:
-                ended = k if ended < 0 else ended
-                continue
-            sent_m = float(np.linalg.norm(c))
-            missing_m = rig.control[Shown.MISSING_MOST_NM] * 1e-9
-            true_m = float(np.linalg.norm(c - answer(c)))
+            begun = _first(begun, k, float(np.linalg.norm(c)) > _BEGUN_M)
+            reported = _first(reported, k, rig.seen.reported[-1] in (Cause.ANSWER_SHORT, Cause.WRONG_FRAME))
+            ended = _first(ended, k, rig.state != State.ACTIVE)
+            if rig.state == State.ACTIVE:
+                sent_m = float(np.linalg.norm(c))
+                missing_m = rig.control[Shown.MISSING_MOST_NM] * 1e-9
+                true_m = float(np.linalg.norm(c - answer(c)))
     state, cause = rig.state, rig.loop.cause
     after = ((reported - begun) * PERIOD_S, (ended - begun) * PERIOD_S)
     happened = "went on" if ended < 0 else f"{state.name.lower()} ({words(cause)}) after {after[1]:.3f} s"
@@ -93,20 +96,26 @@ def _answers(effort: Effort, *, answer: Callable[[Float], Float], end: str, with
     return Outcome(passed, happened, None, after[1] if ended >= 0 else None)
 
 
+class _Ringing:
+    """Reported pose that rings from when the robot stands."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._stood = rig, 0
+
+    def __call__(self, report: Report) -> Report:
+        self._stood += int(self._rig.stands)
+        t = self._stood * PERIOD_S
+        T: Float = report.T_part_actual.copy()
+        size = 0.25 * MM * np.exp(-t / 0.15) * (t > 0.0)
+        T[:3, 3] += size * np.array([np.cos(35.0 * t), 0.7, -0.5])
+        return replace(report, T_part_actual=T)
+
+
 def _rings(effort: Effort) -> Outcome:
     """The force falls silent; the robot holds its feed and its reported pose rings, along its motion and across."""
     with rigged(effort, force=lambda t: 0.5 * steady(t), context=RsiContext()) as rig:
-        after, since = settled(rig, STANDING), [0]
-
-        def ringing(report: Report) -> Report:
-            since[0] += int(rig.stands)
-            t = since[0] * PERIOD_S
-            T: Float = report.T_part_actual.copy()
-            size = 0.25 * MM * np.exp(-t / 0.15) * (t > 0.0)
-            T[:3, 3] += size * np.array([np.cos(35.0 * t), 0.7, -0.5])
-            return replace(report, T_part_actual=T)
-
-        rig.shown = ringing
+        after = settled(rig, STANDING)
+        rig.shown = _Ringing(rig)
         for k in range(700):
             rig.sense = k > 60
             rig.cycle()
@@ -114,17 +123,17 @@ def _rings(effort: Effort) -> Outcome:
     return after.outcome(passed, f"{described(after.path)}; said: {', '.join(map(words, after.causes))}")
 
 
+def _moved(offset_m: float, report: Report) -> Report:
+    nominal, actual = report.T_part_nominal.copy(), report.T_part_actual.copy()
+    nominal[1, 3] += offset_m
+    actual[1, 3] += offset_m
+    return replace(report, T_part_nominal=nominal, T_part_actual=actual)
+
+
 def _base(effort: Effort, *, offset_mm: float, refused: bool) -> Outcome:
     """BASE of the program is off: all its poses are, its axis angles are not."""
-
-    def shown(report: Report) -> Report:
-        nominal, actual = report.T_part_nominal.copy(), report.T_part_actual.copy()
-        nominal[1, 3] += offset_mm * MM
-        actual[1, 3] += offset_mm * MM
-        return replace(report, T_part_nominal=nominal, T_part_actual=actual)
-
     with rigged(effort) as rig:
-        rig.shown = shown
+        rig.shown = partial(_moved, offset_mm * MM)
         rig.control[Request.ARM] = 1
         rig.run(400)
     state, cause, learnt_mm = rig.state, rig.seen.reported[-1], rig.control[Shown.FRAME_NM] * 1e-6

@@ -28,17 +28,11 @@ _SENSOR_TEXTS: Final = {"force": "a force sensor", "both": "a force sensor and a
 
 @dataclass(frozen=True)
 class Result:
-    """One fault and what came of it.
+    """One fault and what came of it."""
 
-    Attributes:
-        scenario: What was injected.
-        outcome: What came of it.
-        seconds: How long it took.
-    """
-
-    scenario: Scenario
-    outcome: Outcome
-    seconds: float
+    scenario: Scenario  # what was injected
+    outcome: Outcome  # what came of it
+    seconds: float  # how long it took
 
 
 def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "force") -> tuple[Scenario, ...]:
@@ -54,22 +48,16 @@ def chosen(only: tuple[str, ...], *, realtime: bool = True, sensors: str = "forc
     """
     if sensors not in SENSORS:
         raise InputError("no such sensors", where="--sensors", value=sensors, limit=" or ".join(SENSORS))
-    known = {s.requirement for s in SCENARIOS} | {s.name for s in SCENARIOS}
-    requested = tuple(word.upper() if word.upper() in known else word for word in only)
-    for word in requested:
-        if word not in known:
-            raise InputError(
-                "no fault is injected for this",
-                where="--only",
-                value=word,
-                limit=", ".join(sorted({s.requirement for s in SCENARIOS}, key=lambda r: int(r[1:]))),
-            )
+    requirements, names = ({getattr(s, key) for s in SCENARIOS} for key in ("requirement", "name"))
+    requested = {word.upper() if word.upper() in requirements else word for word in only} or requirements
+    unknown = next((word for word in only if not {word, word.upper()} & (requirements | names)), None)
+    if unknown is not None:
+        limit = ", ".join(sorted(requirements, key=lambda r: int(r[1:])))
+        raise InputError("no fault is injected for this", where="--only", value=unknown, limit=limit)
     return tuple(
         s
         for s in SCENARIOS
-        if (not requested or s.requirement in requested or s.name in requested)
-        and (realtime or not s.realtime)
-        and sensors in s.sensors
+        if {s.requirement, s.name} & requested and (realtime or not s.realtime) and sensors in s.sensors
     )
 
 

@@ -49,7 +49,7 @@ def altered(tables: dict[str, Any], path: tuple[Any, ...], value: float) -> str:
 
 
 def judged(text: str, folder: Path) -> str:
-    """What becomes of a cell file that is given to a run: ``refused``, ``told`` of a number, or ``passed``."""
+    """Fate of a cell file that is given to a run: ``refused``, ``told`` of a number, or ``passed``."""
     file = folder / "cell.toml"
     file.write_text(text, encoding="utf-8")
     try:

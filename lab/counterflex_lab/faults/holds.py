@@ -1,4 +1,4 @@
-"""What must not go on uncorrected or unknown: holds that last, the log, the zero, the job: R14 to R17, R23, R32."""
+"""Holds that last, the log, the zero, the job: nothing goes on uncorrected or unknown: R14 to R17, R23, R32."""
 
 from __future__ import annotations
 
@@ -111,15 +111,15 @@ def _log(effort: Effort, *, holds: bool) -> Outcome:
     )
 
 
+def _broken() -> int:
+    raise OutputError("the sensor's driver failed")
+
+
 def _internal(effort: Effort) -> Outcome:
     """Reading a sensor raises what nobody has thought of."""
-
-    def broken() -> int:
-        raise OutputError("the sensor's driver failed")
-
     with _in_cut(effort) as rig:
         after = settled(rig)
-        rig.force_link.drain = broken
+        rig.force_link.drain = _broken
         rig.run(60)
     fault, stopped, trouble = after.first(State.FAULT), rig.robot.stopped, rig.session.trouble
     return after.outcome(

@@ -92,14 +92,6 @@ def _jumps(x_mm: float, y_mm: float, z_mm: float) -> Callable[[SimulatedTracker]
     return lie
 
 
-def _drifts(mm_per_s: float) -> Callable[[SimulatedTracker], None]:
-    def lie(tracker: SimulatedTracker) -> None:
-        cycle = iter(range(10**9))
-        tracker.change = lambda T: _moved(0.0, 4e-3 * next(cycle) * mm_per_s, 0.0)(T)
-
-    return lie
-
-
 def _silent(tracker: SimulatedTracker) -> None:
     tracker.silent = True
 
@@ -119,13 +111,14 @@ def _status(bits: int) -> Callable[[SimulatedTracker], None]:
     return lie
 
 
-def _not_a_number(tracker: SimulatedTracker) -> None:
-    def change(T: Float) -> Float:
-        out = T.copy()
-        out[1, 3] = np.nan
-        return out
+def _spoilt(T: Float) -> Float:
+    out = T.copy()
+    out[1, 3] = np.nan
+    return out
 
-    tracker.change = change
+
+def _not_a_number(tracker: SimulatedTracker) -> None:
+    tracker.change = _spoilt
 
 
 def _stamps(late_s: tuple[float, ...]) -> Callable[[SimulatedTracker], None]:

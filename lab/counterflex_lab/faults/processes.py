@@ -109,21 +109,13 @@ def _orphaned(who: str) -> Callable[[Effort], Outcome]:
 
 @dataclass
 class Killed:
-    """What came of several kills.
+    """Outcome of several kills."""
 
-    Attributes:
-        held_s: Until the robot was asked to hold its feed.
-        ended_s: Until the loop's process had ended.
-        lost_s: Of the log, at the moment of the kill.
-        worst_m: Largest step of the correction in force.
-        good: How often everything went as it should.
-    """
-
-    held_s: list[float] = field(default_factory=list)
-    ended_s: list[float] = field(default_factory=list)
-    lost_s: list[float] = field(default_factory=list)
-    worst_m: float = 0.0
-    good: int = 0
+    held_s: list[float] = field(default_factory=list)  # until the robot was asked to hold its feed
+    ended_s: list[float] = field(default_factory=list)  # until the loop's process had ended
+    lost_s: list[float] = field(default_factory=list)  # of the log, at the moment of the kill
+    worst_m: float = 0.0  # largest step of the correction in force
+    good: int = 0  # how often everything went as it should
 
 
 def _kill(rig: ProcessRig, victim: BaseProcess | None, folder: Path, seen: Killed) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -42,27 +43,16 @@ _COMPUTE_MAX_S: Final = 2.5e-3
 
 @dataclass(eq=False)
 class RealRun:
-    """What the controller saw, a row per cycle, and how long the loop took.
+    """The loop as the controller saw it, a row per cycle, and its times."""
 
-    Attributes:
-        age: (n,) cycles since an answer was accepted.
-        correction_m: (n, 3) in force.
-        stale: Answers that were not to the newest telegram.
-        stopped: Why the controller stopped, or empty.
-        late_s: (n,) by how much the controller itself came late.
-        compute_s: Time of each of the loop's cycles.
-        states: Of the loop, each once, in order.
-        fifo: Both had real-time priority.
-    """
-
-    age: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    correction_m: Float = field(default_factory=lambda: np.zeros((0, 3)))
-    stale: int = 0
-    stopped: str = ""
-    late_s: Float = field(default_factory=lambda: np.zeros(0))
-    compute_s: Float = field(default_factory=lambda: np.zeros(0))
-    states: tuple[str, ...] = ()
-    fifo: bool = False
+    age: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (n,) cycles since an answer was accepted
+    correction_m: Float = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in force
+    stale: int = 0  # answers that were not to the newest telegram
+    stopped: str = ""  # why the controller stopped, or empty
+    late_s: Float = field(default_factory=lambda: np.zeros(0))  # (n,) by how much the controller itself came late
+    compute_s: Float = field(default_factory=lambda: np.zeros(0))  # time of each of the loop's cycles
+    states: tuple[str, ...] = ()  # of the loop, each once, in order
+    fifo: bool = False  # both had real-time priority
 
     @property
     def step_m(self) -> float:
@@ -92,6 +82,16 @@ def _loop(pipe: Any, sensor: tuple[str, int], control: Any) -> None:
             states.append(session.loop.state)
             names.append(named(session.loop.state, session.loop.cause))
     pipe.send((np.array(compute[_SETTLE_CYCLES:]), tuple(names), granted.fifo))
+
+
+def _received(own: socket.socket, due: float) -> list[bytes]:
+    """Datagrams that come until then."""
+    out: list[bytes] = []
+    while (remaining := due - time.perf_counter()) > 0.0:
+        own.settimeout(remaining)
+        with contextlib.suppress(TimeoutError):
+            out.append(own.recv(65536))
+    return out
 
 
 def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, int] | None) -> None:
@@ -127,16 +127,9 @@ def _robot(pipe: Any, control: Any, cycles: int, timeout: int, stop: tuple[int, 
         w = reading @ np.concatenate([force, np.zeros(3)])
         for _ in range(4):
             server.send(w + rng.standard_normal(6) * [0.3, 0.3, 0.3, 0.03, 0.03, 0.03])
-        answer = None
-        while (remaining := due - time.perf_counter()) > 0.0:
-            own.settimeout(remaining)
-            try:
-                data = own.recv(65536)
-            except TimeoutError:
-                break
-            if reader.read_bytes(data) == OK and reader.counter != robot.counter:
-                stale += 1
-            answer = data
+        datagrams = _received(own, due)
+        stale += sum(reader.read_bytes(data) == OK and reader.counter != robot.counter for data in datagrams)
+        answer = datagrams[-1] if datagrams else None
         if not robot.stopped:
             robot.answer(answer)
             age = age + 1 if robot.refused else 0
@@ -200,7 +193,7 @@ def real_run(cycles: int, *, timeout: int = PATIENT, busy: int = 0, stop: tuple[
 
 
 def _message(pipe: Any) -> Any:
-    """What the other process says.
+    """Wait for a message of the other process.
 
     Raises:
         SimulationError: It does not.

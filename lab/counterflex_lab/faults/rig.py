@@ -279,7 +279,7 @@ class Rig:
             (self.robot_socket if sender is None else sender).sendto(data, self.link.address)
 
     def next_telegram(self) -> bytes:
-        """What the controller will send in its next cycle."""
+        """The controller's telegram of its next cycle."""
         data = self.robot.telegram(self._report())
         self.robot.counter -= round(PERIOD_S / MS)
         return data

@@ -1,7 +1,9 @@
-"""How ``counterflex run`` ends in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R36."""
+"""End ``counterflex run`` in the cut: killed, interrupted, asked to, its log gone: R12, R23, R28, R36."""
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import shutil
 import signal
@@ -39,8 +41,8 @@ def _killed(effort: Effort) -> Outcome:
         while time.monotonic() < end and not rig.robot.stopped and _living(children):
             rig.cycle(enable=True, force_n=300.0, patience_s=1.0)
             died = died if rig.process.poll() is not None and died > begin else time.monotonic()
-        hold = next((k for k in range(first, len(rig.feed_held)) if rig.feed_held[k]), None)
-        hold_s = float("inf") if hold is None else max(0.0, rig.times[hold] - died)
+        held = itertools.compress(rig.times[first:], rig.feed_held[first:])
+        hold_s = min((max(0.0, time_s - died) for time_s in held), default=math.inf)
         rest = float(np.linalg.norm(rig.robot.correction[:3]))
         step = float(rig.steps(first).max(initial=0.0))
         while time.monotonic() < end and _living(children):  # a robot that has stopped sends nothing any more

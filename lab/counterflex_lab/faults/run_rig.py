@@ -112,7 +112,7 @@ class RunRig:
         self._output.close()
 
     def output(self) -> str:
-        """What the command has printed so far."""
+        """Lines that the command has printed so far."""
         self._output.seek(0)
         return self._output.read().decode(errors="replace")
 

@@ -12,17 +12,11 @@ SENSORS: Final = ("force", "both")
 
 @dataclass(frozen=True)
 class Effort:
-    """How much a scenario may take.
+    """Effort that a scenario may take."""
 
-    Attributes:
-        quick: A small sample instead of one that is large enough for rare events.
-        seed: Of everything that is random.
-        sensors: One of :data:`SENSORS`.
-    """
-
-    quick: bool = False
-    seed: int = 0
-    sensors: str = "force"
+    quick: bool = False  # a small sample instead of one that is large enough for rare events
+    seed: int = 0  # of everything that is random
+    sensors: str = "force"  # one of SENSORS
 
     def pick(self, whole: int, quick: int) -> int:
         """One of two numbers of repetitions."""
@@ -31,21 +25,15 @@ class Effort:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of it.
+    """Outcome of a scenario."""
 
-    Attributes:
-        passed: The requirement holds.
-        happened: In words: states, causes.
-        step_m: Largest change of the correction in force at the robot within one cycle; None: none was looked at.
-        safe_s: From the fault until the correction stood still or the robot had stopped; None: nothing had to stop.
-        figures: Further numbers by name; a name ends with its unit.
-    """
-
-    passed: bool
-    happened: str
+    passed: bool  # the requirement holds
+    happened: str  # in words: states, causes
+    # largest change of the correction in force at the robot within one cycle; None: none was looked at
     step_m: float | None = None
+    # from the fault until the correction stood still or the robot had stopped; None: nothing had to stop
     safe_s: float | None = None
-    figures: dict[str, float] = field(default_factory=dict)
+    figures: dict[str, float] = field(default_factory=dict)  # further numbers by name; a name ends with its unit
 
     def __post_init__(self) -> None:
         """A comparison of arrays gives a truth value that JSON does not know."""
@@ -54,22 +42,12 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One fault to inject.
+    """One fault to inject."""
 
-    Attributes:
-        requirement: Number of the requirement: ``R3``.
-        name: Short, unique.
-        injected: What is done, in words.
-        required: What must hold, in words with numbers.
-        run: Does it.
-        realtime: It takes real time and shows this machine, too.
-        sensors: Those of :data:`SENSORS` with which it can be run.
-    """
-
-    requirement: str
-    name: str
-    injected: str
-    required: str
-    run: Callable[[Effort], Outcome]
-    realtime: bool = False
-    sensors: tuple[str, ...] = SENSORS
+    requirement: str  # number of the requirement: ``R3``
+    name: str  # short, unique
+    injected: str  # what is done, in words
+    required: str  # what must hold, in words with numbers
+    run: Callable[[Effort], Outcome]  # does it
+    realtime: bool = False  # it takes real time and shows this machine, too
+    sensors: tuple[str, ...] = SENSORS  # those of SENSORS with which it can be run

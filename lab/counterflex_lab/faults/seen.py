@@ -1,4 +1,4 @@
-"""What a controller saw of the loop, cycle by cycle."""
+"""The loop as the controller sees it, cycle by cycle."""
 
 from __future__ import annotations
 
@@ -19,26 +19,16 @@ def named(state: State, cause: Cause) -> str:
 
 @dataclass(eq=False)
 class Seen:
-    """What the controller saw, a row per cycle.
+    """The loop as the controller saw it, a row per cycle."""
 
-    Attributes:
-        age: (n,) cycles since an answer was accepted; 0: in this cycle.
-        correction_m: (n, 3) in force, RSI's axes.
-        state: (n,) of the loop at the end of the cycle.
-        cause: (n,) its cause.
-        session: (n,) number of the controller's session.
-        running: (n,) the controller had not stopped.
-        run_cycles: (n,) cycles in which the robot had gone on.
-        reported: (n,) cause that held the loop, kept it from being armed or degraded it, at the end of the cycle.
-    """
-
-    age: list[int] = field(default_factory=list)
-    correction_m: list[Float] = field(default_factory=list)
-    state: list[State] = field(default_factory=list)
-    cause: list[Cause] = field(default_factory=list)
-    session: list[int] = field(default_factory=list)
-    running: list[bool] = field(default_factory=list)
-    run_cycles: list[int] = field(default_factory=list)
+    age: list[int] = field(default_factory=list)  # (n,) cycles since an answer was accepted; 0: in this cycle
+    correction_m: list[Float] = field(default_factory=list)  # (n, 3) in force, RSI's axes
+    state: list[State] = field(default_factory=list)  # (n,) of the loop at the end of the cycle
+    cause: list[Cause] = field(default_factory=list)  # (n,) its cause
+    session: list[int] = field(default_factory=list)  # (n,) number of the controller's session
+    running: list[bool] = field(default_factory=list)  # (n,) the controller had not stopped
+    run_cycles: list[int] = field(default_factory=list)  # (n,) cycles in which the robot had gone on
+    # (n,) cause that held the loop, kept it from being armed or degraded it, at the end of the cycle
     reported: list[Cause] = field(default_factory=list)
 
     def steps(self) -> Float:

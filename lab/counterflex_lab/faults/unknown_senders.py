@@ -40,12 +40,8 @@ def _other_answers(effort: Effort) -> Outcome:
     with rigged(effort, Impairment(loss=0.02)) as rig:
         writer = answer_writer(rig.config)
         after = settled(rig, 50)
-
-        def zero(counter: int) -> bytes:
-            writer.values[:] = 0.0
-            return writer.telegram(counter)
-
-        rig.other = zero
+        writer.values[:] = 0.0
+        rig.other = writer.telegram
         lost = rig.link.counters.lost
         while rig.state != State.FAULT and rig.cycle_count < after.begin + 3_000:
             rig.cycle()

@@ -6,6 +6,9 @@ import contextlib
 import multiprocessing
 import socket
 from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +29,11 @@ _COMPILES_S = 900.0
 
 @dataclass(frozen=True)
 class Sensors:
-    """Which instruments are wired.
+    """Instruments that are wired."""
 
-    Attributes:
-        force: Force sensor (Net F/T).
-        tracker: Laser tracker.
-        holder: Strain amplifiers of the instrumented holder.
-    """
-
-    force: bool = True
-    tracker: bool = False
-    holder: bool = False
+    force: bool = True  # force sensor (Net F/T)
+    tracker: bool = False  # laser tracker
+    holder: bool = False  # strain amplifiers of the instrumented holder
 
 
 def free_port(kind: socket.SocketKind) -> int:
@@ -74,23 +71,23 @@ def run(
         CounterflexError: What either side raised.
     """
     rsi = free_port(socket.SOCK_DGRAM)
-    force = free_port(socket.SOCK_DGRAM) if sensors.force else None
+    wired = (sensors.force, sensors.tracker, sensors.holder)
+    peers = [(_HOST, free_port(socket.SOCK_DGRAM)) if there else None for there in wired]
+    force, tracker, strain = (peer and peer[1] for peer in peers)
     http = free_port(socket.SOCK_STREAM) if sensors.force else 80
-    tracker = free_port(socket.SOCK_DGRAM) if sensors.tracker else None
-    strain = free_port(socket.SOCK_DGRAM) if sensors.holder else None
     cell = replace(
         cell,
         peer=(_HOST, rsi),
         force_port=force,
         force_http_port=http,
-        tracker_peer=None if tracker is None else (_HOST, tracker),
-        strain_peer=None if strain is None else (_HOST, strain),
+        tracker_peer=peers[1],
+        strain_peer=peers[2],
         timing=replace(cell.timing, wait_s=_COMPILES_S),
     )
     loop = replace(
         loop,
         port=rsi,
-        force=None if force is None else (_HOST, force),
+        force=peers[0],
         force_http_port=http,
         tracker_port=tracker,
         strain_port=strain,
@@ -101,21 +98,13 @@ def run(
     context = multiprocessing.get_context("spawn")
     parent, child = context.Pipe(duplex=False)
     process = context.Process(target=_cell_process, args=(cell, part, child), daemon=True)
-
-    def watch(status: Status) -> None:
-        if cycles:
-            progress(min(0.99, status.cycles / cycles), f"{part.name}: {status.state.name.lower()}")
-        if not process.is_alive() and parent.poll() and isinstance(fault := parent.recv(), BaseException):
-            raise fault
-
+    watch = partial(_watch, process, parent, progress, part.name, cycles)
     try:
         with interrupts_deferred():
             process.start()
         outcome = online.run(loop, log, watch=watch, ended=lambda: not process.is_alive())
         process.join(_END_S)
-        fault = parent.recv() if parent.poll() else None
-        if isinstance(fault, BaseException):
-            raise fault
+        _raise_fault(parent)
         if process.exitcode != 0:
             raise SimulationError("the simulated cell ended silently", value=process.exitcode)
     finally:
@@ -124,6 +113,18 @@ def run(
             process.join()
         parent.close()
     return outcome
+
+
+def _raise_fault(pipe: Connection) -> None:
+    if pipe.poll() and isinstance(fault := pipe.recv(), BaseException):
+        raise fault
+
+
+def _watch(process: BaseProcess, pipe: Connection, progress: Progress, name: str, cycles: int, status: Status) -> None:
+    if cycles:
+        progress(min(0.99, status.cycles / cycles), f"{name}: {status.state.name.lower()}")
+    if not process.is_alive():
+        _raise_fault(pipe)
 
 
 def _cell_process(settings: live.LiveSettings, out: Path, pipe: Any) -> None:

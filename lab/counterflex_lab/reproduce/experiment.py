@@ -45,29 +45,17 @@ SAID: Final = ("cycles", "states", "causes", "largest_correction_um")
 
 @dataclass(frozen=True)
 class Run:
-    """One run of a program on a simulated cell with the loop beside it.
+    """One run of a program on a simulated cell with the loop beside it."""
 
-    Attributes:
-        name: Unique in the job.
-        part: Folder that it writes.
-        cell: Cell file of the way of correcting.
-        truth: Truth file.
-        original: Original program; the compensated one lies beside the plan.
-        plan: Plan that the loop gets, if any.
-        way: How it is corrected.
-        seed: Of truth and instruments.
-        touched: Truth at the time when the part was touched, where it is another.
-    """
-
-    name: str
-    part: Path
-    cell: Path
-    truth: Path
-    original: Path
-    plan: Path | None
-    way: Way
-    seed: int
-    touched: Path | None = None
+    name: str  # unique in the job
+    part: Path  # folder that it writes
+    cell: Path  # cell file of the way of correcting
+    truth: Path  # truth file
+    original: Path  # original program; the compensated one lies beside the plan
+    plan: Path | None  # plan that the loop gets, if any
+    way: Way  # how it is corrected
+    seed: int  # of truth and instruments
+    touched: Path | None = None  # truth at the time when the part was touched, where it is another
 
     def task(self, planned: str, function: Callable[..., dict[str, Any]]) -> Task:
         """It as a piece of work.
@@ -99,17 +87,11 @@ def judged(part: Path, _log: Path, outcome: Mapping[str, Any]) -> dict[str, Any]
 
 @dataclass(frozen=True)
 class Own:
-    """What an experiment does in a way of its own.
+    """Parts of an experiment that differ from the others."""
 
-    Attributes:
-        judge: Gives the figures of a run.
-        answer: How the controller answers corrections.
-        cycles: About what a run takes, for the progress.
-    """
-
-    judge: Judge = judged
-    answer: PathAnswer = field(default_factory=PathAnswer)
-    cycles: int = 1600
+    judge: Judge = judged  # gives the figures of a run
+    answer: PathAnswer = field(default_factory=PathAnswer)  # how the controller answers corrections
+    cycles: int = 1600  # about what a run takes, for the progress
 
 
 GROOVE: Final = Own()

@@ -1,4 +1,4 @@
-"""What registering fiducials around a part gives: the tracker's frame tied to the part's, with the tracker's noise."""
+"""Register fiducials around a part: the tracker's frame tied to the part's, with the tracker's noise."""
 
 from __future__ import annotations
 

@@ -45,6 +45,25 @@ def spread(summary: Mapping[str, Any], name: str, edge: str, part: str) -> str:
     return f"{statistics.median(values):.3f} / {max(values):.3f}" if len(values) > 1 else f"{values[0]:.3f}"
 
 
+def _dots(summary: Mapping[str, Any]) -> list[Dot]:
+    return [
+        Dot(name, row["edge"], row["seed"], figures["path"]["max_mm"], figures["exit"]["max_mm"])
+        for row in summary["seeds"]
+        for name, figures in row["variants"].items()
+        if WAYS[name].acted(figures)
+    ]
+
+
+def _row(summary: Mapping[str, Any], name: str, edges: Sequence[str]) -> tuple[str, list[str], str, str]:
+    total = summary["variants"][name]
+    return (
+        name,
+        [spread(summary, name, edge, part) for edge in edges for part in PARTS],
+        f"{summary['paper'][name]:g}" if name in summary["paper"] else "-",
+        f"{total['runs']} of {total['runs'] + total['refused']}",
+    )
+
+
 def page(summary: Mapping[str, Any], folder: Path) -> str:
     """The page.
 
@@ -52,25 +71,11 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         summary: Of the job.
         folder: Of the job: ``seed-N/<edge>/<variant>``.
     """
-    edges = [edge for edge in haehn_case.EDGES if any(row["edge"] == edge for row in summary["seeds"])]
-    names = list(summary["variants"])
-    dots = [
-        Dot(name, row["edge"], row["seed"], figures["path"]["max_mm"], figures["exit"]["max_mm"])
-        for row in summary["seeds"]
-        for name, figures in row["variants"].items()
-        if WAYS[name].acted(figures)
-    ]
+    run = {row["edge"] for row in summary["seeds"]}
+    edges = [edge for edge in haehn_case.EDGES if edge in run]
+    names, dots = list(summary["variants"]), _dots(summary)
     best = "hybrid" if "hybrid" in names else names[-1]
     worst = max((d for d in dots if d.variant == best), key=lambda d: d.path_mm, default=dots[0])
-    rows = [
-        (
-            name,
-            [spread(summary, name, edge, part) for edge in edges for part in PARTS],
-            f"{summary['paper'][name]:g}" if name in summary["paper"] else "-",
-            f"{total['runs']} of {total['runs'] + total['refused']}",
-        )
-        for name, total in summary["variants"].items()
-    ]
     refused = any(total["refused"] for total in summary["variants"].values())
     seeds = sorted({row["seed"] for row in summary["seeds"]})
     data = GrooveData(
@@ -81,7 +86,7 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         verdict=verdict(summary),
         cards=_cards(summary),
         parts=PARTS,
-        rows=rows,
+        rows=[_row(summary, name, edges) for name in names],
         refused=REFUSED if refused else "",
         edges={edge: haehn_case.cut_length_m(edge) for edge in edges},
         edge_titles=EDGE_TITLES,

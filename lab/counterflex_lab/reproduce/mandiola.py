@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -84,12 +85,12 @@ class Paths(Experiment):
     def page(self, summary: Mapping[str, Any]) -> str:
         """Figures of the summary, curves of the first truth's runs."""
         case = next(iter(self.cases.values()))
+        return mandiola_report.page(summary, case, partial(_read, case))
 
-        def read(shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
-            run_ = tracked(case.folder / f"{shape}-{variant}", case.cell(variant))
-            return run_, nearest(run_, case, shape)
 
-        return mandiola_report.page(summary, case, read)
+def _read(case: Case, shape: str, variant: str) -> tuple[tracking.Tracked, Float]:
+    run_ = tracked(case.folder / f"{shape}-{variant}", case.cell(variant))
+    return run_, nearest(run_, case, shape)
 
 
 def _by_shape(case: Case, results: Mapping[str, Any], what: str) -> dict[str, dict[str, Any]]:
@@ -166,7 +167,7 @@ def _judged(
 
 
 def tracked(part: Path, cell: Path) -> tracking.Tracked:
-    """What the twin recorded of a run; the angles are those of the program."""
+    """Record of a run by the twin; the angles are those of the program."""
     run_, _ = read_run(part / "run.parquet")
     upright = np.tile(np.array([0.0, 0.0, 1.0]), (len(run_.time_s), 1))
     q = simulate.controller(read_cell(cell)).joints(run_.p_part_command, upright)
@@ -220,7 +221,7 @@ def figures(run_: tracking.Tracked, case: Case, shape: str) -> dict[str, Any]:
 
 
 def reductions(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """What each controller leaves of the figures that the paper and the goals speak of, truth by truth."""
+    """Share of the paper's and the goals' figures that each controller leaves, truth by truth."""
     out = []
     for row in rows:
         v = row["variants"]

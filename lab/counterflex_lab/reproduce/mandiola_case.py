@@ -75,17 +75,11 @@ VARIANTS: Final[dict[str, dict[str, Any]]] = {
 
 @dataclass(frozen=True)
 class Case:
-    """Files of one truth.
+    """Files of one truth."""
 
-    Attributes:
-        folder: Where they lie.
-        seed: Of truth and laboratory.
-        scale: Size of the paths, 1 is the paper's.
-    """
-
-    folder: Path
-    seed: int
-    scale: float
+    folder: Path  # where they lie
+    seed: int  # of truth and laboratory
+    scale: float  # size of the paths, 1 is the paper's
 
     @property
     def truth(self) -> Path:

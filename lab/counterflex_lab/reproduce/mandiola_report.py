@@ -63,21 +63,13 @@ _OBSERVER: Final = OnlineTable(force="none", tracker="observer")
 
 @dataclass(frozen=True)
 class Controller:
-    """One controller of the tracker loop on the robot of a cell file.
+    """One controller of the tracker loop on the robot of a cell file."""
 
-    Attributes:
-        loop: Its open loop.
-        integral: Ki per cycle, or None where it has none.
-        proportional: Kp, likewise.
-        margins: Of the loop.
-        plant: The robot that it was computed on.
-    """
-
-    loop: OpenLoop
-    integral: float | None
-    proportional: float | None
-    margins: Margins
-    plant: TrackerPlant
+    loop: OpenLoop  # its open loop
+    integral: float | None  # Ki per cycle, or None where it has none
+    proportional: float | None  # Kp, likewise
+    margins: Margins  # of the loop
+    plant: TrackerPlant  # the robot that it was computed on
 
 
 def open_loops(cell_file: Path) -> list[Controller]:
@@ -170,40 +162,28 @@ def verdict(summary: Mapping[str, Any]) -> str:
     )
 
 
+def _worst(summary: Mapping[str, Any], variant: str, *keys: str) -> str:
+    """Largest figure over the truths, a dash where no run has it."""
+    values = []
+    for row in summary["seeds"]:
+        value: Any = row["variants"][variant]
+        for key in keys:
+            value = value.get(key, {}) if isinstance(value, Mapping) else value
+        if isinstance(value, int | float):
+            values.append(float(value))
+    return f"{max(values):.0f}" if values else "-"
+
+
 def paper_comparison(summary: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table of the paper's figures beside those found here, worst over the truths."""
-    paper, seeds = summary["paper"], summary["seeds"]
-
-    def worst(variant: str, *keys: str) -> str:
-        values = []
-        for row in seeds:
-            value: Any = row["variants"][variant]
-            for key in keys:
-                value = value.get(key, {}) if isinstance(value, Mapping) else value
-            if isinstance(value, int | float):
-                values.append(float(value))
-        return f"{max(values):.0f}" if values else "-"
-
-    def least(variant: str, key: str) -> str:
-        return f"{100.0 * min(item[variant][key] for item in summary['reductions']):.1f}"
-
-    low, high = paper["overall_reduction"]
-    rows = [
-        [
-            "circle: contour error taken away, %",
-            f"{100.0 * paper['circle_reduction']:.0f}",
-            "",
-            least("published", "circle_contour_rms"),
-            least("designed", "circle_contour_rms"),
-        ],
-        [
-            "circle: total error taken away, %",
-            f"{100.0 * low:.0f} to {100.0 * high:.0f}",
-            "",
-            least("published", "circle_total_rms"),
-            least("designed", "circle_total_rms"),
-        ],
-    ]
+    paper, (low, high) = summary["paper"], summary["paper"]["overall_reduction"]
+    rows = []
+    for title, reported, key in (
+        ("contour", f"{100.0 * paper['circle_reduction']:.0f}", "circle_contour_rms"),
+        ("total", f"{100.0 * low:.0f} to {100.0 * high:.0f}", "circle_total_rms"),
+    ):
+        least = [100.0 * min(item[name][key] for item in summary["reductions"]) for name in ("published", "designed")]
+        rows.append([f"circle: {title} error taken away, %", reported, "", *(f"{value:.1f}" for value in least)])
     for title, reported, keys in (
         ("circle: contour error rms, um", "", ("circle", "turn", "contour", "rms_um")),
         ("circle: contour error max, um", "above 200", ("circle", "turn", "contour", "max_um")),
@@ -212,12 +192,12 @@ def paper_comparison(summary: Mapping[str, Any]) -> tuple[list[str], list[list[s
         ("corners: total error max, um", "peaks", ("square", "corners", "total", "max_um")),
         ("orientation max on the circle, mdeg", "50 to 150", ("circle", "turn", "orientation", "max_mdeg")),
     ):
-        rows.append([title, reported, *(worst(name, *keys) for name in VARIANTS)])
+        rows.append([title, reported, *(_worst(summary, name, *keys) for name in VARIANTS)])
     return ["worst truth", "Mandiola2023", *VARIANTS], rows
 
 
 def paper_lines(paper: Mapping[str, Any]) -> list[str]:
-    """What Mandiola2023 reports."""
+    """Figures that Mandiola2023 reports."""
     return [
         f"Circle of 150 mm radius at 700 mm/min: path errors reduced by {100.0 * paper['circle_reduction']:.0f} %.",
         f"Static errors {paper['static_um'][0]:g} to {paper['static_um'][1]:g} um, above {paper['moving_um']:g} um in "

@@ -124,28 +124,21 @@ def _spread(figures: Mapping[str, Any], kind: str) -> str:
 
 def verdict(summary: Mapping[str, Any]) -> str:
     """The goals in one sentence, nothing rounded in favour of a method."""
-    goal = summary["goals"]
-
-    def text_of(name: str, text: str, unit: str) -> str:
-        item = goal[name]
-        if item["worst"] is None:
-            return f"{text}: no run counts"
-        value = f"{100 * item['worst']:.0f} %" if unit == "%" else f"{item['worst']:.3f} mm"
-        return f"{text} {value} ({'kept' if item['met'] else 'missed'})"
-
-    return (
-        "Worst of all runs: "
-        + "; ".join(
-            (
-                text_of("hybrid_restores", "hybrid restores of what wrong forces cost", "%"),
-                text_of("all_restores", "all sources of what any wrong plan costs", "%"),
-                text_of("hybrid_not_worse_mm", "hybrid is worse than the plan by", "mm"),
-                text_of("all_not_worse_mm", "all sources by", "mm"),
-                text_of("hybrid_mm", "hybrid with a right plan leaves", "mm"),
-            )
-        )
-        + "."
+    goals = (
+        ("hybrid_restores", "hybrid restores of what wrong forces cost", "%"),
+        ("all_restores", "all sources of what any wrong plan costs", "%"),
+        ("hybrid_not_worse_mm", "hybrid is worse than the plan by", "mm"),
+        ("all_not_worse_mm", "all sources by", "mm"),
+        ("hybrid_mm", "hybrid with a right plan leaves", "mm"),
     )
+    return f"Worst of all runs: {'; '.join(_outcome(summary['goals'][name], *words) for name, *words in goals)}."
+
+
+def _outcome(goal: Mapping[str, Any], text: str, unit: str) -> str:
+    if goal["worst"] is None:
+        return f"{text}: no run counts"
+    value = f"{100 * goal['worst']:.0f} %" if unit == "%" else f"{goal['worst']:.3f} mm"
+    return f"{text} {value} ({'kept' if goal['met'] else 'missed'})"
 
 
 def page(summary: Mapping[str, Any]) -> str:

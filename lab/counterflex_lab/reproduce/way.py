@@ -14,28 +14,18 @@ REFUSED: Final = "Runs left out: the loop refused to act; the causes are in summ
 
 @dataclass(frozen=True)
 class Way:
-    """One way of correcting.
+    """One way of correcting."""
 
-    Attributes:
-        title: For people.
-        online: What stands in ``[online]`` beside the limits.
-        compensated: The robot runs the compensated program.
-        armed: The loop acts; else it only watches.
-        force: The force sensor is wired.
-        tracker: The tracker is wired.
-        holder: The strain amplifiers of the holder are wired.
-    """
-
-    title: str
-    online: dict[str, Any]
-    compensated: bool = False
-    armed: bool = True
-    force: bool = True
-    tracker: bool = False
-    holder: bool = False
+    title: str  # for people
+    online: dict[str, Any]  # what stands in ``[online]`` beside the limits
+    compensated: bool = False  # the robot runs the compensated program
+    armed: bool = True  # the loop acts; else it only watches
+    force: bool = True  # the force sensor is wired
+    tracker: bool = False  # the tracker is wired
+    holder: bool = False  # the strain amplifiers of the holder are wired
 
     def acted(self, figures: Mapping[str, Any]) -> bool:
-        """Whether a run did what its way says: the loop corrected, or was to watch only."""
+        """Return whether a run did what its way says: the loop corrected, or was to watch only."""
         return not self.armed or "active" in figures["loop"]["states"]
 
     def counted(self, runs: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], dict[str, Any]]:

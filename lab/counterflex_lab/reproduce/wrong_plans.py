@@ -35,21 +35,14 @@ LONGER_M: Final = 40.0 * MM
 
 @dataclass(frozen=True)
 class Wrong:
-    """One way in which a plan is wrong.
+    """One way in which a plan is wrong."""
 
-    Attributes:
-        title: For people.
-        truth: The truth as it is now, from the cell of the catalogue and the truth that the plan was made for.
-        since_touched: It changed after the part was touched; else the part was touched as the cell is now.
-        longer_m: How much longer the tool is, as controller and loop know.
-        seen_by_force: A force sensor shows it. A wrong stiffness and a drift are seen by a tracker only.
-    """
-
-    title: str
+    title: str  # for people
+    # the truth as it is now, from the cell of the catalogue and the truth that the plan was made for
     truth: Callable[[Cell, Truth], Truth] = lambda _cell, truth: truth
-    since_touched: bool = False
-    longer_m: float = 0.0
-    seen_by_force: bool = True
+    since_touched: bool = False  # it changed after the part was touched; else the part was touched as the cell is now
+    longer_m: float = 0.0  # how much longer the tool is, as controller and loop know
+    seen_by_force: bool = True  # a force sensor shows it. A wrong stiffness and a drift are seen by a tracker only
 
 
 def _forces(truth: Truth, factor: float) -> Truth:

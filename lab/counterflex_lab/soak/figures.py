@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import compress
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,19 +20,16 @@ from counterflex_lab.soak.replay_figures import active, in_standstill, micro
 
 _GROW = ("_mb", "_files", "_threads")
 """Ends of the names of what must not grow."""
+_COUNTS = ("cycles", "missed", "without_session", "active", "held")
 
 
 @dataclass(frozen=True)
 class Growth:
-    """A straight line through values.
+    """A straight line through values."""
 
-    Attributes:
-        slope: Change per unit of time.
-        standard_error: Of the slope, from the scatter about the line; values that come one after the other are taken
-            as independent, so slow waves make it too small.
-    """
-
-    slope: float
+    slope: float  # change per unit of time
+    # of the slope, from the scatter about the line; values that come one after the other are taken as independent, so
+    # slow waves make it too small
     standard_error: float
 
 
@@ -101,39 +101,30 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
         Counts of cycles; percentiles of reply and echo over all telegrams, over those while the correction acted, and
         over those of them outside of standstills of the machine; growth per hour.
     """
-    reply, echo = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("reply_s", "echo_s"))
-    acting, stood = (np.concatenate([select(b) for b in blocks]) for select in (active, in_standstill))
+    every = (attrgetter("reply_s"), attrgetter("echo_s"), active, in_standstill)
+    reply, echo, acting, stood = (np.concatenate(list(map(select, blocks))) for select in every)
     unanswered = np.isnan(reply)
     hours = np.array([s["seconds"] for s in samples]) / 3600.0
     settled = hours >= 0.1 * hours[-1]
-    of_minutes = np.arange(len(minutes)) / 60.0
-
-    def grown(column: str) -> dict[str, float] | None:
-        values = np.array([s[column] for s in samples])
-        return _growth(growth(hours[settled], values[settled]))
-
-    def grown_minutes(column: str) -> dict[str, float] | None:
-        return _growth(growth(of_minutes, np.array([m[column] for m in minutes])))
-
-    def total(column: str) -> int:
-        return int(sum(m[column] for m in minutes))
-
+    must_not_grow = [name for name in samples[0] if name.endswith(_GROW)]
+    times = ("reply_p50_us", "reply_p99_us", "echo_p50_us", "echo_p99_us")
+    total = {column: int(sum(m[column] for m in minutes)) for column in _COUNTS}
     of_all, of_echo = micro(reply), micro(echo)
-    cycles = total("cycles") + total("missed") + total("without_session")
+    cycles = total["cycles"] + total["missed"] + total["without_session"]
     return {
         "cycles": cycles,
-        "telegrams": total("cycles"),
-        "active": total("active"),
-        "active_share": round(total("active") / cycles, 4),
-        "held": total("held"),
-        "without_session": total("without_session"),
+        "telegrams": total["cycles"],
+        "active": total["active"],
+        "active_share": round(total["active"] / cycles, 4),
+        "held": total["held"],
+        "without_session": total["without_session"],
         "programs_ended": dict(Counter(why for block in blocks for _, why in block.ended).most_common()),
         "unanswered": int(np.sum(unanswered)),
         "unanswered_active": int(np.sum(unanswered & acting)),
         "refused": blocks[-1].refused,
         "standstill": {
             "cycles": int(np.sum(stood)),
-            "missed": total("missed"),
+            "missed": total["missed"],
             "unanswered": int(np.sum(unanswered & stood)),
             "unanswered_active": int(np.sum(unanswered & stood & acting)),
             "longest_ms": round(float(max(np.max(b.woken_s, initial=0.0) for b in blocks)) * 1e3, 1),
@@ -145,14 +136,17 @@ def figures(blocks: list[Block], minutes: list[dict[str, float]], samples: list[
         "echo_outside_us": micro(echo[~stood]),
         "ratio_p50": round(of_all["p50"] / of_echo["p50"], 2),
         "growth_per_hour": {
-            name: grown(name) for name in samples[0] if name.endswith(_GROW) and name != "log_mb"
-        }
-        | {name: grown_minutes(name) for name in ("reply_p50_us", "reply_p99_us", "echo_p50_us", "echo_p99_us")},
-        "most": {name: max(s[name] for s in samples) for name in samples[0] if name.endswith(_GROW)},
-    }  # fmt: skip
+            **_growth(hours[settled], list(compress(samples, settled)), [n for n in must_not_grow if n != "log_mb"]),
+            **_growth(np.arange(len(minutes)) / 60.0, minutes, times),
+        },
+        "most": {name: max(s[name] for s in samples) for name in must_not_grow},
+    }
 
 
-def _growth(growth: Growth | None) -> dict[str, float] | None:
-    if growth is None:
-        return None
-    return {"slope": round(growth.slope, 4), "standard_error": round(growth.standard_error, 4)}
+def _growth(hours: Float, rows: list[dict[str, float]], columns: Iterable[str]) -> dict[str, dict[str, float] | None]:
+    """Growth per hour of columns of a table."""
+    lines = {name: growth(hours, np.array([row[name] for row in rows])) for name in columns}
+    return {
+        name: None if line is None else {key: round(value, 4) for key, value in vars(line).items()}
+        for name, line in lines.items()
+    }

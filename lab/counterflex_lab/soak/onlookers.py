@@ -11,6 +11,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -85,49 +86,39 @@ class Onlookers:
 
 def _clients(page: str, values: str, counts: Any, ended: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asyncio.run(_both(page, values, counts, ended))
 
-    async def both() -> None:
-        await asyncio.gather(_kept_page(page, counts, ended), _kept_readings(values, counts, ended))
 
-    asyncio.run(both())
+async def _both(page: str, values: str, counts: Any, ended: Any) -> None:
+    await asyncio.gather(_kept_page(page, counts, ended), _kept_readings(values, counts, ended))
 
 
 async def _kept_page(link: str, counts: Any, ended: Any) -> None:
     """Keep a page open; one that has lost its connection is loaded again, as a browser does."""
     import aiohttp
 
-    def shown(_: Any) -> None:
-        counts[0] += 1
-
     async with aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True)) as session:
         while not ended.is_set():
             counts[1] += 1
             with contextlib.suppress(Exception):  # counted: it is opened again
-                await show_page(session, link if counts[1] == 1 else base_of(link), "tab", shown, ended)
+                await _show_page(session, link if counts[1] == 1 else _base_of(link), counts, ended)
             await asyncio.sleep(READ_S if not ended.is_set() else 0.0)
 
 
-def base_of(link: str) -> str:
+def _base_of(link: str) -> str:
     """Address of a page without its key: the session knows it by its cookie."""
     return link.split("?")[0].rstrip("/")
 
 
-async def show_page(session: Any, link: str, name: str, shown: Any, ended: Any) -> None:
-    """Be a page of the panel without a browser: read all that is sent, and say that it was.
-
-    Args:
-        session: HTTP session with a cookie jar.
-        link: Address, with the key the first time.
-        name: Of the tab.
-        shown: Told every picture.
-        ended: Set where it shall close.
+async def _show_page(session: Any, link: str, counts: Any, ended: Any) -> None:
+    """Be a page of the panel without a browser, until ``ended``: read all that is sent, and say that it was.
 
     Raises:
         OutputError: The page looks otherwise than a page of the panel.
     """
     import socketio
 
-    base = base_of(link)
+    base = _base_of(link)
     async with session.get(link) as answer:
         text = await answer.text()
     raw = re.search(r"String\.raw`(.*?)`", text, re.DOTALL)
@@ -140,30 +131,41 @@ async def show_page(session: Any, link: str, name: str, shown: Any, ended: Any) 
         for number, element in elements.items()
         if {"ready", "seen"} <= {one["type"] for one in element.get("events", [])}
     )
-    ids = {"client_id": client.group(1), "tab_id": name, "document_id": f"{name} 1", "next_message_id": 0}
-    client_socket = socketio.AsyncClient(http_session=session, reconnection=False)
-
-    def event(kind: str, value: int) -> Any:
-        facts = {"id": live, "client_id": ids["client_id"], "listener_id": listeners[kind], "args": [json.dumps(value)]}
-        return client_socket.emit("event", facts)
-
-    show = f'return runMethod({live}, "show", '
-
-    async def called(data: Any) -> None:
-        if data["code"].startswith(show):
-            (message,) = json.loads(data["code"][len(show) : -1])
-            shown(message)
-            await event("seen", int(message["number"]))
-
-    client_socket.on("run_javascript", called)
-    await client_socket.connect(
+    ids = {"client_id": client.group(1), "tab_id": "tab", "document_id": "tab 1", "next_message_id": 0}
+    page = _Page(socketio.AsyncClient(http_session=session, reconnection=False), live, listeners, ids, counts)
+    page.socket.on("run_javascript", page.called)
+    await page.socket.connect(
         base, headers={"Origin": base}, socketio_path="/_nicegui_ws/socket.io", transports=["websocket"]
     )
-    await client_socket.call("handshake", ids)
-    await event("ready", 0)
-    while client_socket.connected and not ended.is_set():
+    await page.socket.call("handshake", ids)
+    await page.event("ready", 0)
+    while page.socket.connected and not ended.is_set():
         await asyncio.sleep(0.05)
-    await client_socket.disconnect()
+    await page.socket.disconnect()
+
+
+@dataclass(frozen=True)
+class _Page:
+    """The live element of a page of the panel."""
+
+    socket: Any
+    element: int
+    listeners: dict[str, str]
+    ids: dict[str, Any]
+    counts: Any
+
+    async def event(self, kind: str, value: int) -> None:
+        """Tell the server of an event of the element."""
+        facts = {"id": self.element, "client_id": self.ids["client_id"], "listener_id": self.listeners[kind]}
+        await self.socket.emit("event", {**facts, "args": [json.dumps(value)]})
+
+    async def called(self, data: Any) -> None:
+        """Count a picture that the server shows, and say that it was seen."""
+        show = f'return runMethod({self.element}, "show", '
+        if data["code"].startswith(show):
+            (message,) = json.loads(data["code"][len(show) : -1])
+            self.counts[0] += 1
+            await self.event("seen", int(message["number"]))
 
 
 async def _kept_readings(address: str, counts: Any, ended: Any) -> None:

@@ -19,7 +19,7 @@ PATIENCE: Final = 30
 
 
 def requested_words(state: str, *, feed_hold: bool) -> str:
-    """What an operator asks for who wants the run to go on.
+    """Requests of an operator who wants the run to go on.
 
     Args:
         state: Of the loop, as ``operator status`` names it.

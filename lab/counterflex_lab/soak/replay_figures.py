@@ -1,4 +1,4 @@
-"""What the times of a played cell say: when the loop corrected, when the machine stood still, how long answers took."""
+"""Figures of a played cell's times: cycles with correction, standstills of the machine, times to answer."""
 
 from __future__ import annotations
 

@@ -53,19 +53,12 @@ _CYCLES: Final = 2500
 
 @dataclass(frozen=True, eq=False)
 class SteadyJob:
-    """What is there.
+    """Files of the job."""
 
-    Attributes:
-        cell: Cell file: its sensor and tracker as an identification without error would have found them.
-        rsi: ETHERNET configuration, with the tag ``State``.
-        plan: Plan file of the program.
-        played: The uncorrected pass.
-    """
-
-    cell: Path
-    rsi: Path
-    plan: Path
-    played: RecordedPass
+    cell: Path  # cell file: its sensor and tracker as an identification without error would have found them
+    rsi: Path  # ETHERNET configuration, with the tag ``State``
+    plan: Path  # plan file of the program
+    played: RecordedPass  # the uncorrected pass
 
 
 def prepare(

@@ -10,16 +10,13 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
-import signal
 import socket
 import tempfile
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, Final
 
 import numpy as np
@@ -27,86 +24,68 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.environment import environment
 from counterflex.app.run import log as run_log
-from counterflex.app.run import run as online
 from counterflex.app.run import session as online_session
 from counterflex.app.run.operator_requests import request
 from counterflex.core import atomic
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
-from counterflex.protocols.system.realtime import Prepared, prepare, prepared
+from counterflex.protocols.system.realtime import Prepared, prepared
 from counterflex.protocols.system.signals import heard_when_asked
-from counterflex.twin.live.recorded_pass import RecordedPass
-from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex.twin.live.timed_block import Block
-from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext, read_config
+from counterflex_lab.reproduce.closed_loop import free_port
 from counterflex_lab.soak import replayed_cell as steady
 from counterflex_lab.soak.figures import figures, minute
 from counterflex_lab.soak.onlookers import Onlookers
 from counterflex_lab.soak.operator import SteadyOperator
+from counterflex_lab.soak.processes import (
+    BLOCK,
+    PERIOD_S,
+    SAMPLE_S,
+    cell_process,
+    echo_process,
+    end_processes,
+    next_message,
+    run_process,
+)
 
 MINUTES: Final = "minutes.csv"
 MEMORY: Final = "memory.csv"
 SUMMARY: Final = "summary.json"
 LOG: Final = "log"
-_SAMPLE_S: Final = 5.0
 _LOOKED_S: Final = 0.5
 """How often the operator looks."""
 _ABSENT_S: Final = 60.0
 """Without a telegram for so long, the loop ends by itself: longer than a robot program needs to be started again."""
-_PERIOD_S: Final = 4e-3
-_BLOCK: Final = round(60.0 / _PERIOD_S)
-"""Cycles of a minute, which the cell tells together."""
-_LAST_CYCLES: Final = 50
 _PREPARE_S: Final = 60.0
 """Time to plan and record the pass, about: its weight in the progress that is shown."""
-_LATENESS_ALLOWED: Final = 1 << 30
-"""Timeout of the simulated controller, cycles: late answers are counted, they do not end the run."""
 
 
 @dataclass(frozen=True)
 class SoakSettings:
-    """What is run.
+    """Settings of a long run."""
 
-    Attributes:
-        minutes: How long.
-        force: Mode of the table ``[online]``.
-        tracker: Likewise.
-        keep_log: Keep the run log; about 1 GB per hour.
-        onlookers: Panel and OPC UA server run beside it, each with a client that goes on reading.
-    """
-
-    minutes: float = 60.0
-    force: str = "scale"
-    tracker: str = "observer"
-    keep_log: bool = False
-    onlookers: bool = False
+    minutes: float = 60.0  # how long
+    force: str = "scale"  # mode of the table ``[online]``
+    tracker: str = "observer"  # likewise
+    keep_log: bool = False  # keep the run log; about 1 GB per hour
+    onlookers: bool = False  # panel and OPC UA server run beside it, each with a client that goes on reading
 
 
 @dataclass
 class _Watched:
-    """What a run left.
+    """Results of a run."""
 
-    Attributes:
-        interrupted: It was ended early, by a signal.
-        blocks: What the simulated cell timed, minute by minute.
-        samples: Memory and load, every 5 s.
-        operator: Requests.
-        run: Summary of the recorder.
-        stolen: Share of the processors' time that the host took.
-        realtime: By process.
-        onlookers: Counts of what the clients of panel and OPC UA server got, and how the servers ended.
-    """
-
-    operator: SteadyOperator
-    interrupted: bool = False
-    blocks: list[Block] = field(default_factory=list)
-    samples: list[dict[str, float]] = field(default_factory=list)
-    run: dict[str, Any] = field(default_factory=dict)
-    stolen: float = 0.0
-    realtime: dict[str, Prepared] = field(default_factory=dict)
+    operator: SteadyOperator  # requests
+    interrupted: bool = False  # it was ended early, by a signal
+    blocks: list[Block] = field(default_factory=list)  # what the simulated cell timed, minute by minute
+    samples: list[dict[str, float]] = field(default_factory=list)  # memory and load, every 5 s
+    run: dict[str, Any] = field(default_factory=dict)  # summary of the recorder
+    stolen: float = 0.0  # share of the processors' time that the host took
+    realtime: dict[str, Prepared] = field(default_factory=dict)  # by process
+    # counts of what the clients of panel and OPC UA server got, and how the servers ended
     onlookers: dict[str, Any] = field(default_factory=dict)
 
 
@@ -167,43 +146,31 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
 
 
 def _cycles(settings: SoakSettings) -> int:
-    return round(settings.minutes * 60.0 / _PERIOD_S)
+    return round(settings.minutes * 60.0 / PERIOD_S)
 
 
 def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress: Progress) -> _Watched:
     context = multiprocessing.get_context("spawn")
     cycles = _cycles(settings)
-    tracker_port = _free_port() if settings.tracker != "none" else None
+    tracker_port = free_port(socket.SOCK_DGRAM) if settings.tracker != "none" else None
     cell_end, cell_pipe = context.Pipe()
     run_end, run_pipe = context.Pipe()
     ended, halt = context.Event(), context.Event()
     own = timing_probe.echo_socket()
     echo_address = own.getsockname()
-    echo = context.Process(target=_echo_process, args=(own,), daemon=True)
-    cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, cell_pipe, halt), daemon=True)
+    echo = context.Process(target=echo_process, args=(own,), daemon=True)
+    cell = context.Process(target=cell_process, args=(job.rsi, job.played, cycles, cell_pipe, halt), daemon=True)
     started = [echo, cell]
     out = _Watched(SteadyOperator(lambda action: request(log, action)))
     before = processor_times()
     onlookers: Onlookers | None = None
     try:
         cell.start()
-        force = _message(cell_end, cell)
-        run_settings = online_session.RunSettings(
-            job.cell,
-            ("rsi", job.rsi),
-            job.plan,
-            compensated=False,
-            port=0,
-            force=force[0],
-            force_http_port=force[1][1],
-            tracker_port=tracker_port,
-            arm=True,
-            quiet_s=_ABSENT_S,
-        )
-        loop = context.Process(target=_run_process, args=(run_settings, log, run_pipe, ended))
+        force = next_message(cell_end, cell)
+        loop = context.Process(target=run_process, args=(_run_settings(job, force, tracker_port), log, run_pipe, ended))
         loop.start()
         started.append(loop)
-        address, pids = _message(run_end, loop)
+        address, pids = next_message(run_end, loop)
         pids = {"run": loop.pid, "loop": pids["loop"], "recorder": pids["recorder"], "cell": cell.pid}
         if settings.onlookers:
             onlookers = Onlookers(log)
@@ -221,41 +188,41 @@ def _watched(settings: SoakSettings, job: steady.SteadyJob, log: Path, progress:
         if onlookers is not None:
             out.onlookers = {**onlookers.counts(), "exit_status": onlookers.close()}
         ended.set()
-        out.run = _message(run_end, loop)
+        out.run = next_message(run_end, loop)
         cell_end.send(None)
     finally:
         ended.set()
         own.close()
         if onlookers is not None:
             onlookers.close()
-        _end(started, echo)
+        end_processes(started, echo)
     after = processor_times()
     out.stolen = (after[1] - before[1]) / max(1, after[0] - before[0])
     return out
 
 
-def _end(started: list[Any], echo: Any) -> None:
-    """Wait for the processes, and end those that do not end; the echo waits for nobody."""
-    for process in started:
-        if process.pid is not None:
-            process.join(3.0 if process is not echo else 0.0)
-            process.terminate()
-            process.join()
+def _run_settings(job: steady.SteadyJob, force: Any, tracker_port: int | None) -> online_session.RunSettings:
+    return online_session.RunSettings(
+        job.cell,
+        ("rsi", job.rsi),
+        job.plan,
+        compensated=False,
+        port=0,
+        force=force[0],
+        force_http_port=force[1][1],
+        tracker_port=tracker_port,
+        arm=True,
+        quiet_s=_ABSENT_S,
+    )
 
 
 @dataclass(frozen=True)
 class _Looks:
-    """What is looked at every 5 s.
+    """Samples taken every 5 s."""
 
-    Attributes:
-        log: Folder of the run log.
-        pids: Processes by name.
-        onlookers: Those beside the run, if there are any.
-    """
-
-    log: Path
-    pids: dict[str, int | None]
-    onlookers: Onlookers | None
+    log: Path  # folder of the run log
+    pids: dict[str, int | None]  # processes by name
+    onlookers: Onlookers | None  # those beside the run, if there are any
 
     def sample(self) -> dict[str, float]:
         """Memory, open files and threads of each process, size of the log, counts of the clients."""
@@ -312,13 +279,13 @@ class _Watch:
                 halt.set()
             now = time.monotonic()
             if now >= self._due:
-                self._due += _SAMPLE_S
+                self._due += SAMPLE_S
                 self._sample(now)
             if now >= self._look:
                 self._out.operator.look(now - self._begin)
                 self._look = time.monotonic() + _LOOKED_S
             if self._pipe.poll(max(0.0, min(self._due, self._look) - time.monotonic())):
-                message = _message(self._pipe, self._cell)
+                message = next_message(self._pipe, self._cell)
                 if message is None:
                     return
                 self._out.blocks.append(message)
@@ -336,7 +303,7 @@ class _Watch:
                 "stolen": stolen,
             }
         )
-        since = min(_BLOCK, (now - self._told) / _PERIOD_S)
+        since = min(BLOCK, (now - self._told) / PERIOD_S)
         done = min(1.0, (self._played + since) / self._cycles)
         self._progress(done)
 
@@ -361,79 +328,3 @@ def _write_table(path: Path, rows: list[dict[str, float]]) -> None:
     names = list(rows[0])
     lines = [",".join(names), *(",".join(f"{row[name]:.10g}" for name in names) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _message(pipe: Any, process: BaseProcess) -> Any:
-    """What a process says next.
-
-    Raises:
-        OutputError: It ended silently, or by what would be taken for an interruption of this process.
-        Exception: What it says went wrong.
-    """
-    while not pipe.poll(0.2):
-        if not process.is_alive() and not pipe.poll(0.0):
-            raise OutputError("a process of the run ended early", value=f"exit status {process.exitcode}")
-    message = pipe.recv()
-    if isinstance(message, BaseException):
-        if isinstance(message, Exception) and not isinstance(message, EOFError):
-            raise message
-        raise OutputError("a process of the run was ended", value=f"{type(message).__name__} {message}".strip())
-    return message
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def _echo_process(own: socket.socket) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    prepare()
-    timing_probe.echo(own)
-
-
-def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any, halt: Any) -> None:
-    """The simulated cell's side, in real time."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        netft = NetftServer()
-        fake = FakeRsi(read_config(rsi), RsiContext(timeout=_LATENESS_ALLOWED))
-        cell = ReplayedCell(played, fake, netft)
-        pipe.send((netft.address, netft.http_address))
-        while not pipe.poll(0.02):
-            netft.poll()
-        peer, tracker, echo = pipe.recv()
-        prepare()
-        # A pipe that nobody reads for a while must not hold up the robot; the thread has this process' priority.
-        tell: SimpleQueue[Any] = SimpleQueue()
-        threading.Thread(target=_tell, args=(tell, pipe), daemon=True).start()
-    except BaseException as fault:
-        pipe.send(fault)
-        return
-    try:
-        cell.run(peer, cycles, tracker=tracker, echo=echo, block=_BLOCK, on_block=tell.put, ended=halt.is_set)
-        tell.put(None)
-        while not pipe.poll(0.0):  # a robot does not fall silent before the loop has ended
-            cell.run(peer, _LAST_CYCLES, tracker=tracker)
-    except BaseException as fault:
-        tell.put(fault)
-        time.sleep(_SAMPLE_S)
-
-
-def _tell(queue: SimpleQueue[Any], pipe: Any) -> None:
-    while True:
-        pipe.send(queue.get())
-
-
-def _run_process(settings: online_session.RunSettings, log: Path, pipe: Any, ended: Any) -> None:
-    """Starts loop and recorder: what the command ``run`` does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def started(address: tuple[str, int]) -> None:
-        pipe.send((address, {process.name: process.pid for process in multiprocessing.active_children()}))
-
-    try:
-        pipe.send(online.run(settings, log, started=started, ended=ended.is_set))
-    except BaseException as fault:
-        pipe.send(fault)

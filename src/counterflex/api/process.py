@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.api.cell import Cell, model_of
 from counterflex.api.program import Program, program_file, reading_of
-from counterflex.app.inputs import in_working_plane, read_job
+from counterflex.app.inputs import read_in_plane
 from counterflex.core.arrays import as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
@@ -43,8 +43,7 @@ def engagement(program: Program | str | Path, cell: Cell | str | Path, *, every_
     from counterflex.app.proof.simulate import tool_of
 
     reading = reading_of(program)
-    known = in_working_plane(program_file(program), model_of(cell), reading)
-    job = read_job(program_file(program), known, reading=reading)
+    known, job = read_in_plane(program_file(program), model_of(cell), reading=reading)
     cutter = known.cutter(tool_of(job.path))
     stock = known.stock()
     removed = remove_tool_path(stock, job.path, cutter)

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from counterflex.app.inputs import Job, faults_in, setting_of
 from counterflex.app.unknown_stiffness import FORCE_N, UNDER_FORCE, corner_of_blank
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import Progress, silent
 from counterflex.files.cell.cell import Cell
-from counterflex.path.external_axes import ExternalPlaces
-from counterflex.plan.inputs import Inputs, solve_joints
-from counterflex.plan.plan import Plan
-from counterflex.plan.posture.cut_path import CutPath
-from counterflex.plan.undisturbed_cut import undisturbed_cut
+
+if TYPE_CHECKING:
+    from counterflex.app.inputs import Job
+    from counterflex.path.external_axes import ExternalPlaces
+    from counterflex.plan.plan import Plan
+    from counterflex.plan.posture.cut_path import CutPath
 
 _POINTS: Final = 500
 """Points of a cut that are looked at, evenly along it."""
@@ -69,6 +69,10 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
     Raises:
         CounterflexError: The program does not fit the cell.
     """
+    from counterflex.app.inputs import faults_in, setting_of  # the planner is heavy, a cell is judged without it
+    from counterflex.plan.inputs import Inputs, solve_joints
+    from counterflex.plan.undisturbed_cut import undisturbed_cut
+
     setting = setting_of(cell, job, chain=cell.chain)
     path, line = job.path, job.line_of_motion[job.path.motion]
     with faults_in(job):

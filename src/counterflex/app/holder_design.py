@@ -65,6 +65,7 @@ def run(
     drawing = file.drawing(str(holder))
     if not drawing.pockets:
         raise InputError("the drawing has no pockets", where=str(holder), hint="Add a table [[pockets]]")
+    maps = None if spindle is None else spindle_maps(spindle)  # first: its files may be wrong, elements take long
     mesh_m, trials = mesh_mm * MM, 0
     if choose_count is not None:
         chosen = choose(drawing, choose_count, lost_percent / 100.0, mesh_m, file.noise, bricks=bricks)
@@ -102,7 +103,7 @@ def run(
         "noise_um_m": file.noise_um_m,
         "chosen": None if choose_count is None else {"bridges": choose_count, "limit_percent": lost_percent,
                                                      "trials": trials},
-        "spindle": None if spindle is None else spindle_maps(spindle),
+        "spindle": maps,
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }  # fmt: skip

@@ -139,7 +139,23 @@ def read_job(
         ProgramError: The program cannot be read exactly, or makes no motion.
     """
     cell.require_milling()
+    return _job_of(reading.program(file, cell), file, cell, step_m, may_move)
+
+
+def read_in_plane(
+    file: str | Path, cell: Cell, *, reading: Reading = AS_IT_IS, step_m: float = STEP_M, may_move: bool = False
+) -> tuple[Cell, Job]:
+    """Read a program once, for :func:`in_working_plane` and :func:`read_job`; their results, and their errors."""
+    cell.require_milling()
     program = reading.program(file, cell)
+    held = held_as_programmed(program, _in_plane_of(program, cell))
+    if held is not cell and isinstance(program, RobotProgram):  # it is read against the frames of the cell
+        program = reading.program(file, held)
+    return held, _job_of(program, file, held, step_m, may_move)
+
+
+def _job_of(program: Program, file: str | Path, cell: Cell, step_m: float, may_move: bool) -> Job:
+    """The job of a program that was read."""
     if len(program.motions) == 0:
         what = "the program moves nothing"
         if isinstance(program, RobotProgram):

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.cut_points import points_of_posture
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.prediction_interval import expected_deflection
 from counterflex.core import atomic
 from counterflex.core.arrays import Float, Int
@@ -113,8 +113,7 @@ def posture_of(
     freedom = Freedom() if freedom is None else freedom
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CUTTING: 2.0, CHOOSING: 3.0})
     parts[READING](0.0)
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    cell, job = read_in_plane(program, cell, reading=reading)
     setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
     line: Int = job.line_of_motion[path.motion]
     with faults_in(job):

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.program_size import program_size
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_in_plane, setting_of
 from counterflex.core import atomic
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT
@@ -71,8 +71,7 @@ def check(
             the cell is a row of the table, not an error.
     """
     begin, parts = time.perf_counter(), in_parts(progress, {READING: 1.0, CHECKING: 9.0})
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading, may_move=True)
+    cell, job = read_in_plane(program, cell, reading=reading, may_move=True)
     parts[READING](1.0)
     tables, stock = cell.tables, cell.stock()
     result = preflight(

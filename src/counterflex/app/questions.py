@@ -139,11 +139,15 @@ def check_cell(path: str, program: str | Path | None = None) -> dict[str, Any]:
 
 def _unknowns(cell: Cell, program: str | Path | None) -> dict[str, Any] | None:
     """Return what is not known and what it leaves; None where the program cuts nothing."""
-    from counterflex.app.cut_points import corner_points, points_of_program  # the planner is heavy
-    from counterflex.app.inputs import read_job
+    from counterflex.app.cut_points import CutPoints, corner_points, points_of_program
     from counterflex.app.unknowns import shown, unknowns
 
-    points = corner_points(cell) if program is None else points_of_program(read_job(program, cell), cell)
+    if program is None:
+        points: CutPoints | None = corner_points(cell)
+    else:
+        from counterflex.app.inputs import read_job  # the planner is heavy
+
+        points = points_of_program(read_job(program, cell), cell)
     return None if points is None else shown(unknowns(cell, points), points, str(cell.path))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
@@ -78,8 +78,7 @@ def judge(
     """
     begin = time.perf_counter()
     parts = in_parts(progress, {READING: 1.0, MARGINS: 5.0, DIAGRAMS: 4.0})
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading, may_move=True)
+    cell, job = read_in_plane(program, cell, reading=reading, may_move=True)
     parts[READING](1.0)
     with faults_in(job):
         setting = setting_of(cell, job, part_may_be_held=True)

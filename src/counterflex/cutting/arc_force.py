@@ -21,6 +21,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -45,25 +46,17 @@ _ARC_NODES, _ARC_WEIGHTS = _graded(40)
 class ArcCuts:
     """Cuts of constant depth over one arc of engagement with one cutter.
 
-    Attributes:
-        cutter: The cutter.
-        depth_m: (n,) axial depth above the tip, m, >= 0.
-        entry_rad: (n,) immersion angle at which an edge enters, rad, 0 at the left normal of the feed.
-        exit_rad: (n,) angle at which it leaves, up to pi.
-        feed_tooth_m: (n,) horizontal feed per tooth, m, > 0.
-        drop_tooth_m: (n,) descent per tooth, m, negative when climbing.
-
     Raises:
         InputError: A number is out of range.
         ModelError: A mill with a rounded corner descends or climbs: its chip then varies over the corner.
     """
 
     cutter: Cutter
-    depth_m: Float
-    entry_rad: Float
-    exit_rad: Float
-    feed_tooth_m: Float
-    drop_tooth_m: Float
+    depth_m: Float  # (n,) axial depth above the tip, m, >= 0
+    entry_rad: Float  # (n,) immersion angle at which an edge enters, rad, 0 at the left normal of the feed
+    exit_rad: Float  # (n,) angle at which it leaves, up to pi
+    feed_tooth_m: Float  # (n,) horizontal feed per tooth, m, > 0
+    drop_tooth_m: Float  # (n,) descent per tooth, m, negative when climbing
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -96,28 +89,19 @@ class ArcCuts:
 
 @dataclass(frozen=True, eq=False)
 class TermForce:
-    """Mean force on the tool per unit constant of one power term, and its derivatives.
+    """Mean force on the tool per unit constant of one power term, and its derivatives."""
 
-    Attributes:
-        value: (n, 3, 3) m^(1 + p): force x, y, z by the constants c, r, a.
-        by_exponent: (n, 3, 3) derivative by p.
-        by_depth: (n, 3, 3) by the depth, 1/m.
-        by_entry: (n, 3, 3) by the entry angle, 1/rad.
-        by_exit: (n, 3, 3) by the exit angle, 1/rad.
-    """
-
-    value: Float
-    by_exponent: Float
-    by_depth: Float
-    by_entry: Float
-    by_exit: Float
+    value: Float  # (n, 3, 3) m^(1 + p): force x, y, z by the constants c, r, a
+    by_exponent: Float  # (n, 3, 3) derivative by p
+    by_depth: Float  # (n, 3, 3) by the depth, 1/m
+    by_entry: Float  # (n, 3, 3) by the entry angle, 1/rad
+    by_exit: Float  # (n, 3, 3) by the exit angle, 1/rad
 
 
 def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
     """Mean force of a power term ``k h^p`` over a revolution, per unit constant.
 
     Args:
-        cuts: The cuts.
         exponent: p, >= 0 (1 - m of Kienzle's law; 0 for an edge force).
 
     Raises:
@@ -126,7 +110,7 @@ def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
     p = float(exponent)
     if not p >= 0.0:
         raise InputError("exponent of a power term is out of range", value=exponent, limit=">= 0")
-    cutter, n = cuts.cutter, len(cuts)
+    cutter = cuts.cutter
     unit = cutter.flutes / (2.0 * math.pi)
     feed = cuts.feed_tooth_m
     J, dJ = _arc_integrals(p, cuts.entry_rad, cuts.exit_rad)
@@ -136,24 +120,25 @@ def term_force(cuts: ArcCuts, exponent: float) -> TermForce:
     growing = ((cuts.depth_m[:, None] >= levels.lower) & (cuts.depth_m[:, None] < levels.upper)).astype(np.float64)
     scale = unit * feed[:, None] ** p * levels.sine_p / levels.sine
     by_p = np.log(feed)[:, None] + levels.sine_p_slope / levels.sine_p
-
-    def mapped(weight: Float, integrals: Float) -> Float:
-        """Sum over the levels of ``weight`` (n, levels) times the directions; ``integrals`` (n, 3): J1, Jc, Js."""
-        whole = weight.sum(axis=1)
-        sine, cosine = weight @ levels.sine, weight @ levels.cosine
-        j1, jc, js = integrals.T
-        out = np.zeros((n, 3, 3))
-        out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = -whole * jc, -sine * js, -cosine * js
-        out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = whole * js, -sine * jc, -cosine * jc
-        out[:, 2, 1], out[:, 2, 2] = cosine * j1, -sine * j1
-        return out
-
+    mapped = partial(_mapped, levels)
     value = mapped(scale * height, J)
     by_exponent = mapped(scale * height, dJ) + mapped(scale * height * by_p, J)
     by_depth = mapped(scale * growing, J)
     by_entry, by_exit = -mapped(scale * height, ends[0]), mapped(scale * height, ends[1])
     _add_end_face(cuts, p, value, by_exponent, by_entry, by_exit)
     return TermForce(value, by_exponent, by_depth, by_entry, by_exit)
+
+
+def _mapped(levels: _Levels, weight: Float, integrals: Float) -> Float:
+    """Sum over the levels of ``weight`` (n, levels) times the directions; ``integrals`` (n, 3): J1, Jc, Js."""
+    whole = weight.sum(axis=1)
+    sine, cosine = weight @ levels.sine, weight @ levels.cosine
+    j1, jc, js = integrals.T
+    out = np.zeros((len(weight), 3, 3))
+    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = -whole * jc, -sine * js, -cosine * js
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = whole * js, -sine * jc, -cosine * jc
+    out[:, 2, 1], out[:, 2, 2] = cosine * j1, -sine * j1
+    return out
 
 
 def mean_thickness(cuts: ArcCuts) -> Float:
@@ -228,6 +213,12 @@ def _arc_integrals(p: float, entry: Float, leave: Float) -> tuple[Float, Float]:
     return shapes.sum(axis=1), (shapes * logarithm).sum(axis=1)
 
 
+def _left_of(phi: Float) -> Float:
+    """Share of a disc to the left of the chord through an angle, from 0 to 1."""
+    out: Float = (phi - np.sin(phi) * np.cos(phi)) / math.pi
+    return out
+
+
 def _add_end_face(cuts: ArcCuts, p: float, value: Float, by_exponent: Float, by_entry: Float, by_exit: Float) -> None:
     """Add the thrust of a descending end face over the strip of the disc between entry and exit."""
     down = cuts.drop_tooth_m > 0.0
@@ -235,13 +226,7 @@ def _add_end_face(cuts: ArcCuts, p: float, value: Float, by_exponent: Float, by_
         return
     drop = np.where(down, cuts.drop_tooth_m, 1.0)
     thrust = np.where(down, cuts.cutter.flutes * cuts.cutter.radius_m * drop**p, 0.0)
-
-    def area(phi: Float) -> Float:
-        """Share of the disc to the left of the chord through the angle, from 0 to 1."""
-        out: Float = (phi - np.sin(phi) * np.cos(phi)) / math.pi
-        return out
-
-    share = area(cuts.exit_rad) - area(cuts.entry_rad)
+    share = _left_of(cuts.exit_rad) - _left_of(cuts.entry_rad)
     value[:, 2, 1] += thrust * share
     by_exponent[:, 2, 1] += thrust * share * np.log(drop)
     by_entry[:, 2, 1] -= thrust * 2.0 * np.sin(cuts.entry_rad) ** 2 / math.pi

@@ -79,12 +79,10 @@ def _book_column(
     minimiser: Float32,
     shape: Float,
 ) -> Whole:
-    """Split one removed column by level and angle; returns the quanta removed by the end face.
-
-    booked (n_sub, n_levels, bins) receives the quanta of the side for the segment ``sub``. Of a slice cut by a
-    descending corner the share ``sin(phi) tan(kappa) / (sin(phi) tan(kappa) + |m|)`` belongs to the horizontal
-    motion, the rest to the end face.
-    """
+    """Split one removed column by level and angle; returns the quanta removed by the end face."""
+    # booked (n_sub, n_levels, bins) receives the quanta of the side for the segment `sub`. Of a slice cut by a
+    # descending corner the share `sin(phi) tan(kappa) / (sin(phi) tan(kappa) + |m|)` belongs to the horizontal motion,
+    # the rest to the end face.
     radius, corner = shape[0], shape[1]
     levels = int(shape[2])
     inner = radius - corner
@@ -197,12 +195,11 @@ def _code_ball(
     cos_theta: Real,
     levels: Whole,
 ) -> None:
-    """Level and bin of each removed column under a ball, or -1 where it is so tall that it must be split exactly.
-
-    The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip, hence
-    the level, and with ``q = s - t`` the angle ``phi = atan2(q, w)``. What reaches over the level's border goes to the
-    neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a share.
-    """
+    """Level and bin of each removed column under a ball, or -1 where it is so tall that it must be split exactly."""
+    # The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip,
+    # hence the level, and with `q = s - t` the angle `phi = atan2(q, w)`. What reaches over the level's border goes to
+    # the neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a
+    # share.
     d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
     place_of, next_of = code[0, :gathered], code[2, :gathered]
     side_of, over_of = code[3, :gathered], code[4, :gathered]

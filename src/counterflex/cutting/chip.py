@@ -110,28 +110,6 @@ def circle_thickness(phi_rad: float | Float, feed_m: float) -> Float:
     return result
 
 
-def second_order_thickness(phi_rad: float | Float, feed_m: float, radius_m: float, flutes: int) -> Float:
-    """Return the trochoid's thickness to second order in f_z / R, a closed form without runout.
-
-    ``h = f_z sin(phi) - N f_z^2 / (2 pi R) sin(phi) cos(phi) + f_z^2 / (2 R) cos(phi)^2``: the middle term is the
-    longer (up-milling) or shorter (down-milling) path of Martellotti, the last one the curvature of the earlier path.
-
-    Args:
-        phi_rad: Immersion angles in rad, (n,) or scalar.
-        feed_m: Feed per tooth in m.
-        radius_m: Cutter radius in m.
-        flutes: Number of teeth N.
-
-    Returns:
-        (n,) thickness in m, in error by the order of f_z^3 / R^2.
-    """
-    phi = _angles(phi_rad)
-    sin, cos = np.sin(phi), np.cos(phi)
-    ratio = feed_m / as_positive("radius_m", radius_m)
-    result: Float = feed_m * (sin - flutes / (2.0 * math.pi) * ratio * sin * cos + 0.5 * ratio * cos * cos)
-    return result
-
-
 def edge_radii(radius_m: float, flutes: int, runout_m: float, runout_angle_rad: float, lag_rad: float = 0.0) -> Float:
     """Return the distance of every edge from the spindle axis for a cutter that runs out.
 

@@ -305,7 +305,7 @@ class LinearEdgeLaw:
 
 
 class ForceLaw(Protocol):
-    """What planning and identification need of a force law, whoever wrote it."""
+    """Interface of a force law, as planning and identification use it."""
 
     @property
     def h_min_m(self) -> float:
@@ -317,11 +317,11 @@ class ForceLaw(Protocol):
 
     @property
     def source(self) -> str:
-        """Where the numbers come from."""
+        """Source of the numbers."""
 
     @property
     def status(self) -> str:
-        """How they were obtained."""
+        """Way in which they were obtained."""
 
     def terms(self) -> Float:
         """Rows (p, k_c, k_r, k_a) with ``F'_i = sum k_i h^p``, 0 <= p <= 1, h in m, F' in N/m."""

@@ -22,28 +22,18 @@ class Cutter:
     The outline at distance rho from the axis is at height ``f(rho) = 0`` for ``rho <= R - r`` and
     ``f(rho) = r - sqrt(r^2 - (rho - R + r)^2)`` up to R, above the tip.
 
-    Attributes:
-        diameter_m: 2 R, m.
-        corner_radius_m: r, m: 0 is a flat end mill, R a ball end mill, between them a bull nose.
-        flutes: Number of cutting edges N.
-        helix_rad: Helix angle, rad, positive for a right-handed helix (chips lifted with M3).
-        flute_length_m: Height above the tip over which the cutter cuts, m.
-        runout_m: Radial offset of the cutter axis from the spindle axis, m.
-        runout_angle_rad: Angle of that offset from the first edge, clockwise seen from the spindle, rad.
-        edge_radius_m: Rounding of the cutting edge, m.
-
     Raises:
         InputError: A length is not positive, the corner is larger than the cutter, no flute, helix of 90 deg or more.
     """
 
-    diameter_m: float
-    corner_radius_m: float = 0.0
-    flutes: int = 2
-    helix_rad: float = math.radians(30.0)
-    flute_length_m: float = math.inf
-    runout_m: float = 0.0
-    runout_angle_rad: float = 0.0
-    edge_radius_m: float = 0.0
+    diameter_m: float  # 2 R, m
+    corner_radius_m: float = 0.0  # r, m: 0 is a flat end mill, R a ball end mill, between them a bull nose
+    flutes: int = 2  # number of cutting edges N
+    helix_rad: float = math.radians(30.0)  # helix angle, rad, positive for a right-handed helix (chips lifted with M3)
+    flute_length_m: float = math.inf  # height above the tip over which the cutter cuts, m
+    runout_m: float = 0.0  # radial offset of the cutter axis from the spindle axis, m
+    runout_angle_rad: float = 0.0  # angle of that offset from the first edge, clockwise seen from the spindle, rad
+    edge_radius_m: float = 0.0  # rounding of the cutting edge, m
 
     def __post_init__(self) -> None:
         """Check every dimension."""

@@ -16,31 +16,19 @@ from counterflex.cutting.removal import Engagement, bin_edges_rad, unit_widths
 
 @dataclass(frozen=True)
 class EngagementFigures:
-    """Engagement of path stretches in one number each; stretch i covers segments ``first[i]`` to ``last[i] - 1``.
+    """Engagement of path stretches in one number each; stretch i covers segments ``first[i]`` to ``last[i] - 1``."""
 
-    Attributes:
-        first: (n,) first segment.
-        last: (n,) one behind the last segment.
-        length_m: (n,) horizontal length, m.
-        volume_m3: (n,) volume removed by the side of the cutter, m^3.
-        entry_rad: (n,) immersion angle at which an edge enters, rad; NaN where nothing is cut.
-        exit_rad: (n,) immersion angle at which it leaves, rad; NaN where nothing is cut.
-        arc_rad: (n,) sum of the engaged angles, rad; less than exit - entry where there are gaps (re-entry, islands).
-        axial_depth_m: (n,) axial depth: the engaged edge length averaged over the engaged chip width, m.
-        radial_width_m: (n,) width across the feed a_e: chip area over axial depth, m.
-        chip_area_m2: (n,) cross-section of the cut normal to the feed, volume / length, m^2.
-    """
-
-    first: Int
-    last: Int
-    length_m: Float
-    volume_m3: Float
-    entry_rad: Float
-    exit_rad: Float
+    first: Int  # (n,) first segment
+    last: Int  # (n,) one behind the last segment
+    length_m: Float  # (n,) horizontal length, m
+    volume_m3: Float  # (n,) volume removed by the side of the cutter, m^3
+    entry_rad: Float  # (n,) immersion angle at which an edge enters, rad; NaN where nothing is cut
+    exit_rad: Float  # (n,) immersion angle at which it leaves, rad; NaN where nothing is cut
+    # (n,) sum of the engaged angles, rad; less than exit - entry where there are gaps (re-entry, islands)
     arc_rad: Float
-    axial_depth_m: Float
-    radial_width_m: Float
-    chip_area_m2: Float
+    axial_depth_m: Float  # (n,) axial depth: the engaged edge length averaged over the engaged chip width, m
+    radial_width_m: Float  # (n,) width across the feed a_e: chip area over axial depth, m
+    chip_area_m2: Float  # (n,) cross-section of the cut normal to the feed, volume / length, m^2
 
 
 def stretches(length_m: Float, least_m: float = 1e-3) -> tuple[Int, Int]:
@@ -156,13 +144,14 @@ def _arc(column: Float, engaged: Bool) -> tuple[float, float]:
     cosine = np.cos(edges)
     used = np.flatnonzero(engaged)
     low, high = int(used[0]), int(used[-1])
-
-    def filled(bin_: int, towards: int) -> float:
-        inside = bin_ + towards
-        if not 0 <= inside < BINS or not engaged[inside]:
-            return 1.0
-        return float(min(1.0, column[bin_] / column[inside]))
-
-    begin = float(np.arccos(cosine[low + 1] + filled(low, 1) * (cosine[low] - cosine[low + 1])))
-    end = float(np.arccos(cosine[high] - filled(high, -1) * (cosine[high] - cosine[high + 1])))
+    first, last = _filled(column, engaged, low, low + 1), _filled(column, engaged, high, high - 1)
+    begin = float(np.arccos(cosine[low + 1] + first * (cosine[low] - cosine[low + 1])))
+    end = float(np.arccos(cosine[high] - last * (cosine[high] - cosine[high + 1])))
     return begin, end
+
+
+def _filled(column: Float, engaged: Bool, outer: int, inner: int) -> float:
+    """Share of an outermost bin that is engaged, by its depth over that of the next bin inside."""
+    if not 0 <= inner < BINS or not engaged[inner]:
+        return 1.0
+    return float(min(1.0, column[outer] / column[inner]))

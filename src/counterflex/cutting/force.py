@@ -23,20 +23,15 @@ from counterflex.cutting.mean_force import N_BINS, MeanForceWeights, mean_force_
 
 @dataclass(frozen=True)
 class MeanForce:
-    """Mean cutting force of path segments.
+    """Mean cutting force of path segments."""
 
-    Attributes:
-        wrench_tcp: (n, 6) force in N and moment in N m on the tool about its tip, in the feed frame (x along the
-            horizontal feed, y to its left, z up along the tool axis).
-        h_mean_m: (n,) mean chip thickness over the engaged edge in m, 0 where nothing is cut.
-        in_range: (n,) True where ``h_mean_m`` lies within the range of the law, and where nothing is cut.
-        extrapolated_share: (n,) share of the cutting work of the side done at a thickness out of that range. It is
-            not zero in range either: an arc that starts tangentially passes through h = 0.
-    """
-
+    # (n, 6) force in N and moment in N m on the tool about its tip, in the feed frame (x along the horizontal feed, y
+    # to its left, z up along the tool axis)
     wrench_tcp: Float
-    h_mean_m: Float
-    in_range: Bool
+    h_mean_m: Float  # (n,) mean chip thickness over the engaged edge in m, 0 where nothing is cut
+    in_range: Bool  # (n,) True where `h_mean_m` lies within the range of the law, and where nothing is cut
+    # (n,) share of the cutting work of the side done at a thickness out of that range. It is not zero in range either:
+    # an arc that starts tangentially passes through h = 0
     extrapolated_share: Float
 
 
@@ -46,7 +41,6 @@ def engagement_of_arc(cutter: Cutter, depth_m: float, entry_rad: float, exit_rad
     A bin that the arc covers in part takes the covered part of its chip width ``cos(phi_b) - cos(phi_b+1)``.
 
     Args:
-        cutter: The cutter.
         depth_m: Axial depth of cut above the tip in m.
         entry_rad: Immersion angle at which the edge enters, in rad: 0 for up-milling from the left normal.
         exit_rad: Immersion angle at which it leaves, up to pi.
@@ -121,7 +115,6 @@ def mean_force(
     """Return the mean wrench of path segments and whether the force coefficients hold there.
 
     Args:
-        cutter: The cutter.
         law: The force law.
         depths_m: (n, n_levels, n_bins) engaged axial lengths in m.
         feeds_m: Horizontal feed per tooth in m, scalar or (n,), from the actual feed speed.
@@ -178,22 +171,22 @@ def zero_normal_force_immersion(law: ForceLaw, feed_m: float) -> float:
     Source: Berger2013 (strategy), corrected: the immersion is computed, not half the diameter.
     """
     as_positive("feed_m", feed_m)
-    terms = law.terms()
-
-    def normal(phi: float) -> float:
-        angle = np.array(phi)
-        total = 0.0
-        for p, kc, kr, _ in terms:
-            total += feed_m**p * float(
-                kc * sine_power_integral(float(p) + 1.0, angle) - kr * cosine_power_integral(float(p), angle)
-            )
-        return total
-
     low, high = 1e-3, math.pi
-    if not normal(low) < 0.0 < normal(high):
+    at_start, in_slot = _normal_force(low, law, feed_m), _normal_force(high, law, feed_m)
+    if not at_start < 0.0 < in_slot:
         raise ModelError(
             "force normal to the feed vanishes at no immersion",
-            value=f"{normal(low):.3g} N/m at the start, {normal(high):.3g} N/m in the slot",
+            value=f"{at_start:.3g} N/m at the start, {in_slot:.3g} N/m in the slot",
             limit="negative, then positive",
         )
-    return float(scipy.optimize.brentq(normal, low, high, xtol=1e-12))
+    return float(scipy.optimize.brentq(_normal_force, low, high, args=(law, feed_m), xtol=1e-12))
+
+
+def _normal_force(phi: float, law: ForceLaw, feed_m: float) -> float:
+    """Mean force normal to the feed from 0 to an immersion, N per m of depth, but for a positive factor."""
+    angle, total = np.array(phi), 0.0
+    for p, kc, kr, _ in law.terms():
+        total += feed_m**p * float(
+            kc * sine_power_integral(float(p) + 1.0, angle) - kr * cosine_power_integral(float(p), angle)
+        )
+    return total

@@ -21,35 +21,24 @@ from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 
 @dataclass(frozen=True)
 class ValidFor:
-    """What a law is good for, and where its numbers come from.
+    """Range of validity of a law, and the source of its numbers."""
 
-    Attributes:
-        h_min_m: Smallest mean chip thickness in m.
-        h_max_m: Largest one in m.
-        source: Of the numbers, for messages and reports.
-        status: How they were obtained.
-    """
-
-    h_min_m: float
-    h_max_m: float
-    source: str
-    status: str
+    h_min_m: float  # smallest mean chip thickness in m
+    h_max_m: float  # largest one in m
+    source: str  # of the numbers, for messages and reports
+    status: str  # how they were obtained
 
 
 @dataclass(frozen=True)
 class LawKind:
-    """A force law that a cell file can name.
+    """A force law that a cell file can name."""
 
-    Attributes:
-        title: One line for help and reports.
-        build: Makes the law of the values of the cell file, by key and in the units that the keys name, and of what it
-            is good for.
-        ranges: Lowest and highest value of each key of ``[material.parameters]``; every key is required. Empty for
-            our own laws, whose keys stand in ``[material]`` itself.
-    """
-
-    title: str
+    title: str  # one line for help and reports
+    # makes the law of the values of the cell file, by key and in the units that the keys name, and of what it is good
+    # for
     build: Callable[[Mapping[str, float], ValidFor], ForceLaw]
+    # lowest and highest value of each key of `[material.parameters]`; every key is required. Empty for our own laws,
+    # whose keys stand in `[material]` itself
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 

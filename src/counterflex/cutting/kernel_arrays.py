@@ -34,7 +34,7 @@ class Scratch(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What :func:`stamp_segment` needs besides; one for each thread that stamps. Made by ``stamp_workspace``."""
+    """Working arrays of :func:`stamp_segment`; one for each thread that stamps. Made by ``stamp_workspace``."""
 
     scratch: Scratch
     path: Float2

@@ -37,14 +37,6 @@ class VictorFactors:
     outside turning; ``K_ver`` 1.3 for a worn tool (30 %), up to 1.5; ``K_v`` 1.0 for carbide above 100 m/min, 1.2 for
     HSS. Tables of milling tests contain them already.
 
-    Attributes:
-        k_gamma: Rake angle, from :func:`rake_factor`.
-        k_v: Cutting speed.
-        k_st: Chip compression by the kind of process.
-        k_ver: Wear.
-        k_sch: Cutting material.
-        k_kss: Coolant.
-
     Raises:
         InputError: A factor is not positive.
 
@@ -52,12 +44,12 @@ class VictorFactors:
     (names of all six).
     """
 
-    k_gamma: float = 1.0
-    k_v: float = 1.0
-    k_st: float = 1.0
-    k_ver: float = 1.0
-    k_sch: float = 1.0
-    k_kss: float = 1.0
+    k_gamma: float = 1.0  # rake angle, from rake_factor
+    k_v: float = 1.0  # cutting speed
+    k_st: float = 1.0  # chip compression by the kind of process
+    k_ver: float = 1.0  # wear
+    k_sch: float = 1.0  # cutting material
+    k_kss: float = 1.0  # coolant
 
     def __post_init__(self) -> None:
         for name in ("k_gamma", "k_v", "k_st", "k_ver", "k_sch", "k_kss"):
@@ -90,39 +82,23 @@ def rake_factor(rake_rad: float, base_rake_rad: float) -> float:
 
 @dataclass(frozen=True)
 class Material:
-    """One row of a coefficient table.
+    """One row of a coefficient table."""
 
-    Attributes:
-        name: Key of the row.
-        designation: What the source calls the material.
-        number: Material number, empty where unknown.
-        kind: ``kienzle`` or ``linear``.
-        cutting: Kienzle (k_c1.1 in Pa, m_c); linear (k_tc in Pa, k_te in N/m).
-        radial: The same for the radial direction, None where the source gives none.
-        axial: The same for the axial direction (positive towards the tool tip), None where the source gives none.
-        h_min_m: Smallest mean chip thickness of validity in m.
-        h_max_m: Largest one in m.
-        h_range_basis: Where that range comes from.
-        base_rake_rad: Rake angle the values refer to in rad, None where unknown.
-        status: ``measured``, ``catalogue``, ``derived`` or ``assumed``, or several joined by `` + ``.
-        conditions: Tool, process and fit behind the numbers.
-        source: Where they are printed.
-    """
-
-    name: str
-    designation: str
-    number: str
-    kind: str
-    cutting: tuple[float, float]
-    radial: tuple[float, float] | None
+    name: str  # key of the row
+    designation: str  # what the source calls the material
+    number: str  # material number, empty where unknown
+    kind: str  # `kienzle` or `linear`
+    cutting: tuple[float, float]  # Kienzle (k_c1.1 in Pa, m_c); linear (k_tc in Pa, k_te in N/m)
+    radial: tuple[float, float] | None  # the same for the radial direction, None where the source gives none
+    # the same for the axial direction (positive towards the tool tip), None where the source gives none
     axial: tuple[float, float] | None
-    h_min_m: float
-    h_max_m: float
-    h_range_basis: str
-    base_rake_rad: float | None
-    status: str
-    conditions: str
-    source: str
+    h_min_m: float  # smallest mean chip thickness of validity in m
+    h_max_m: float  # largest one in m
+    h_range_basis: str  # where that range comes from
+    base_rake_rad: float | None  # rake angle the values refer to in rad, None where unknown
+    status: str  # `measured`, `catalogue`, `derived` or `assumed`, or several joined by ` + `
+    conditions: str  # tool, process and fit behind the numbers
+    source: str  # where they are printed
 
     def law(self, factors: VictorFactors | None = None) -> ForceLaw:
         """Return the force law of a row that is complete.

@@ -46,7 +46,7 @@ N_BINS = 64
 
 
 class CutterShape(Protocol):
-    """What the force model needs to know of a cutter; ``counterflex.cutting.cutter.Cutter`` has it."""
+    """Interface of a cutter to the force model; ``counterflex.cutting.cutter.Cutter`` has it."""
 
     @property
     def diameter_m(self) -> float:
@@ -70,17 +70,11 @@ class CutterShape(Protocol):
 
 @dataclass(frozen=True)
 class MeanForceWeights:
-    """Everything the mean-force kernels need, as small owned arrays (compiled kernels take no read-only ones).
+    """Everything the mean-force kernels need, as small owned arrays (compiled kernels take no read-only ones)."""
 
-    Attributes:
-        terms: (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi.
-        arc: (n_terms, 5, n_bins) arc integrals, see :func:`counterflex.cutting.arc_integrals.arc_table`.
-        levels: (n_levels, 10 + n_terms) edge geometry, see :func:`counterflex.cutting.arc_integrals.level_table`.
-    """
-
-    terms: Float
-    arc: Float
-    levels: Float
+    terms: Float  # (n_terms, 4) rows (p, k_c, k_r, k_a) times N / 2 pi
+    arc: Float  # (n_terms, 5, n_bins) arc integrals, see counterflex.cutting.arc_integrals.arc_table
+    levels: Float  # (n_levels, 10 + n_terms) edge geometry, see counterflex.cutting.arc_integrals.level_table
 
     @property
     def n_bins(self) -> int:
@@ -147,10 +141,8 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
 
 @kernel("float64(float64[::1], float64, float64, float64[:,::1], float64[:,:,::1], float64[::1], float64[::1])")
 def _inclined_side(row: Float, feed: float, drop: float, terms: Float, arc: Float, level: Float, out: Float) -> float:
-    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``.
-
-    Returns the horizontal area over which it cuts by descending.
-    """
+    """Add the wrench of one level of a corner on a slope, chip ``feed sin(phi) sin(kappa) + drop cos(kappa)``."""
+    # Returns the horizontal area over which it cuts by descending.
     sin_k, cos_k, radius, z0 = level[0], level[1], level[3], level[4]
     longest = 4.0 * (level[5] - z0) / sin_k  # bounds the noise of a climbing level that just loses contact
     width = math.pi / row.size
@@ -320,15 +312,13 @@ def mean_wrenches(
             "depths_m has the wrong shape", value=depths.shape, limit=("n", weights.n_levels, weights.n_bins)
         )
     n = len(depths)
-
-    def per_segment(name: str, value: float | Float, signed: bool = False) -> Float:
-        array: Float = np.array(np.broadcast_to(as_float(name, value), (n,)))
-        if not signed and n and float(array.min()) < 0.0:
+    feeds, areas, drops = (
+        np.array(np.broadcast_to(as_float(name, value), (n,)))
+        for name, value in (("feeds_m", feeds_m), ("end_areas_m2", end_areas_m2), ("drops_m", drops_m))
+    )
+    for name, array in (("feeds_m", feeds), ("end_areas_m2", areas)):
+        if n and float(array.min()) < 0.0:
             raise InputError(f"{name} is negative", value=float(array.min()), limit=">= 0")
-        return array
-
-    feeds, areas = per_segment("feeds_m", feeds_m), per_segment("end_areas_m2", end_areas_m2)
-    drops = per_segment("drops_m", drops_m, signed=True)
     if depths.size and float(depths.min()) < 0.0:
         raise InputError("engaged depth is negative", value=float(depths.min()), limit=">= 0")
     if not depths.flags.writeable:

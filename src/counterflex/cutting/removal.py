@@ -48,7 +48,6 @@ def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
     """Scratch arrays for :func:`~counterflex.cutting.sweep_kernels.stamp_segment` with this cutter.
 
     Args:
-        cutter: The cutter.
         longest: Segments of the longest run that is stamped as one.
     """
     scratch = Scratch(
@@ -76,18 +75,12 @@ class Engagement:
 
     ``depth[l, j]`` of a segment is the axial length in m of cutting edge engaged at level l and immersion-angle bin j,
     averaged over the segment: ``V[l, j] / (L R_l (cos phi_j - cos phi_j+1))``.
-
-    Attributes:
-        n_levels: Axial levels of the cutter.
-        offsets: (n + 1,) first entry of each segment.
-        cell: (entries,) uint16 ``level * 64 + bin``.
-        depth_m: (entries,) float32 m.
     """
 
-    n_levels: int
-    offsets: Int
-    cell: UInt16
-    depth_m: Float32
+    n_levels: int  # axial levels of the cutter
+    offsets: Int  # (n + 1,) first entry of each segment
+    cell: UInt16  # (entries,) uint16 `level * 64 + bin`
+    depth_m: Float32  # (entries,) float32 m
 
     def __len__(self) -> int:
         """Number of segments."""
@@ -111,27 +104,17 @@ class Engagement:
 
 @dataclass(frozen=True)
 class RemovalResult:
-    """What each segment of a path removed; entry i belongs to the segment from path point i to i + 1.
+    """Material that each segment of a path removed; entry i belongs to the segment from path point i to i + 1."""
 
-    Attributes:
-        volume_m3: (n,) volume removed, m^3.
-        bottom_volume_m3: (n,) the part of it removed by the end face (descending moves and plunges), m^3.
-        bottom_area_m2: (n,) horizontal area lowered under the cutter at the segment's end, 0 unless descending, m^2.
-        length_m: (n,) horizontal length, m.
-        engagement: Booked engagement, or None when it was not asked for.
-        collisions: (k,) indices of rapid segments that removed material; ``volume_m3`` says how much.
-        cells_visited: Number of cell evaluations, for benchmarks.
-        segments_cutting: Number of segments that removed something.
-    """
-
-    volume_m3: Float
-    bottom_volume_m3: Float
+    volume_m3: Float  # (n,) volume removed, m^3
+    bottom_volume_m3: Float  # (n,) the part of it removed by the end face (descending moves and plunges), m^3
+    # (n,) horizontal area lowered under the cutter at the segment's end, 0 unless descending, m^2
     bottom_area_m2: Float
-    length_m: Float
-    engagement: Engagement | None
-    collisions: Int
-    cells_visited: int
-    segments_cutting: int
+    length_m: Float  # (n,) horizontal length, m
+    engagement: Engagement | None  # booked engagement, or None when it was not asked for
+    collisions: Int  # (k,) indices of rapid segments that removed material; `volume_m3` says how much
+    cells_visited: int  # number of cell evaluations, for benchmarks
+    segments_cutting: int  # number of segments that removed something
 
 
 @kernel(
@@ -297,7 +280,6 @@ def remove_path(
         p_part_tcp: (n + 1, 3) tool tip, m, part frame.
         kind: (n,) or (n + 1,) kind of each segment (:data:`~counterflex.path.FEED` or ``RAPID``); with n + 1 entries
             entry i ends segment i - 1 as in :class:`~counterflex.path.ToolPath`.
-        cutter: The cutter.
         engagement: Book what feed segments remove by level and immersion angle. Rapids are never booked.
         threads: Number of threads; the result is the same to the bit for any.
         progress: Progress callback, fraction 0 to 1.

@@ -28,17 +28,11 @@ STOCK_VERSION: Final = 1
 
 @dataclass(frozen=True, eq=False)
 class BlankBox:
-    """A blank that is a box.
+    """A blank that is a box."""
 
-    Attributes:
-        low_m: (3,) lowest corner in its own axes, m.
-        high_m: (3,) highest corner.
-        turn: (3, 3) rows are the axes of the box in the frame of the path.
-    """
-
-    low_m: Float
-    high_m: Float
-    turn: Float
+    low_m: Float  # (3,) lowest corner in its own axes, m
+    high_m: Float  # (3,) highest corner
+    turn: Float  # (3, 3) rows are the axes of the box in the frame of the path
 
 
 @dataclass
@@ -49,22 +43,15 @@ class HeightMap:
     ``bottom_m <= z <= z[j, i]``. The map can represent every part a three-axis machine can cut with the tool along
     part z; undercuts and vertical walls finer than a cell are outside its range.
 
-    Attributes:
-        x0_m: x of the centre of cell [0, 0], m, part frame.
-        y0_m: y of that centre, m.
-        cell_m: Side of a cell, m.
-        z: (ny, nx) float32 top of the material, m; at least 16 cells each way.
-        bottom_m: Lower face of the stock, m; the map is never cut below it.
-
     Raises:
         InputError: The grid is too small or too large, or heights are not finite or below the bottom.
     """
 
-    x0_m: float
-    y0_m: float
-    cell_m: float
-    z: Float32
-    bottom_m: float
+    x0_m: float  # x of the centre of cell [0, 0], m, part frame
+    y0_m: float  # y of that centre, m
+    cell_m: float  # side of a cell, m
+    z: Float32  # (ny, nx) float32 top of the material, m; at least 16 cells each way
+    bottom_m: float  # lower face of the stock, m; the map is never cut below it
     tops: Float32 = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

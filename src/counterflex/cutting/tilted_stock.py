@@ -107,7 +107,7 @@ def may_touch(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cut
 
 
 def cuts_tilted(stock: HeightMap, p_part_tcp: Float, axis_part: Float, cutter: Cutter) -> bool:
-    """Whether a tool may touch the stock while it is tilted; in the air it may lie and turn as it likes.
+    """Return whether a tool may touch the stock while it is tilted; in the air it may lie and turn as it likes.
 
     ``p_part_tcp``: (n, 3) m, tips of feed motions, in the frame of the stock; ``axis_part``: (n, 3) unit vectors from
     the tip to the spindle.

@@ -33,20 +33,14 @@ MAX_SLICES = 100_000
 
 @dataclass(frozen=True)
 class ToothForces:
-    """Wrench on the tool over one revolution.
+    """Wrench on the tool over one revolution."""
 
-    Attributes:
-        angle_rad: (n,) rotation of the first tooth's tip from the left normal, clockwise from above, in rad.
-        wrench_tcp: (n, 6) force in N and moment in N m about the tool tip in the feed frame (x along the feed, y to
-            its left, z up along the tool axis).
-        chip_max_m: Largest chip thickness met, in m.
-        extrapolated_share: Share of the cutting work done at a thickness below ``h_min_m`` or above ``h_max_m`` of
-            the force law.
-    """
-
-    angle_rad: Float
+    angle_rad: Float  # (n,) rotation of the first tooth's tip from the left normal, clockwise from above, in rad
+    # (n, 6) force in N and moment in N m about the tool tip in the feed frame (x along the feed, y to its left, z up
+    # along the tool axis)
     wrench_tcp: Float
-    chip_max_m: float
+    chip_max_m: float  # largest chip thickness met, in m
+    # share of the cutting work done at a thickness below `h_min_m` or above `h_max_m` of the force law
     extrapolated_share: float
 
     @property

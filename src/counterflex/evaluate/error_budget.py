@@ -16,21 +16,13 @@ REMAINDER: Final = "remainder"
 
 @dataclass(frozen=True)
 class BudgetLine:
-    """One cause.
+    """One cause."""
 
-    Attributes:
-        name: Cause, for example ``axis 2``, ``gravity``, ``controller``.
-        share: Signed part of the met deviation that it explains; the shares of a budget add up to 1.
-        mean_m: Mean of its component along the met deviation, m; the means add up to the mean deviation met.
-        rms_m: Rms of the contribution itself, m, whatever its direction.
-        max_m: Its largest magnitude, m.
-    """
-
-    name: str
-    share: float
-    mean_m: float
-    rms_m: float
-    max_m: float
+    name: str  # cause, for example `axis 2`, `gravity`, `controller`
+    share: float  # signed part of the met deviation that it explains; the shares of a budget add up to 1
+    mean_m: float  # mean of its component along the met deviation, m; the means add up to the mean deviation met
+    rms_m: float  # rms of the contribution itself, m, whatever its direction
+    max_m: float  # its largest magnitude, m
 
 
 def error_budget(met: Float, contributions: Mapping[str, Float]) -> tuple[BudgetLine, ...]:

@@ -15,19 +15,12 @@ _SAME_M = 10.0 * UM
 
 @dataclass(frozen=True)
 class Groove:
-    """A straight groove as wide as the cutter; a ramp where its floor is inclined.
+    """A straight groove as wide as the cutter; a ramp where its floor is inclined."""
 
-    Attributes:
-        name: For the table.
-        start: (3,) m tool tip where the groove starts, part frame.
-        end: (3,) m tool tip where it ends.
-        radius_m: Of the cutter that made it.
-    """
-
-    name: str
-    start: Float
-    end: Float
-    radius_m: float
+    name: str  # for the table
+    start: Float  # (3,) m tool tip where the groove starts, part frame
+    end: Float  # (3,) m tool tip where it ends
+    radius_m: float  # of the cutter that made it
 
     @property
     def inclined(self) -> bool:
@@ -46,21 +39,13 @@ class Groove:
 
 @dataclass(frozen=True)
 class CircularPocket:
-    """A round pocket or bore.
+    """A round pocket or bore."""
 
-    Attributes:
-        name: For the table.
-        centre: (2,) m, part frame.
-        path_radius_m: Radius of the outermost turn of the tool centre.
-        floor_m: Height of its floor, m.
-        radius_m: Of the cutter that made it.
-    """
-
-    name: str
-    centre: Float
-    path_radius_m: float
-    floor_m: float
-    radius_m: float
+    name: str  # for the table
+    centre: Float  # (2,) m, part frame
+    path_radius_m: float  # radius of the outermost turn of the tool centre
+    floor_m: float  # height of its floor, m
+    radius_m: float  # of the cutter that made it
 
     def covers(self, points: Float, tolerance_m: float) -> Bool:
         """Tell places (n, 3) of the machined surface that are of the pocket: within its wall, not below its floor."""

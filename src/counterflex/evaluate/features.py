@@ -77,32 +77,22 @@ WHOLE = 0.9
 
 @dataclass(frozen=True)
 class FeatureRow:
-    """One measured quantity of one feature.
+    """One measured quantity of one feature."""
 
-    Attributes:
-        feature: Its name.
-        quantity: ``width``, ``depth``, ``wall left``, ``wall right``, ``flatness``, ``diameter``, ``roundness`` or
-            ``centre``. Left and right are seen along the programmed motion; wall positions count from the centre line.
-        nominal_m: As the undisturbed program makes it, m.
-        worst_m: Variant name to the value furthest from nominal, m.
-        mean_m: Variant name to the mean value, m.
-        tolerance_m: Permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0).
-        tolerance_source: Where the tolerance comes from.
-        standard_deviation_m: Variant name to the standard deviation of the mean value, m, where the part was measured.
-        measured_share: Variant name to the share of the feature's places at which there was a value, 0 to 1.
-        grows: The value grows with the material that is left: a zone, or the size of an island, rib or boss.
-    """
-
-    feature: str
+    feature: str  # its name
+    # `width`, `depth`, `wall left`, `wall right`, `flatness`, `diameter`, `roundness` or `centre`. Left and right are
+    # seen along the programmed motion; wall positions count from the centre line
     quantity: str
-    nominal_m: float
-    worst_m: Mapping[str, float]
-    mean_m: Mapping[str, float]
-    tolerance_m: float
-    tolerance_source: str
+    nominal_m: float  # as the undisturbed program makes it, m
+    worst_m: Mapping[str, float]  # variant name to the value furthest from nominal, m
+    mean_m: Mapping[str, float]  # variant name to the mean value, m
+    tolerance_m: float  # permitted deviation from nominal, +- m (a one-sided zone where the nominal value is 0)
+    tolerance_source: str  # where the tolerance comes from
+    # variant name to the standard deviation of the mean value, m, where the part was measured
     standard_deviation_m: Mapping[str, float] = field(default_factory=dict)
+    # variant name to the share of the feature's places at which there was a value, 0 to 1
     measured_share: Mapping[str, float] = field(default_factory=dict)
-    grows: bool = False
+    grows: bool = False  # the value grows with the material that is left: a zone, or the size of an island, rib or boss
 
     def partly(self, variant: str) -> bool:
         """True where a tenth of the places or more of a variant had no value: elsewhere it may be worse."""
@@ -185,13 +175,7 @@ def measure_features(
     one = surface.cutter
     nominal = swept_section(p_part_nominal, one if outline is None else outline, reach)
     parts: dict[str, MeasurablePart] = {
-        name: _Swept(
-            swept_section(v.p_part_actual, one if v.outline is None else v.outline, reach, v.joined),
-            FloorMap(surface.nominal, floor_rise(surface, v.actual)),
-        )
-        if isinstance(v, Machined)
-        else v
-        for name, v in variants.items()
+        name: _swept(surface, v, reach) if isinstance(v, Machined) else v for name, v in variants.items()
     }
     smallest = one.radius_m if outline is None else float(np.min(outline[:, 0]))
     rows: list[FeatureRow] = []
@@ -203,20 +187,12 @@ def measure_features(
         else:
             measured = _pocket(feature, surface, nominal, parts)
         for quantity, value, size, worst, mean, share in measured:
-            tolerance = (tolerances_m or {}).get((feature.name, quantity))
-            general = flatness_k(size) if quantity in ZONES else linear_m(size)
+            tolerance, by = (tolerances_m or {}).get((feature.name, quantity)), "given"
+            if tolerance is None:
+                tolerance, by = (flatness_k(size), FORM) if quantity in ZONES else (linear_m(size), SIZES)
+            grows = quantity in (*ZONES, *_SIGNED) or (quantity != "height" and stands_out(feature))
             rows.append(
-                FeatureRow(
-                    feature.name,
-                    quantity,
-                    value,
-                    worst,
-                    mean,
-                    general if tolerance is None else tolerance,
-                    (FORM if quantity in ZONES else SIZES) if tolerance is None else "given",
-                    measured_share=share,
-                    grows=quantity in (*ZONES, *_SIGNED) or (quantity != "height" and stands_out(feature)),
-                )
+                FeatureRow(feature.name, quantity, value, worst, mean, tolerance, by, measured_share=share, grows=grows)
             )
     return tuple(rows)
 
@@ -356,3 +332,11 @@ def uncovered(
         walls |= feature.covers(surface.wall_point, tolerance)
         floors[j, i] |= feature.covers(places, tolerance)
     return shown, walls, floors
+
+
+def _swept(surface: NominalSurface, machined: Machined, reach: float) -> _Swept:
+    outline = surface.cutter if machined.outline is None else machined.outline
+    return _Swept(
+        swept_section(machined.p_part_actual, outline, reach, machined.joined),
+        FloorMap(surface.nominal, floor_rise(surface, machined.actual)),
+    )

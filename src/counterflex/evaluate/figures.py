@@ -12,19 +12,12 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Figures:
-    """What a set of deviations comes down to.
+    """Figures of a set of deviations."""
 
-    Attributes:
-        max_m: Largest magnitude, m.
-        p997_m: Magnitude that 99.7 % of the length (or area) stays below, m.
-        rms_m: Root of the weighted mean square, m.
-        extent: Length in m, or area in m2, that the figures stand for; 0 where there was nothing to evaluate.
-    """
-
-    max_m: float
-    p997_m: float
-    rms_m: float
-    extent: float
+    max_m: float  # largest magnitude, m
+    p997_m: float  # magnitude that 99.7 % of the length (or area) stays below, m
+    rms_m: float  # root of the weighted mean square, m
+    extent: float  # length in m, or area in m2, that the figures stand for; 0 where there was nothing to evaluate
 
 
 NONE = Figures(0.0, 0.0, 0.0, 0.0)

@@ -60,15 +60,10 @@ def floor_fit(points: Float, places: Float, pitch_m: float) -> LocalFit:
 
 @dataclass(frozen=True, eq=False)
 class FloorMap:
-    """The floor of a part as a map that knows it to one cell.
+    """The floor of a part as a map that knows it to one cell."""
 
-    Attributes:
-        nominal: Height map of the undisturbed part.
-        rise_m: (ny, nx) how much higher the floor is than nominal, m; nan where it is no floor.
-    """
-
-    nominal: HeightMap
-    rise_m: Float32
+    nominal: HeightMap  # height map of the undisturbed part
+    rise_m: Float32  # (ny, nx) how much higher the floor is than nominal, m; nan where it is no floor
 
     def heights(self, xy: Float) -> Float:
         """Filtered height of the floor, (n,) m, at places (n, 2) m: nominal height and filtered rise; nan off it."""

@@ -20,26 +20,17 @@ _INCIDENTS: Final = (State.HOLD, State.FAULT)
 
 @dataclass(frozen=True)
 class Incident:
-    """The loop went into a hold or a fault. A fault out of a hold is an incident of its own.
+    """The loop went into a hold or a fault. A fault out of a hold is an incident of its own."""
 
-    Attributes:
-        cycle: First cycle in it, 1 is the loop's first.
-        time_s: Since the first record of the run.
-        before: State left; None where the first record of the run is in it already.
-        state: Hold or fault.
-        cause: As latched then.
-        path_m: Distance of the commanded point from the plan in that record, or the one before where it was larger; 0
-            without a plan.
-        elapsed: Cycles of the controller since the telegram before; 0 where none came.
-    """
-
-    cycle: int
-    time_s: float
-    before: State | None
-    state: State
-    cause: Cause
+    cycle: int  # first cycle in it, 1 is the loop's first
+    time_s: float  # since the first record of the run
+    before: State | None  # state left; None where the first record of the run is in it already
+    state: State  # hold or fault
+    cause: Cause  # as latched then
+    # distance of the commanded point from the plan in that record, or the one before where it was larger; 0 without a
+    # plan
     path_m: float = 0.0
-    elapsed: int = 0
+    elapsed: int = 0  # cycles of the controller since the telegram before; 0 where none came
 
 
 class IncidentFinder:

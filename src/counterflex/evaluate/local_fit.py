@@ -25,15 +25,10 @@ _STIFF: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """How values at places follow from measured values: ``place = smoother @ measured``.
+    """Linear map from measured values to values at places: ``place = smoother @ measured``."""
 
-    Attributes:
-        smoother: (m, n) sparse weights; rows of places without neighbours are empty.
-        known: (m,) whether a place has neighbours, and in its middle.
-    """
-
-    smoother: scipy.sparse.csr_matrix
-    known: Bool
+    smoother: scipy.sparse.csr_matrix  # (m, n) sparse weights; rows of places without neighbours are empty
+    known: Bool  # (m,) whether a place has neighbours, and in its middle
 
     def values(self, measured: Float) -> Float:
         """(m,) at the places from (n,) measured ones; nan where there are no neighbours."""

@@ -111,7 +111,7 @@ _STEP: Final = 0.25
 
 
 class Verdict(StrEnum):
-    """What a machine is good for."""
+    """Judgement of the timing of a machine."""
 
     FITS = "fits"
     """It keeps time."""
@@ -123,21 +123,13 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Percentiles:
-    """Percentiles of times; each is a value that was met, never an interpolated one.
+    """Percentiles of times; each is a value that was met, never an interpolated one."""
 
-    Attributes:
-        p50_s: Median.
-        p99_s: 99 %.
-        p999_s: 99.9 %; of fewer than a thousand values the largest.
-        max_s: Largest.
-        n: Values.
-    """
-
-    p50_s: float
-    p99_s: float
-    p999_s: float
-    max_s: float
-    n: int
+    p50_s: float  # median
+    p99_s: float  # 99 %
+    p999_s: float  # 99.9 %; of fewer than a thousand values the largest
+    max_s: float  # largest
+    n: int  # values
 
 
 def percentiles(time_s: Float) -> Percentiles:
@@ -154,46 +146,28 @@ def percentiles(time_s: Float) -> Percentiles:
         raise InputError("times to judge", value=values.shape, limit="(n,), n >= 1")
     values = np.sort(np.where(np.isnan(values), np.inf, values))
     n = len(values)
-
-    def share(fraction: float) -> float:
-        return float(values[min(n, max(1, math.ceil(fraction * n - 1e-9))) - 1])
-
-    return Percentiles(share(0.5), share(0.99), share(0.999), float(values[-1]), n)
+    at = [min(n, max(1, math.ceil(fraction * n - 1e-9))) - 1 for fraction in (0.5, 0.99, 0.999)]
+    p50, p99, p999 = values[at].tolist()
+    return Percentiles(p50, p99, p999, float(values[-1]), n)
 
 
 @dataclass(frozen=True, eq=False)
 class LoopSamples:
-    """What was measured of a machine.
+    """Measured times of a machine."""
 
-    Attributes:
-        period_s: Cycle of the loop.
-        late_s: (n,) how late the loop woke up.
-        compute_s: (n,) time of its step.
-        echo_s: (n,) until a datagram sent to another process was back; not-a-number where it never came.
-        write_s: (k,) until a piece of log was written, without reaching the disk.
-        sync_s: (k,) until it had reached the disk.
-        fifo: Real-time priority was granted.
-        locked: Memory could be locked.
-        cores: That may be used.
-        governor: Of the processor's clock; empty where not known.
-        clock_source: Of the kernel; empty where not known.
-        steal: Share 0..1 of time that the host of a virtual machine took away.
-        ring_fits: There is shared memory for the records.
-    """
-
-    period_s: float
-    late_s: Float
-    compute_s: Float
-    echo_s: Float
-    write_s: Float
-    sync_s: Float
-    fifo: bool = True
-    locked: bool = True
-    cores: int = 4
-    governor: str = "performance"
-    clock_source: str = "tsc"
-    steal: float = 0.0
-    ring_fits: bool = True
+    period_s: float  # cycle of the loop
+    late_s: Float  # (n,) how late the loop woke up
+    compute_s: Float  # (n,) time of its step
+    echo_s: Float  # (n,) until a datagram sent to another process was back; not-a-number where it never came
+    write_s: Float  # (k,) until a piece of log was written, without reaching the disk
+    sync_s: Float  # (k,) until it had reached the disk
+    fifo: bool = True  # real-time priority was granted
+    locked: bool = True  # memory could be locked
+    cores: int = 4  # that may be used
+    governor: str = "performance"  # of the processor's clock; empty where not known
+    clock_source: str = "tsc"  # of the kernel; empty where not known
+    steal: float = 0.0  # share 0..1 of time that the host of a virtual machine took away
+    ring_fits: bool = True  # there is shared memory for the records
 
     @property
     def reply_s(self) -> Float:
@@ -204,21 +178,13 @@ class LoopSamples:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict and why.
+    """A verdict and why."""
 
-    Attributes:
-        verdict: See :class:`Verdict`.
-        reply: Percentiles of the whole reply.
-        budget_s: What it may take.
-        in_time: Share 0..1 of cycles within it.
-        reasons: What speaks against the machine, most important first, each with what to do.
-    """
-
-    verdict: Verdict
-    reply: Percentiles
-    budget_s: float
-    in_time: float
-    reasons: tuple[str, ...]
+    verdict: Verdict  # see Verdict
+    reply: Percentiles  # percentiles of the whole reply
+    budget_s: float  # what it may take
+    in_time: float  # share 0..1 of cycles within it
+    reasons: tuple[str, ...]  # what speaks against the machine, most important first, each with what to do
 
 
 def judge(samples: LoopSamples) -> Judgement:
@@ -279,7 +245,7 @@ def _weaknesses(samples: LoopSamples, compute: Float, period: float) -> list[str
 
 
 def _slowest(late: Float, compute: Float, echo: Float) -> str:
-    """Which part of the reply is to blame, and what to do."""
+    """Slowest part of the reply, and the remedy."""
     parts = {
         "wake-up latency (take other load off the machine, allow real-time priority, switch power saving off)": late,
         "the step itself (a faster processor, or its clock is lowered)": compute,

@@ -18,17 +18,11 @@ _RECEIVED = 1
 
 @dataclass(frozen=True)
 class MissingCycles:
-    """Cycles in a row without a record.
+    """Cycles in a row without a record."""
 
-    Attributes:
-        after: Last cycle before them that has one; 0 where the beginning of the run is missing.
-        count: How many.
-        time_s: From the record before them to the one behind; 0 at the beginning and the end of a run.
-    """
-
-    after: int
-    count: int
-    time_s: float
+    after: int  # last cycle before them that has one; 0 where the beginning of the run is missing
+    count: int  # how many
+    time_s: float  # from the record before them to the one behind; 0 at the beginning and the end of a run
 
 
 class MissingFinder:

@@ -96,47 +96,28 @@ class PathDeviation:
     """Deviation at stations every ``spacing_m`` of the travelled path; part frame, m.
 
     ``deviation = actual - nominal``, with the nearest nominal point in the order of the program.
-
-    Attributes:
-        spacing_m: Distance between stations.
-        time_s: (k,) when the tool was there.
-        p_part_actual: (k, 3) actual tool centre.
-        p_part_nominal: (k, 3) its nominal point.
-        length_m: (k,) place on the nominal path, from its start, never decreasing.
-        motion: (k,) program motion of the nominal point.
-        feed_direction: (k, 3) unit vector of the nominal feed.
-        left: (k, 3) unit vector to the left of it, seen from the spindle; of a plunge any direction square to it.
-        across: (k, 3) deviation normal to the feed.
-        across_left_m: (k,) its component to the left of the feed, seen from the spindle.
-        across_axis_m: (k,) its component along ``feed x left``, the tool axis where the feed is square to it;
-            positive = away from the part, too little depth.
-        along_m: (k,) progress ahead of the set-point along the path; negative = the tool lags.
-        engagement: (k,) as given.
-        cutting: (k,) True in feed motion while material is removed.
-        entry: (k,) True from first contact until the plateau; subset of ``cutting``.
-        exit: (k,) True from the end of the plateau to the end of contact; subset of ``cutting``.
-        air: (k,) True in feed motion without contact, where the place on the program is known.
-        broken: (k,) True where the station does not continue the one before.
     """
 
-    spacing_m: float
-    time_s: Float
-    p_part_actual: Float
-    p_part_nominal: Float
-    length_m: Float
-    motion: Int
-    feed_direction: Float
-    left: Float
-    across: Float
-    across_left_m: Float
+    spacing_m: float  # distance between stations
+    time_s: Float  # (k,) when the tool was there
+    p_part_actual: Float  # (k, 3) actual tool centre
+    p_part_nominal: Float  # (k, 3) its nominal point
+    length_m: Float  # (k,) place on the nominal path, from its start, never decreasing
+    motion: Int  # (k,) program motion of the nominal point
+    feed_direction: Float  # (k, 3) unit vector of the nominal feed
+    left: Float  # (k, 3) unit vector to the left of it, seen from the spindle; of a plunge any direction square to it
+    across: Float  # (k, 3) deviation normal to the feed
+    across_left_m: Float  # (k,) its component to the left of the feed, seen from the spindle
+    # (k,) its component along `feed x left`, the tool axis where the feed is square to it; positive = away from the
+    # part, too little depth
     across_axis_m: Float
-    along_m: Float
-    engagement: Float
-    cutting: Bool
-    entry: Bool
-    exit: Bool
-    air: Bool
-    broken: Bool
+    along_m: Float  # (k,) progress ahead of the set-point along the path; negative = the tool lags
+    engagement: Float  # (k,) as given
+    cutting: Bool  # (k,) True in feed motion while material is removed
+    entry: Bool  # (k,) True from first contact until the plateau; subset of `cutting`
+    exit: Bool  # (k,) True from the end of the plateau to the end of contact; subset of `cutting`
+    air: Bool  # (k,) True in feed motion without contact, where the place on the program is known
+    broken: Bool  # (k,) True where the station does not continue the one before
 
     @property
     def across_m(self) -> Float:
@@ -147,25 +128,15 @@ class PathDeviation:
 
 @dataclass(frozen=True)
 class PathFigures:
-    """The figures of a path, each of the magnitude across the feed except ``along``.
+    """The figures of a path, each of the magnitude across the feed except ``along``."""
 
-    Attributes:
-        path: Over all feed motion that removes material, entries and exits included.
-        entry: Over entries alone.
-        exit: Over exits alone.
-        plateau: Over what is neither entry nor exit.
-        air: Feed motion without contact; reported apart, never part of ``path``.
-        along: Lag or lead along the feed while cutting; reported, never counted as path error.
-        at_p_m: Path accuracy of ISO 9283 for one cycle: largest distance over all feed motion, contact or not.
-    """
-
-    path: Figures
-    entry: Figures
-    exit: Figures
-    plateau: Figures
-    air: Figures
-    along: Figures
-    at_p_m: float
+    path: Figures  # over all feed motion that removes material, entries and exits included
+    entry: Figures  # over entries alone
+    exit: Figures  # over exits alone
+    plateau: Figures  # over what is neither entry nor exit
+    air: Figures  # feed motion without contact; reported apart, never part of `path`
+    along: Figures  # lag or lead along the feed while cutting; reported, never counted as path error
+    at_p_m: float  # path accuracy of ISO 9283 for one cycle: largest distance over all feed motion, contact or not
 
 
 def path_deviation(
@@ -220,9 +191,8 @@ def path_deviation(
     if n == 0:
         raise InputError("the measured path holds no samples")
     if np.any(np.diff(time) < 0.0):
-        raise InputError(
-            "time of the measured path runs backwards", where=f"sample {int(np.argmin(np.diff(time))) + 1}"
-        )
+        sample = int(np.argmin(np.diff(time))) + 1
+        raise InputError("time of the measured path runs backwards", where=f"sample {sample}")
     rows = as_float("nominal.p_part_tcp", nominal.p_part_tcp, (None, 3))
     S = _lengths(rows)
     if len(rows) < 2 or S[-1] <= 0.0:
@@ -240,9 +210,8 @@ def path_deviation(
     dev, tangent, left, near = path_matching.split(q, axis, u, seg, rows, S, feed)
     across: Float = dev - np.sum(dev * tangent, axis=1)[:, None] * tangent
     station_time: Float = np.interp(place, where, time)
-    if command_part_tcp is None:
-        due: Float = np.interp(station_time, np.asarray(nominal.time_s), S)
-    else:
+    due: Float = np.interp(station_time, np.asarray(nominal.time_s), S)
+    if command_part_tcp is not None:
         command = as_float("command_part_tcp", command_part_tcp, (n, 3))
         qc, placec, brokenc = path_matching.even_stations(command, spacing_m, gap_m)
         touchc: Bool = contact[np.ceil(placec).astype(np.int64)] > 0.0
@@ -289,21 +258,16 @@ def path_figures(deviation: PathDeviation) -> PathFigures:
         >>> round(path_figures(found).path.max_m * 1e3, 6)
         0.2
     """
-    size = deviation.across_m
-    h = deviation.spacing_m
-
-    def of(mask: Bool) -> Figures:
-        return weighted_figures(size[mask], h)
-
-    feed = deviation.cutting | deviation.air
+    size, h = deviation.across_m, deviation.spacing_m
+    plateau = deviation.cutting & ~deviation.entry & ~deviation.exit
     return PathFigures(
-        path=of(deviation.cutting),
-        entry=of(deviation.entry),
-        exit=of(deviation.exit),
-        plateau=of(deviation.cutting & ~deviation.entry & ~deviation.exit),
-        air=of(deviation.air),
+        path=weighted_figures(size[deviation.cutting], h),
+        entry=weighted_figures(size[deviation.entry], h),
+        exit=weighted_figures(size[deviation.exit], h),
+        plateau=weighted_figures(size[plateau], h),
+        air=weighted_figures(size[deviation.air], h),
         along=weighted_figures(deviation.along_m[deviation.cutting], h),
-        at_p_m=of(feed).max_m,
+        at_p_m=weighted_figures(size[deviation.cutting | deviation.air], h).max_m,
     )
 
 

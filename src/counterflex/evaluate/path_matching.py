@@ -151,10 +151,8 @@ def _follow(q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j: int,
 def _search(
     q: Float, way: Float, i: int, stop: int, P: Float, S: Float, j0: int, u0: float, u1: float, capture: float
 ) -> tuple[float, int, float, float]:
-    """Place on the nominal path between u0 and u1 that station i and those ahead of it follow; the earliest of equals.
-
-    Returns squared distance, segment, length, and the rms distance of the stations ahead when they follow it.
-    """
+    """Place on the nominal path between u0 and u1 that station i and those ahead follow; the earliest of equals."""
+    # Returns squared distance, segment, length, and the rms distance of the stations ahead when they follow it.
     least, least_j, least_u = _step(q[i], way[i], P, S, j0, u0, u1 - u0)
     if least_j < 0:
         return least, least_j, least_u, math.inf

@@ -21,67 +21,43 @@ LAST_EVENTS: Final = 50
 
 @dataclass(frozen=True)
 class ProcessEvent:
-    """Something that process monitoring found.
+    """Something that process monitoring found."""
 
-    Attributes:
-        event: What.
-        cycle: In which it was found, 1 is the loop's first.
-        time_s: Since the first record.
-        path_m: Place along the program, from its start.
-        value: What was watched, in the unit of its kind: m of cut without force, N (or N m) of force, relative rise of
-            the ratio, share of the force lost, N of vibration.
-        limit: Its limit.
-    """
-
-    event: Event
-    cycle: int
-    time_s: float
-    path_m: float
+    event: Event  # what
+    cycle: int  # in which it was found, 1 is the loop's first
+    time_s: float  # since the first record
+    path_m: float  # place along the program, from its start
+    # what was watched, in the unit of its kind: m of cut without force, N (or N m) of force, relative rise of the
+    # ratio, share of the force lost, N of vibration
     value: float
     limit: float
 
 
 @dataclass(frozen=True)
 class Wear:
-    """What the ratio of measured to predicted force did.
+    """Trend of the ratio of measured to predicted force."""
 
-    Attributes:
-        cut_m: Length of cut.
-        trend_per_m: Change of the ratio per metre of cut.
-        sigma_per_m: Its standard deviation; 0 where the cut was too short to tell a trend.
-        degrees: Degrees of freedom of that, neighbouring stretches of cut being alike.
-        range_per_m: Half width of the interval that holds the trend in 95 % of all jobs; 0 where it is not known.
-    """
-
-    cut_m: float
-    trend_per_m: float
-    sigma_per_m: float
-    degrees: float
-    range_per_m: float
+    cut_m: float  # length of cut
+    trend_per_m: float  # change of the ratio per metre of cut
+    sigma_per_m: float  # its standard deviation; 0 where the cut was too short to tell a trend
+    degrees: float  # degrees of freedom of that, neighbouring stretches of cut being alike
+    range_per_m: float  # half width of the interval that holds the trend in 95 % of all jobs; 0 where it is not known
 
     @property
     def known(self) -> bool:
-        """Whether the cut was long enough to tell a trend at all."""
+        """Return whether the cut was long enough to tell a trend at all."""
         return self.degrees >= 1.0
 
 
 @dataclass(frozen=True)
 class ProcessFigures:
-    """Figures of one run.
+    """Figures of one run."""
 
-    Attributes:
-        events: The first :data:`FIRST_EVENTS` and the last :data:`LAST_EVENTS`, in order.
-        counts: All of them, by kind.
-        wear: At the end; None where nothing was cut.
-        slowed: Share of the cycles in which less than the programmed speed was asked for.
-        least_speed: Lowest share of the programmed speed that was asked for.
-    """
-
-    events: tuple[ProcessEvent, ...]
-    counts: dict[Event, int]
-    wear: Wear | None
-    slowed: float
-    least_speed: float
+    events: tuple[ProcessEvent, ...]  # the first FIRST_EVENTS and the last LAST_EVENTS, in order
+    counts: dict[Event, int]  # all of them, by kind
+    wear: Wear | None  # at the end; None where nothing was cut
+    slowed: float  # share of the cycles in which less than the programmed speed was asked for
+    least_speed: float  # lowest share of the programmed speed that was asked for
 
 
 class ProcessRecord:
@@ -138,7 +114,7 @@ class ProcessRecord:
         self._take_events(rows)
 
     def sums(self) -> dict[str, float]:
-        """What :meth:`join` asks for, by name."""
+        """Sums that :meth:`join` uses, by name."""
         return {"slowed": self._slowed, "least_speed": self._least}
 
     def _take_events(self, rows: Float) -> tuple[ProcessEvent, ...]:

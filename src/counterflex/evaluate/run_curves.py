@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -21,23 +22,16 @@ LEAST_RUNS: Final = 4
 
 @dataclass(frozen=True)
 class Trend:
-    """A straight line through a figure of several runs, least squares.
+    """A straight line through a figure of several runs, least squares."""
 
-    Attributes:
-        runs: With the figure.
-        mean: Of it.
-        slope: Change from one run to the next.
-        half_width: Half width of the 95 % interval of the slope, for runs that scatter independently.
-    """
-
-    runs: int
+    runs: int  # with the figure
     mean: float
-    slope: float
-    half_width: float
+    slope: float  # change from one run to the next
+    half_width: float  # half width of the 95 % interval of the slope, for runs that scatter independently
 
     @property
     def clear(self) -> bool:
-        """Whether the interval excludes that nothing changes."""
+        """Return whether the interval excludes that nothing changes."""
         return abs(self.slope) > self.half_width
 
 
@@ -81,33 +75,21 @@ class RunCurves:
     """Curves of a run, one row per record.
 
     Pairs are across the feed (to its left, seen from the spindle) and along the tool (out of the spindle), m.
-
-    Attributes:
-        time_ns: (n,) when the telegram came, monotonic.
-        length_m: (n,) place along the program as the loop followed it; 0 without a plan.
-        cut: (n,) material is cut: by the plan, without one where the force says so.
-        active: (n,) the loop corrects, or would: state active.
-        sides: (n, 2, 3) the two directions, part axes.
-        deflection_m: (n, 2) under the force that the correction is computed from: with a compensated program that by
-            which the planned force is missed.
-        sent_m: (n, 2) correction sent.
-        measured_m: (n, 2) deviation that a tracker measures; not a number between its samples.
-        force_n: (n,) size of the measured force on the tool; not a number while it is not good.
-        planned_n: (n,) size of the planned one; not a number without a plan.
-        ratio: (n,) measured by planned force; not a number where it is not known.
     """
 
-    time_ns: Float
-    length_m: Float
-    cut: Bool
-    active: Bool
-    sides: Float
+    time_ns: Float  # (n,) when the telegram came, monotonic
+    length_m: Float  # (n,) place along the program as the loop followed it; 0 without a plan
+    cut: Bool  # (n,) material is cut: by the plan, without one where the force says so
+    active: Bool  # (n,) the loop corrects, or would: state active
+    sides: Float  # (n, 2, 3) the two directions, part axes
+    # (n, 2) under the force that the correction is computed from: with a compensated program that by which the planned
+    # force is missed
     deflection_m: Float
-    sent_m: Float
-    measured_m: Float
-    force_n: Float
-    planned_n: Float
-    ratio: Float
+    sent_m: Float  # (n, 2) correction sent
+    measured_m: Float  # (n, 2) deviation that a tracker measures; not a number between its samples
+    force_n: Float  # (n,) size of the measured force on the tool; not a number while it is not good
+    planned_n: Float  # (n,) size of the planned one; not a number without a plan
+    ratio: Float  # (n,) measured by planned force; not a number where it is not known
 
     def __len__(self) -> int:
         """Records."""
@@ -128,6 +110,15 @@ def needed_of(rows: Float) -> Float:
     return rows[:, [column(name) for name in _NEEDED]]
 
 
+def _three(value: Mapping[str, Float], name: str, *axes: str) -> Float:
+    return np.stack([value[f"{name}_{axis}"] for axis in axes or ("x", "y", "z")], axis=1)
+
+
+def _along(sides: Float, values: Float) -> Float:
+    out: Float = np.einsum("nij,nj->ni", sides, values)
+    return out
+
+
 def curves_of(parts: Sequence[Float], *, planned: bool) -> RunCurves:
     """Curves of a whole run: a feed is followed across the segments of its log.
 
@@ -137,14 +128,7 @@ def curves_of(parts: Sequence[Float], *, planned: bool) -> RunCurves:
     """
     rows = np.concatenate(parts)
     value = dict(zip(_NEEDED, rows.T, strict=True))
-
-    def three(name: str, *axes: str) -> Float:
-        return np.stack([value[f"{name}_{axis}"] for axis in axes or ("x", "y", "z")], axis=1)
-
-    def pair(values: Float) -> Float:
-        out: Float = np.einsum("nij,nj->ni", sides, values)
-        return out
-
+    three = partial(_three, value)
     sides = _sides(value["received_ns"], three("nominal"), three("nominal", "R02", "R12", "R22"))
     force = np.linalg.norm(three("wrench", "fx", "fy", "fz"), axis=1)
     force = np.where(value["w_good"] > 0, force, np.nan)
@@ -159,9 +143,9 @@ def curves_of(parts: Sequence[Float], *, planned: bool) -> RunCurves:
         cut,
         value["out_state"] == State.ACTIVE,
         sides,
-        pair(three("deflection")),
-        pair(three("correction")),
-        np.where(seen[:, None], pair(deviation), np.nan),
+        _along(sides, three("deflection")),
+        _along(sides, three("correction")),
+        np.where(seen[:, None], _along(sides, deviation), np.nan),
         force,
         plan,
         np.where(ratio > 0.0, ratio, np.nan),

@@ -42,15 +42,10 @@ _PLACES: Final = [record.column(name) for name in _KEPT]
 
 @dataclass(frozen=True, eq=False)
 class Digest:
-    """What is known of a stretch of records without them.
+    """Figures of a stretch of records, kept in place of the records."""
 
-    Attributes:
-        sums: Figures as :meth:`counterflex.evaluate.run_record.RunRecord.sums` gives them.
-        rows: (k, WIDTH) its first and last record and those at changes; columns that no figure is taken from are 0.
-    """
-
-    sums: dict[str, Any]
-    rows: Float
+    sums: dict[str, Any]  # figures as counterflex.evaluate.run_record.RunRecord.sums gives them
+    rows: Float  # (k, WIDTH) its first and last record and those at changes; columns that no figure is taken from are 0
 
     def plain(self) -> dict[str, Any]:
         """Plain values, bit for bit."""

@@ -26,100 +26,61 @@ _PAIR: Final = 4  # sets of two force sensors
 
 @dataclass(frozen=True)
 class Change:
-    """A change of the supervisor's state.
+    """A change of the supervisor's state."""
 
-    Attributes:
-        cycle: First cycle in the new state, 1 is the loop's first.
-        time_s: Since the first record.
-        before: State left.
-        after: State reached.
-        cause: As latched then.
-    """
-
-    cycle: int
-    time_s: float
-    before: State
-    after: State
-    cause: Cause
+    cycle: int  # first cycle in the new state, 1 is the loop's first
+    time_s: float  # since the first record
+    before: State  # state left
+    after: State  # state reached
+    cause: Cause  # as latched then
 
 
 @dataclass(frozen=True)
 class SourcesChange:
-    """A change of what the estimate rests on.
+    """A change of what the estimate rests on."""
 
-    Attributes:
-        cycle: First cycle with the new sources.
-        time_s: Since the first record.
-        before: Sources before.
-        after: Sources in the cycle.
-        cause: Why one of the cell's is missing, or none.
-    """
-
-    cycle: int
-    time_s: float
-    before: Source
-    after: Source
-    cause: Cause
+    cycle: int  # first cycle with the new sources
+    time_s: float  # since the first record
+    before: Source  # sources before
+    after: Source  # sources in the cycle
+    cause: Cause  # why one of the cell's is missing, or none
 
 
 @dataclass(frozen=True)
 class PairChange:
-    """A change of which of two force sensors is used.
+    """A change of which of two force sensors is used."""
 
-    Attributes:
-        cycle: First cycle of the change.
-        time_s: Since the first record.
-        before: Bits before: 1 flange sensor, 2 holder.
-        after: Bits in the cycle.
-    """
-
-    cycle: int
-    time_s: float
-    before: int
-    after: int
+    cycle: int  # first cycle of the change
+    time_s: float  # since the first record
+    before: int  # bits before: 1 flange sensor, 2 holder
+    after: int  # bits in the cycle
 
 
 @dataclass(frozen=True)
 class RunFigures:
-    """Figures of one run.
+    """Figures of one run."""
 
-    Attributes:
-        records: Records read.
-        answered: Cycles in which a telegram came.
-        waited: Cycles in which none came.
-        telegrams_lost: Cycles that the controller counted and no telegram was seen of.
-        records_lost: Cycles without a record, by the loop's own count.
-        time_s: From the first record to the last.
-        states: Cycles and seconds by state, in the order of :class:`State`; states that were not met are left out.
-        causes: Cycles by cause of a hold or fault, most frequent first.
-        changes: The first :data:`MOST_CHANGES`.
-        sources: Cycles by what the estimate rested on, most frequent first; empty without an estimator.
-        sources_changes: The first :data:`MOST_CHANGES` changes of it.
-        reply: From the return of the receive call to the return of the send call; None where nothing was answered.
-        largest_m: Largest correction that was sent, length of its translation.
-        largest_step_m: Largest change of it from one record to the next cycle's.
-        process: What process monitoring found.
-        pair: Cycles by the force sensors of two that were used; empty where there is one or none.
-        pair_changes: The first :data:`MOST_CHANGES` changes of that.
-    """
-
-    records: int
-    answered: int
-    waited: int
-    telegrams_lost: int
-    records_lost: int
-    time_s: float
+    records: int  # records read
+    answered: int  # cycles in which a telegram came
+    waited: int  # cycles in which none came
+    telegrams_lost: int  # cycles that the controller counted and no telegram was seen of
+    records_lost: int  # cycles without a record, by the loop's own count
+    time_s: float  # from the first record to the last
+    # cycles and seconds by state, in the order of State; states that were not met are left out
     states: dict[State, tuple[int, float]]
-    causes: dict[Cause, int]
-    changes: tuple[Change, ...]
+    causes: dict[Cause, int]  # cycles by cause of a hold or fault, most frequent first
+    changes: tuple[Change, ...]  # the first MOST_CHANGES
+    # from the return of the receive call to the return of the send call; None where nothing was answered
     reply: Percentiles | None
-    largest_m: float
-    largest_step_m: float
+    largest_m: float  # largest correction that was sent, length of its translation
+    largest_step_m: float  # largest change of it from one record to the next cycle's
+    # cycles by what the estimate rested on, most frequent first; empty without an estimator
     sources: dict[Source, int] = field(default_factory=dict)
-    sources_changes: tuple[SourcesChange, ...] = ()
-    process: ProcessFigures | None = None
+    sources_changes: tuple[SourcesChange, ...] = ()  # the first MOST_CHANGES changes of it
+    process: ProcessFigures | None = None  # what process monitoring found
+    # cycles by the force sensors of two that were used; empty where there is one or none
     pair: dict[int, int] = field(default_factory=dict)
-    pair_changes: tuple[PairChange, ...] = ()
+    pair_changes: tuple[PairChange, ...] = ()  # the first MOST_CHANGES changes of that
 
 
 class RunRecord:
@@ -276,7 +237,7 @@ class RunRecord:
         self._largest_step = max(self._largest_step, float(moved.max(initial=0.0)))
 
     def _find_changes(self, rows: Float, states: Int) -> None:
-        """What changes from each record to the next."""
+        """Changes from each record to the next."""
         for k in np.flatnonzero(np.diff(states)):
             if len(self._changes) >= MOST_CHANGES:
                 break
@@ -357,11 +318,7 @@ def _numbers(values: Float, count: int, what: str) -> Int:
 
 
 def _of_length(values: Sequence[float], count: int, what: str) -> Float:
-    """Sums by number, as many as there are kinds today, or fewer where older code wrote them.
-
-    Raises:
-        InputError: More than there are.
-    """
+    """Sums by number, as many as there are kinds today, or fewer where older code wrote them."""
     if len(values) > count:
         raise InputError(f"sums of more kinds of {what} than there are", value=len(values), limit=count)
     out: Float = np.zeros(count)

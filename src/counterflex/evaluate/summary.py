@@ -37,31 +37,21 @@ _PARTS = ("path", "entry", "exit", "plateau", "air", "along", "surface", "floor"
 
 @dataclass(frozen=True)
 class Variant:
-    """One machining of one part.
+    """One machining of one part."""
 
-    Attributes:
-        path: Figures of the tool path.
-        surface: Deviation of the machined surface, or None where the part was not simulated.
-        peak_force_n: Largest magnitude of the mean process force over one spindle turn, N, or None.
-    """
-
-    path: PathFigures
+    path: PathFigures  # figures of the tool path
+    # deviation of the machined surface, or None where the part was not simulated
     surface: SurfaceDeviation | TurnedDeviation | None = None
-    peak_force_n: float | None = None
+    peak_force_n: float | None = None  # largest magnitude of the mean process force over one spindle turn, N, or None
 
 
 @dataclass(frozen=True)
 class SeedResult:
-    """The same program on the same truth, uncompensated and compensated.
+    """The same program on the same truth, uncompensated and compensated."""
 
-    Attributes:
-        seed: Of the truth, None for a truth that agrees with the cell file.
-        truth_level: What the planner knew of the simulated cell.
-        variants: By name: ``nominal`` and ``compensated``; or their figures as :func:`variant_summary` gives them.
-    """
-
-    seed: int | None
-    truth_level: TruthLevel
+    seed: int | None  # of the truth, None for a truth that agrees with the cell file
+    truth_level: TruthLevel  # what the planner knew of the simulated cell
+    # by name: `nominal` and `compensated`; or their figures as variant_summary gives them
     variants: Mapping[str, Variant | Mapping[str, Any]] = field(default_factory=dict)
 
 

@@ -27,34 +27,22 @@ HEIGHTS = (0.1, 0.5, 0.9)  # of a wall
 
 @dataclass(frozen=True)
 class NominalSurface:
-    """What the undisturbed program makes: the floors and walls that deviations are measured on.
+    """Surface that the undisturbed program makes: the floors and walls that deviations are measured on."""
 
-    Attributes:
-        stock: Before machining.
-        nominal: After the undisturbed program.
-        cutter: The tool; of several the widest.
-        floor: (ny, nx) True on machined cells that do not adjoin a wall.
-        normal_z: (ny, nx) vertical component of the floor's unit normal.
-        rise_m: (ny, nx) highest wall that stands within ``reach_m`` of the cell, m; infinite where there is none. Floor
-            that lies higher by more than half of it is not floor but the shifted wall.
-        fall_m: (ny, nx) deepest wall that drops off within ``reach_m`` of the cell, m; infinite where there is none.
-        wall_point: (m, 3) m points on nominal walls, exact (from the tool path).
-        wall_normal: (m, 2) horizontal unit normals, from the cut into the material.
-        wall_area_m2: (m,) wall area each point stands for.
-        reach_m: Wall shifts up to this are followed.
-    """
-
-    stock: HeightMap
-    nominal: HeightMap
-    cutter: Cutter
-    floor: Bool
-    normal_z: Float32
+    stock: HeightMap  # before machining
+    nominal: HeightMap  # after the undisturbed program
+    cutter: Cutter  # the tool; of several the widest
+    floor: Bool  # (ny, nx) True on machined cells that do not adjoin a wall
+    normal_z: Float32  # (ny, nx) vertical component of the floor's unit normal
+    # (ny, nx) highest wall that stands within `reach_m` of the cell, m; infinite where there is none. Floor that lies
+    # higher by more than half of it is not floor but the shifted wall
     rise_m: Float32
+    # (ny, nx) deepest wall that drops off within `reach_m` of the cell, m; infinite where there is none
     fall_m: Float32
-    wall_point: Float
-    wall_normal: Float
-    wall_area_m2: Float
-    reach_m: float
+    wall_point: Float  # (m, 3) m points on nominal walls, exact (from the tool path)
+    wall_normal: Float  # (m, 2) horizontal unit normals, from the cut into the material
+    wall_area_m2: Float  # (m,) wall area each point stands for
+    reach_m: float  # wall shifts up to this are followed
 
     @property
     def kept(self) -> Bool:
@@ -65,29 +53,20 @@ class NominalSurface:
 
 @dataclass(frozen=True)
 class SurfaceDeviation:
-    """Deviation of one machined part; m, positive = material left.
+    """Deviation of one machined part; m, positive = material left."""
 
-    Attributes:
-        floor_m: (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall stands on the floor:
-            within reach of a nominal wall, more than half its height off, or on a flank of the machined part.
-        wall_m: (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach.
-        surface: Figures over floors and walls, by area.
-        floor: Over floors.
-        wall: Over walls.
-        floor_resolution_m: Grid of the floors: one cell.
-        wall_resolution_m: Resolution of walls: exact section of the given path, so its sampling alone counts;
-            stated as 0.1 um. The height map alone would give one cell.
-        wall_lost_m2: Wall area with no result: shifted beyond the reach, or cut away from another side.
-    """
-
+    # (ny, nx) along the nominal normal; NaN off the floors and where a shifted wall stands on the floor: within reach
+    # of a nominal wall, more than half its height off, or on a flank of the machined part
     floor_m: Float32
-    wall_m: Float
-    surface: Figures
-    floor: Figures
-    wall: Figures
-    floor_resolution_m: float
+    wall_m: Float  # (m,) horizontal, at the nominal surface's wall points; NaN where the wall was not found in reach
+    surface: Figures  # figures over floors and walls, by area
+    floor: Figures  # over floors
+    wall: Figures  # over walls
+    floor_resolution_m: float  # grid of the floors: one cell
+    # resolution of walls: exact section of the given path, so its sampling alone counts; stated as 0.1 um. The height
+    # map alone would give one cell
     wall_resolution_m: float
-    wall_lost_m2: float
+    wall_lost_m2: float  # wall area with no result: shifted beyond the reach, or cut away from another side
 
 
 def nominal_surface(
@@ -183,7 +162,7 @@ def surface_deviation(
 
 
 def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:
-    """How much higher the floor of a machined part is than nominal, (ny, nx) m.
+    """Height of the floor of a machined part above nominal, (ny, nx) m.
 
     NaN off the floors and where a shifted wall stands on the floor (:class:`SurfaceDeviation`).
 
@@ -204,12 +183,10 @@ def floor_rise(surface: NominalSurface, actual: HeightMap) -> Float32:
 
 
 def _material_above(actual: HeightMap, surface: NominalSurface, section: SweptSection) -> Float:
-    """Height of the machined surface above each wall point, on the side of the cut, m; infinite under the blank's face.
-
-    Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
-    wall beside it. Machined is what the tool has been right above: the face of the real blank may lie lower than that
-    of the nominal one, so that a cell which is lower than the nominal blank need not have been cut.
-    """
+    """Height of the machined surface above each wall point, on the side of the cut, m; inf under the blank's face."""
+    # Where a shallow wall meets a floor that is a little too high, the surface above the point is far nearer than the
+    # wall beside it. Machined is what the tool has been right above: the face of the real blank may lie lower than that
+    # of the nominal one, so that a cell which is lower than the nominal blank need not have been cut.
     ny, nx = actual.z.shape
     side = surface.wall_point[:, :2] - actual.cell_m * surface.wall_normal
     i = np.clip(np.rint((side[:, 0] - actual.x0_m) / actual.cell_m).astype(np.int64), 0, nx - 1)

@@ -21,31 +21,18 @@ _JOIN = 1e-9  # m; intervals closer than this touch
 
 @dataclass(frozen=True)
 class SweptSection:
-    """Straight moves of a cutter, sorted into square bins for ray queries.
+    """Straight moves of a cutter, sorted into square bins for ray queries."""
 
-    Attributes:
-        start: (n, 3) m tool tip at the start of each move, part frame.
-        end: (n, 3) m.
-        radius_m: (n,) cutter radius of each move.
-        corner_m: (n,) corner radius of its outline.
-        reach_m: Longest ray that may be cast from a wall point, m.
-        bin_m: Side of a bin.
-        low: (2,) m corner of the first bin.
-        shape: Bins along y and x.
-        first: (bins + 1,) first entry of each bin in ``member``.
-        member: Moves that can touch a ray from a point in the bin.
-    """
-
-    start: Float
-    end: Float
-    radius_m: Float
-    corner_m: Float
-    reach_m: float
-    bin_m: float
-    low: Float
-    shape: tuple[int, int]
-    first: Int
-    member: Int
+    start: Float  # (n, 3) m tool tip at the start of each move, part frame
+    end: Float  # (n, 3) m
+    radius_m: Float  # (n,) cutter radius of each move
+    corner_m: Float  # (n,) corner radius of its outline
+    reach_m: float  # longest ray that may be cast from a wall point, m
+    bin_m: float  # side of a bin
+    low: Float  # (2,) m corner of the first bin
+    shape: tuple[int, int]  # bins along y and x
+    first: Int  # (bins + 1,) first entry of each bin in `member`
+    member: Int  # moves that can touch a ray from a point in the bin
 
 
 def swept_section(
@@ -86,7 +73,7 @@ def swept_section(
 
 
 def wall_exit(section: SweptSection, point: Float, direction: Float, inside_m: float) -> tuple[Float, Float]:
-    """How far along a ray the cut reaches, from a place inside it.
+    """Distance along a ray that the cut reaches, from a place inside it.
 
     Args:
         section: Moves of the tool.

@@ -13,19 +13,12 @@ from counterflex.core.units import DEG, UM
 
 @dataclass(frozen=True)
 class Spread:
-    """Figures of an error over the samples of a stretch.
+    """Figures of an error over the samples of a stretch."""
 
-    Attributes:
-        rms: Root of the mean square.
-        p997: What 99.7 % of the samples stay at or below; a value that was met.
-        largest: Largest.
-        count: Samples.
-    """
-
-    rms: float
-    p997: float
+    rms: float  # root of the mean square
+    p997: float  # what 99.7 % of the samples stay at or below; a value that was met
     largest: float
-    count: int
+    count: int  # samples
 
     def as_um(self) -> dict[str, float]:
         """Figures of a length, in um."""
@@ -95,21 +88,13 @@ def nearest_on_circle(p: Float, radius_m: float) -> Float:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A path as it was run, one row per cycle; part frame, m and rad.
-
-    Attributes:
-        time_s: (n,) s.
-        p_command: (n, 3) where the tool tip should have been at that time.
-        p_actual: (n, 3) where it was.
-        tilt: (n, 3) rotation vector from the commanded to the true tool frame.
-        q: (n, 6) rad, angles of the axes.
-    """
+    """A path as it was run, one row per cycle; part frame, m and rad."""
 
     time_s: Float
-    p_command: Float
-    p_actual: Float
-    tilt: Float
-    q: Float
+    p_command: Float  # (n, 3) where the tool tip should have been at that time
+    p_actual: Float  # (n, 3) where it was
+    tilt: Float  # (n, 3) rotation vector from the commanded to the true tool frame
+    q: Float  # (n, 6) rad, angles of the axes
 
     @property
     def total(self) -> Float:
@@ -169,7 +154,7 @@ def turn_zone(tracked: Tracked, run_in_rad: float) -> Bool:
 
 
 def reversals(q: Float, least_rad: float = 100e-6) -> list[tuple[int, int]]:
-    """Where axes turn round: rows and axes (0..5), in the order of the axes.
+    """Rows where axes turn round: rows and axes (0..5), in the order of the axes.
 
     Args:
         q: (n, k) rad.

@@ -27,42 +27,25 @@ STEEP: Final = 1.5
 
 @dataclass(frozen=True, eq=False)
 class TurnedSurface:
-    """Where an undisturbed part is judged.
+    """Places at which an undisturbed part is judged."""
 
-    Attributes:
-        points: (n, 3) m, part frame.
-        area_m2: (n,) area that each stands for.
-        wall: (n,) whether the face is steeper than 56 degrees; the others are floor.
-        cell_m: Of the lattice whose lines the points lie on.
-    """
-
-    points: Float
-    area_m2: Float
-    wall: Bool
-    cell_m: float
+    points: Float  # (n, 3) m, part frame
+    area_m2: Float  # (n,) area that each stands for
+    wall: Bool  # (n,) whether the face is steeper than 56 degrees; the others are floor
+    cell_m: float  # of the lattice whose lines the points lie on
 
 
 @dataclass(frozen=True, eq=False)
 class TurnedDeviation:
-    """Deviation of one machined part; m, positive = material left.
+    """Deviation of one machined part; m, positive = material left."""
 
-    Attributes:
-        deviation_m: (n,) of the points of :class:`TurnedSurface`; nan beyond 5 mm.
-        surface: Figures over floors and walls, by area.
-        floor: Over floors.
-        wall: Over walls.
-        floor_resolution_m: Points are exact sections of the sweep; stated as 0.1 um.
-        wall_resolution_m: Likewise.
-        wall_lost_m2: Area of walls and floors with no result.
-    """
-
-    deviation_m: Float
-    surface: Figures
-    floor: Figures
-    wall: Figures
-    floor_resolution_m: float
-    wall_resolution_m: float
-    wall_lost_m2: float
+    deviation_m: Float  # (n,) of the points of TurnedSurface; nan beyond 5 mm
+    surface: Figures  # figures over floors and walls, by area
+    floor: Figures  # over floors
+    wall: Figures  # over walls
+    floor_resolution_m: float  # points are exact sections of the sweep; stated as 0.1 um
+    wall_resolution_m: float  # likewise
+    wall_lost_m2: float  # area of walls and floors with no result
 
 
 def turned_surface(nominal: Surface, cell_m: float) -> TurnedSurface:

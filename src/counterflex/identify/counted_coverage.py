@@ -14,21 +14,14 @@ from typing import Final
 
 @dataclass(frozen=True)
 class CountedShare:
-    """Coverage of one recipe.
-
-    Attributes:
-        share: Of all intervals that hold the truth.
-        worst_share: Of those of the worst parameter.
-        worst_name: Of that parameter.
-        errors: What they have that the recipe's model lacks.
-    """
+    """Coverage of one recipe."""
 
     recipe: str
-    share: float
-    worst_share: float
-    worst_name: str
+    share: float  # of all intervals that hold the truth
+    worst_share: float  # of those of the worst parameter
+    worst_name: str  # of that parameter
     seeds: int
-    errors: str
+    errors: str  # what they have that the recipe's model lacks
 
     @property
     def text(self) -> str:

@@ -17,20 +17,13 @@ from counterflex.identify.solver.fit import Fit
 
 @dataclass(frozen=True)
 class Figure:
-    """A number that a user reads, in the unit of the report.
+    """A number that a user reads, in the unit of the report."""
 
-    Attributes:
-        name: Key in ``result.json``, with unit suffix: ``holdout_mean_mm``.
-        text: What it is, in words.
-        nominal: The same before identification, or None.
-        limit: What it should be at most (or None).
-    """
-
-    name: str
-    text: str
+    name: str  # key in `result.json`, with unit suffix: `holdout_mean_mm`
+    text: str  # what it is, in words
     value: float
-    nominal: float | None = None
-    limit: float | None = None
+    nominal: float | None = None  # the same before identification, or None
+    limit: float | None = None  # what it should be at most (or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,66 +49,45 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Result of a recipe.
-
-    Attributes:
-        fits: By name; most recipes have one, named as the recipe.
-        headline: The error on data not used, nominal beside it; what decides acceptance is its first entry.
-        changes: What goes into the cell file.
-        remarks: Sentences for the report: what was assumed, what the data cannot see, what to measure next.
-        pictures: For the report.
-    """
+    """Result of a recipe."""
 
     recipe: str
-    fits: Mapping[str, Fit]
+    fits: Mapping[str, Fit]  # by name; most recipes have one, named as the recipe
+    # the error on data not used, nominal beside it; what decides acceptance is its first entry
     headline: tuple[Figure, ...]
     figures: tuple[Figure, ...]
-    changes: tuple[Change, ...]
+    changes: tuple[Change, ...]  # what goes into the cell file
+    # sentences for the report: what was assumed, what the data cannot see, what to measure next
     remarks: tuple[str, ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[Picture, ...] = ()  # for the report
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Measurements to take, in order.
+    """Measurements to take, in order."""
 
-    Attributes:
-        recipe: For which recipe.
-        kind: Kind of dataset that results.
-        columns: (n,) by name, SI, the unit as suffix: ``q1_rad`` ... ``q6_rad``, ``fx_n``, ``time_s``.
-        expected: Expected standard deviation by parameter name, SI.
-        remarks: How to measure, in words.
-        settings: Further facts for the measurement, as in :class:`counterflex.identify.data.dataset.Dataset`.
-        units: SI unit of each entry of ``expected`` (``m``, ``rad/(N m)``, ...), where the recipe states it.
-        files: Texts that go beside the proposal, by file name: a program that takes the measurements.
-    """
-
-    recipe: str
-    kind: str
-    columns: Mapping[str, Float]
-    expected: Mapping[str, float]
-    remarks: tuple[str, ...] = ()
+    recipe: str  # for which recipe
+    kind: str  # kind of dataset that results
+    columns: Mapping[str, Float]  # (n,) by name, SI, the unit as suffix: `q1_rad` ... `q6_rad`, `fx_n`, `time_s`
+    expected: Mapping[str, float]  # expected standard deviation by parameter name, SI
+    remarks: tuple[str, ...] = ()  # how to measure, in words
+    # further facts for the measurement, as in counterflex.identify.data.dataset.Dataset
     settings: Mapping[str, Any] = field(default_factory=dict)
+    # SI unit of each entry of `expected` (`m`, `rad/(N m)`, ...), where the recipe states it
     units: Mapping[str, str] = field(default_factory=dict)
+    # texts that go beside the proposal, by file name: a program that takes the measurements
     files: Mapping[str, str] = field(default_factory=dict)
 
 
 class Inputs(NamedTuple):
-    """Inputs of every recipe; :meth:`Recipe.identify` has checked and completed them.
+    """Inputs of every recipe; :meth:`Recipe.identify` has checked and completed them."""
 
-    Attributes:
-        cell: What is known before: the prior of every parameter, and all that the recipe does not identify.
-        data: Datasets that parameters are fitted to, one or more, of the recipe's kinds.
-        holdout: Datasets that are predicted only and judge the result; empty means parts of ``data`` held out in turn.
-        settings: Every setting of the recipe: what the user set in the place of the defaults.
-        progress: Progress callback, fraction 0 to 1.
-    """
-
-    cell: CellModel
-    data: Sequence[Dataset]
+    cell: CellModel  # what is known before: the prior of every parameter, and all that the recipe does not identify
+    data: Sequence[Dataset]  # datasets that parameters are fitted to, one or more, of the recipe's kinds
+    # datasets that are predicted only and judge the result; empty means parts of `data` held out in turn
     holdout: Sequence[Dataset]
-    settings: Mapping[str, Any]
-    progress: Progress
+    settings: Mapping[str, Any]  # every setting of the recipe: what the user set in the place of the defaults
+    progress: Progress  # progress callback, fraction 0 to 1
 
 
 Propose = Callable[[CellModel, int, Mapping[str, Any]], Proposal]
@@ -124,23 +96,15 @@ Propose = Callable[[CellModel, int, Mapping[str, Any]], Proposal]
 
 @dataclass(frozen=True)
 class Recipe:
-    """One thing to find.
+    """One thing to find."""
 
-    Attributes:
-        name: As typed on the command line.
-        title: One line for help and report.
-        kinds: Kinds of datasets it uses.
-        settings: Options with their defaults (``--set key=value`` on the command line); SI or plain.
-        find: The physics: the result of :class:`Inputs`.
-        propose: See :data:`Propose`.
-    """
-
-    name: str
-    title: str
-    kinds: tuple[str, ...]
+    name: str  # as typed on the command line
+    title: str  # one line for help and report
+    kinds: tuple[str, ...]  # kinds of datasets it uses
+    # options with their defaults (`--set key=value` on the command line); SI or plain
     settings: Mapping[str, float | int | str | bool]
-    find: Callable[[Inputs], Identification]
-    propose: Propose
+    find: Callable[[Inputs], Identification]  # the physics: the result of Inputs
+    propose: Propose  # see Propose
 
     def identify(
         self,

@@ -23,25 +23,15 @@ STEP_RAD: Final = 0.25 * DEG
 
 @dataclass(frozen=True, eq=False)
 class ExternalAxis:
-    """One axis.
+    """One axis."""
 
-    Attributes:
-        number: 1 to 6, of E1 to E6.
-        turning: It turns; else it goes straight.
-        carries_robot: It carries the robot; else the part.
-        direction: (3,) unit vector.
-        origin: (3,) m, a point of the axis of one that turns.
-        low: Lower limit, m or rad.
-        high: Upper limit.
-    """
-
-    number: int
-    turning: bool
-    carries_robot: bool
-    direction: Float
-    origin: Float
-    low: float
-    high: float
+    number: int  # 1 to 6, of E1 to E6
+    turning: bool  # it turns; else it goes straight
+    carries_robot: bool  # it carries the robot; else the part
+    direction: Float  # (3,) unit vector
+    origin: Float  # (3,) m, a point of the axis of one that turns
+    low: float  # lower limit, m or rad
+    high: float  # upper limit
 
     @property
     def unit(self) -> float:
@@ -64,17 +54,11 @@ class ExternalAxis:
 
 @dataclass(frozen=True, eq=False)
 class ExternalPlaces:
-    """Places of the external axes in the order in which a program takes them.
+    """Places of the external axes in the order in which a program takes them."""
 
-    Attributes:
-        axes: The axes; the first of those that carry the same carries the next.
-        values: (places, axes) m or rad.
-        T_zero_part: (4, 4) m, the part in the robot base with all axes at zero.
-    """
-
-    axes: tuple[ExternalAxis, ...]
-    values: Float
-    T_zero_part: Float
+    axes: tuple[ExternalAxis, ...]  # the axes; the first of those that carry the same carries the next
+    values: Float  # (places, axes) m or rad
+    T_zero_part: Float  # (4, 4) m, the part in the robot base with all axes at zero
 
     def values_at(self, place: Float) -> Float:
         """(n, axes) values at numbers of places (n,); between two places linear."""
@@ -111,17 +95,11 @@ class ExternalPlaces:
 
 @dataclass(frozen=True)
 class Change:
-    """External axes go to another place.
+    """External axes go to another place."""
 
-    Attributes:
-        motion: Of the program.
-        standing: The tool stands in the part at the end of the motion meanwhile; else they move along with it.
-        values: Value by number of the axis, mm or deg: of those that move.
-    """
-
-    motion: int
-    standing: bool
-    values: Mapping[int, float]
+    motion: int  # of the program
+    standing: bool  # the tool stands in the part at the end of the motion meanwhile; else they move along with it
+    values: Mapping[int, float]  # value by number of the axis, mm or deg: of those that move
 
 
 def places_of(
@@ -173,10 +151,8 @@ def _steps(places: ExternalPlaces, number: int, speed_m_s: float) -> tuple[int, 
 
 
 def _stretched(path: ToolPath, begin: int, last: int, steps: int, time_s: float) -> ToolPath:
-    """Rows between two rows with the place going on by one, then all that follow.
-
-    Where both rows are the same the tool stands; else it goes on along the rows between them.
-    """
+    """Rows between two rows with the place going on by one, then all that follow."""
+    # Where both rows are the same the tool stands; else it goes on along the rows between them.
     n = len(path)
     stands = begin == last
     pieces = steps if stands else max(1, -(-steps // (last - begin)))

@@ -7,11 +7,12 @@ trapezoidal: programmed feed, limited acceleration along the path, and across it
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from counterflex.core.arrays import Float, Int
+from counterflex.core.arrays import Bool, Float, Int
 from counterflex.path.toolpath import RAPID, ToolPath
 
 _SMOOTH_RAD = math.radians(3.0)  # corners below this are run through at full speed
@@ -21,27 +22,16 @@ _TURN_LEVER_M = 0.3  # a pure change of orientation by 1 rad counts as this much
 
 @dataclass(frozen=True)
 class Track:
-    """The path the controller runs, as a polyline with speeds; row i ends segment i.
+    """The path the controller runs, as a polyline with speeds; row i ends segment i."""
 
-    Attributes:
-        p: (n, 3) m.
-        axis: (n, 3) tool axis.
-        length_m: (n,) length of the segment that ends here; 0 for a dwell.
-        speed_m_s: (n,) highest speed on that segment.
-        corner_m_s: (n,) highest speed at this point.
-        dwell_s: (n,) standstill on a segment without length.
-        source: (n,) row of the tool path that the segment belongs to.
-        turned: (n,) row of the tool path whose orientation is reached here.
-    """
-
-    p: Float
-    axis: Float
-    length_m: Float
-    speed_m_s: Float
-    corner_m_s: Float
-    dwell_s: Float
-    source: Int
-    turned: Int
+    p: Float  # (n, 3) m
+    axis: Float  # (n, 3) tool axis
+    length_m: Float  # (n,) length of the segment that ends here; 0 for a dwell
+    speed_m_s: Float  # (n,) highest speed on that segment
+    corner_m_s: Float  # (n,) highest speed at this point
+    dwell_s: Float  # (n,) standstill on a segment without length
+    source: Int  # (n,) row of the tool path that the segment belongs to
+    turned: Int  # (n,) row of the tool path whose orientation is reached here
 
 
 def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, acceleration_m_s2: float) -> Track:
@@ -73,19 +63,16 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
     begin, begin_axis = path.p_part_tcp[0], path.axis_part[0]
     rows.append((begin, begin_axis, 0.0, 1.0, 0.0, 0.0, 0, 0))
     last = 0
+    followed = _followed(reach, dwell, turning)
     for i in range(1, n):
         if reach[i] == 0.0:
             if dwell[i] > 0.0:
                 rows[-1] = (*rows[-1][:4], 0.0, *rows[-1][5:])
                 rows.append((begin, begin_axis, 0.0, 1.0, 0.0, float(dwell[i]), i, last))
             continue
-        end, end_axis = path.p_part_tcp[i], path.axis_part[i]
-        following = i + 1
-        while following < n and reach[following] == 0.0 and dwell[following] == 0.0:
-            following += 1
-        stop = following >= n or dwell[following] > 0.0 or turning[i] or turning[following]
+        end, end_axis, following = path.p_part_tcp[i], path.axis_part[i], int(followed[i])
         corner = distance = angle = 0.0
-        if not stop:
+        if following:
             angle = math.acos(min(1.0, max(-1.0, float(unit[i] @ unit[following]))))
             blend = min(blending_m, 0.5 * length[i], 0.5 * length[following])
             corner, distance = _rounded(angle, blend, min(speed[i], speed[following]), acceleration_m_s2)
@@ -95,23 +82,31 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
         begin, begin_axis, last = target, end_axis, i
         if distance > 0.0:
             exit_point = end + distance * unit[following]
-            chords = max(4, math.ceil(angle / _ROUNDING_STEP_RAD))
-            for k in range(1, chords + 1):
-                t = k / chords
-                p = (1.0 - t) ** 2 * target + 2.0 * t * (1.0 - t) * end + t * t * exit_point
+            for t, p in _parabola(target, end, exit_point, angle):
                 source = i if t <= 0.5 else following
                 rows.append((p, end_axis, float(np.linalg.norm(p - begin)), corner, corner, 0.0, source, i))
                 begin = p
-    return Track(
-        p=np.array([r[0] for r in rows]),
-        axis=np.array([r[1] for r in rows]),
-        length_m=np.array([r[2] for r in rows]),
-        speed_m_s=np.array([r[3] for r in rows]),
-        corner_m_s=np.array([r[4] for r in rows]),
-        dwell_s=np.array([r[5] for r in rows]),
-        source=np.array([r[6] for r in rows], dtype=np.int64),
-        turned=np.array([r[7] for r in rows], dtype=np.int64),
-    )
+    return Track(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _followed(reach: Float, dwell: Float, turning: Bool) -> Int:
+    """(n,) row that each row blends into, over rows that do not move; 0 where it ends in an exact stop."""
+    out, following = np.zeros(len(reach), dtype=np.int64), 0
+    for i in range(len(reach) - 1, 0, -1):
+        if reach[i] > 0.0:
+            out[i] = 0 if turning[i] else following
+            following = 0 if turning[i] else i
+        elif dwell[i] > 0.0:
+            following = 0
+    return out
+
+
+def _parabola(begin: Float, corner: Float, end: Float, angle: float) -> Iterator[tuple[float, Float]]:
+    """Parameter and points of a rounding about a corner, from begin, left out, to end."""
+    chords = max(4, math.ceil(angle / _ROUNDING_STEP_RAD))
+    for k in range(1, chords + 1):
+        t = k / chords
+        yield t, (1.0 - t) ** 2 * begin + 2.0 * t * (1.0 - t) * corner + t * t * end
 
 
 def _rounded(angle: float, blend_m: float, speed_m_s: float, acceleration_m_s2: float) -> tuple[float, float]:
@@ -143,7 +138,7 @@ def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float
 
 
 def places(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Int, Float]:
-    """Where on the track the tool is at each cycle.
+    """Places of the tool on the track at each cycle.
 
     Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then run
     in three phases (accelerate, hold, brake).

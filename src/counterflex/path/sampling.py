@@ -24,31 +24,18 @@ _MAX_POINTS: Final = 100_000_000
 
 @dataclass(frozen=True)
 class MotionTable:
-    """Elementary motions of the tool tip in the part frame, one row each, free of any program language.
+    """Elementary motions of the tool tip in the part frame, one row each, free of any program language."""
 
-    Attributes:
-        kind: (n,) :data:`RAPID_MOTION`, :data:`FEED_MOTION`, :data:`ARC_MOTION` or :data:`DWELL_MOTION`.
-        p_start: (n, 3) m.
-        p_end: (n, 3) m.
-        feed_m_s: (n,) m/s along the path, positive for feed and arc motions.
-        spindle_rad_s: (n,) rad/s, positive for M3.
-        tool: (n,) tool number.
-        duration_s: (n,) s, of a dwell.
-        p_centre: (n, 3) m, a point on the axis of an arc at the height of its start; anything elsewhere.
-        normal: (n, 3) unit normal of the arc's plane; anything elsewhere.
-        turn_rad: (n,) rad, signed angle turned about ``normal``; several turns and helices included.
-    """
-
-    kind: Int
-    p_start: Float
-    p_end: Float
-    feed_m_s: Float
-    spindle_rad_s: Float
-    tool: Int
-    duration_s: Float
-    p_centre: Float
-    normal: Float
-    turn_rad: Float
+    kind: Int  # (n,) RAPID_MOTION, FEED_MOTION, ARC_MOTION or DWELL_MOTION
+    p_start: Float  # (n, 3) m
+    p_end: Float  # (n, 3) m
+    feed_m_s: Float  # (n,) m/s along the path, positive for feed and arc motions
+    spindle_rad_s: Float  # (n,) rad/s, positive for M3
+    tool: Int  # (n,) tool number
+    duration_s: Float  # (n,) s, of a dwell
+    p_centre: Float  # (n, 3) m, a point on the axis of an arc at the height of its start; anything elsewhere
+    normal: Float  # (n, 3) unit normal of the arc's plane; anything elsewhere
+    turn_rad: Float  # (n,) rad, signed angle turned about `normal`; several turns and helices included
 
     def __post_init__(self) -> None:
         """Check lengths, finiteness and the sense of each row."""
@@ -170,7 +157,6 @@ def sample(
     Where a motion does not start at the end of the one before it (another tool length), a rapid segment joins them.
 
     Args:
-        motions: The motions.
         step_m: Longest step, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.

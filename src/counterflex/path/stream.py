@@ -77,7 +77,7 @@ class PoseStream:
 
     @property
     def finished(self) -> bool:
-        """Whether the end has been reached."""
+        """Return whether the end has been reached."""
         return self.at >= len(self) - 1
 
     def advance(self, override: float = 1.0) -> None:

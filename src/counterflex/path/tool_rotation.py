@@ -20,17 +20,13 @@ _STEP_M: Final = 1.0 * MM
 
 @dataclass(frozen=True)
 class ToolRotation:
-    """Rotation about the tool axis over the length of the programmed path, linear between the places given.
+    """Rotation about the tool axis over the length of the programmed path, linear between the places given."""
 
-    Attributes:
-        length_m: Places, m from the first point of the program, rapids counted; rising.
-        angle_rad: Rotation there, not limited to a turn; constant before the first place and behind the last.
-        p_part: (x, y, z) m in the part frame of the tool tip at each place, by which another program is told apart;
-            none where they have not been looked up, see :meth:`placed`.
-    """
-
-    length_m: tuple[float, ...]
+    length_m: tuple[float, ...]  # places, m from the first point of the program, rapids counted; rising
+    # rotation there, not limited to a turn; constant before the first place and behind the last
     angle_rad: tuple[float, ...]
+    # (x, y, z) m in the part frame of the tool tip at each place, by which another program is told apart; none where
+    # they have not been looked up, see placed
     p_part: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
@@ -64,7 +60,7 @@ class ToolRotation:
         return replace(self, p_part=tuple((float(x), float(y), float(z)) for x, y, z in points))
 
     def distance(self, p_part_tcp: Float) -> tuple[float, float]:
-        """How far a program is from the one that the turning was chosen for.
+        """Distance of a program from the one that the turning was chosen for.
 
         Each of ``p_part`` is looked for within :data:`NEAR_M` of its place along the path.
 

@@ -23,28 +23,18 @@ class ToolPath:
     """Points the tool centre point runs through, joined by straight segments; row i ends segment i.
 
     Row 0 is the start and ends no segment. Consecutive rows may coincide (a dwell: time passes, nothing moves).
-
-    Attributes:
-        p_part_tcp: (n, 3) m. Tool tip in the part frame (for a ball mill the tip too, not the ball centre).
-        axis_part: (n, 3) unit vectors from the tool tip towards the spindle, in the part frame.
-        kind: (n,) :data:`RAPID` or :data:`FEED` of the segment that ends here.
-        feed_m_s: (n,) m/s. Programmed speed along the segment that ends here.
-        spindle_rad_s: (n,) rad/s. Spindle speed, positive clockwise seen from the spindle (M3), 0 when off.
-        time_s: (n,) s. Time of arrival at the programmed speed, non-decreasing, ``time_s[0] == 0``.
-        motion: (n,) index of the program motion that the segment belongs to, non-decreasing.
-        tool: (n,) number of the tool in the spindle.
-        place: (n,) number of the place of the external axes, between two of them where they move; zeros where it is
-            left out: they stand in one place.
     """
 
-    p_part_tcp: Float
-    axis_part: Float
-    kind: Int
-    feed_m_s: Float
-    spindle_rad_s: Float
-    time_s: Float
-    motion: Int
-    tool: Int
+    p_part_tcp: Float  # (n, 3) m. Tool tip in the part frame (for a ball mill the tip too, not the ball centre)
+    axis_part: Float  # (n, 3) unit vectors from the tool tip towards the spindle, in the part frame
+    kind: Int  # (n,) RAPID or FEED of the segment that ends here
+    feed_m_s: Float  # (n,) m/s. Programmed speed along the segment that ends here
+    spindle_rad_s: Float  # (n,) rad/s. Spindle speed, positive clockwise seen from the spindle (M3), 0 when off
+    time_s: Float  # (n,) s. Time of arrival at the programmed speed, non-decreasing, `time_s[0] == 0`
+    motion: Int  # (n,) index of the program motion that the segment belongs to, non-decreasing
+    tool: Int  # (n,) number of the tool in the spindle
+    # (n,) number of the place of the external axes, between two of them where they move; zeros where it is left out:
+    # they stand in one place
     place: Float = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:

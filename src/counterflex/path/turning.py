@@ -21,35 +21,22 @@ _TURN_LEVER_M: Final = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """How the tool turns along n motions.
+    """Turn of the tool along n motions."""
 
-    Attributes:
-        start_rad: (n, 3) rotary angles at the start of each motion.
-        end_rad: (n, 3) at its end.
-        feed_rad_s: (n,) rad/s, of motions that only turn.
-        pose: From points (k, 3) m as programmed, angles (k, 3) rad and motions (k,) to tips (k, 3) m and tool axes (k,
-            3).
-    """
-
-    start_rad: Float
-    end_rad: Float
-    feed_rad_s: Float
+    start_rad: Float  # (n, 3) rotary angles at the start of each motion
+    end_rad: Float  # (n, 3) at its end
+    feed_rad_s: Float  # (n,) rad/s, of motions that only turn
+    # from points (k, 3) m as programmed, angles (k, 3) rad and motions (k,) to tips (k, 3) m and tool axes (k, 3)
     pose: Callable[[Float, Float, Int], tuple[Float, Float]]
 
 
 @dataclass(frozen=True, eq=False)
 class TurnedPath:
-    """A sampled path with what the program says at every row.
+    """A sampled path with what the program says at every row."""
 
-    Attributes:
-        path: The tool path.
-        programmed: The same rows with the points as programmed.
-        angle_rad: (rows, 3) rotary angles.
-    """
-
-    path: ToolPath
-    programmed: ToolPath
-    angle_rad: Float
+    path: ToolPath  # the tool path
+    programmed: ToolPath  # the same rows with the points as programmed
+    angle_rad: Float  # (rows, 3) rotary angles
 
 
 def sample_turning(

@@ -28,19 +28,12 @@ correction may be worse than none, so the program is refused unless the cell fil
 
 @dataclass(frozen=True)
 class Outside:
-    """Rows of a program whose chips are outside the range of the constants.
+    """Rows of a program whose chips are outside the range of the constants."""
 
-    Attributes:
-        rows: (n,) True there.
-        row_share: (n,) distance between both readings of the force, as a share of the force; 0 inside the range.
-        force_share: Share of the force impulse that comes from these rows.
-        uncertain_share: Share of the force impulse that is uncertain.
-    """
-
-    rows: Bool
-    row_share: Float
-    force_share: float
-    uncertain_share: float
+    rows: Bool  # (n,) True there
+    row_share: Float  # (n,) distance between both readings of the force, as a share of the force; 0 inside the range
+    force_share: float  # share of the force impulse that comes from these rows
+    uncertain_share: float  # share of the force impulse that is uncertain
 
 
 def uncertainty(law: ForceLaw, chip_m: Float) -> Float:

@@ -220,15 +220,10 @@ def in_fine_stock(loaded: LoadedRobot) -> LoadedRobot:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A command run on the robot in motion.
+    """A command run on the robot in motion."""
 
-    Attributes:
-        deviation_part: (n, 6) m, rad, of the tool from the programmed path, part axes.
-        cutting: (n,) True where teeth meet material.
-    """
-
-    deviation_part: Float
-    cutting: Bool
+    deviation_part: Float  # (n, 6) m, rad, of the tool from the programmed path, part axes
+    cutting: Bool  # (n,) True where teeth meet material
 
 
 def dynamic_trial(
@@ -308,7 +303,7 @@ def _tried(loaded: LoadedRobot, command: Command, progress: Progress) -> Trial:
 
 
 def _correctable(loaded: LoadedRobot, deviation: Float) -> Float:
-    """What of a deviation changes slower than it lasts and may be corrected, shaped in time."""
+    """Return the correctable part of a deviation: without what is faster than the robot, shaped in time."""
     setting, path = loaded.inputs.setting, loaded.inputs.path
     left = deviation if setting.orientation else np.pad(deviation[:, :3], ((0, 0), (0, 3)))
     if setting.normal_only:
@@ -341,19 +336,12 @@ def lasting(values: Float, time_s: Float, window_s: float = _LASTING_S) -> Float
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Deviations of the tool from the programmed path, part axes; NaN where nothing was predicted.
+    """Deviations of the tool from the programmed path, part axes; NaN where nothing was predicted."""
 
-    Attributes:
-        deviation_nominal_part: (n, 3) m, the program as it is.
-        deviation_compensated_part: (n, 3) m, the compensated program.
-        w_nominal_part: (n, 6) N, N m, force on the tool that the program as it is makes.
-        cutting: (n,) True where teeth meet material in one of the two.
-    """
-
-    deviation_nominal_part: Float
-    deviation_compensated_part: Float
-    w_nominal_part: Float
-    cutting: Bool
+    deviation_nominal_part: Float  # (n, 3) m, the program as it is
+    deviation_compensated_part: Float  # (n, 3) m, the compensated program
+    w_nominal_part: Float  # (n, 6) N, N m, force on the tool that the program as it is makes
+    cutting: Bool  # (n,) True where teeth meet material in one of the two
 
 
 def predict_deviations(loaded: LoadedRobot, trial: Trial, parts: Mapping[str, Progress]) -> Prediction:

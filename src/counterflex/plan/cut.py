@@ -33,27 +33,16 @@ ROWS_PER_CALL = 2000
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What cutting a path gives, one row per path point (row i: the segment that ends there). Part axes, SI.
+    """Forces and engagement of a cut, one row per path point (row i: the segment that ends there). Part axes, SI."""
 
-    Attributes:
-        w_tcp_part: (n, 6) N, N m, mean wrench on the tool about its tip.
-        displacement_part: (n, 6) m, rad, displacement of the tool at the end of the row (zero when undisturbed).
-        volume_m3: (n,) removed, by rapids too.
-        axial_depth_m: (n,) largest engaged axial depth.
-        entry_rad: (n,) immersion angle where the engagement begins; NaN out of the cut.
-        exit_rad: (n,) where it ends.
-        feed_per_tooth_m: (n,) along the path actually run.
-        chip_m: (n,) mean chip thickness ``f_z mean(sin phi)``; 0 out of the cut.
-    """
-
-    w_tcp_part: Float
-    displacement_part: Float
-    volume_m3: Float
-    axial_depth_m: Float
-    entry_rad: Float
-    exit_rad: Float
-    feed_per_tooth_m: Float
-    chip_m: Float
+    w_tcp_part: Float  # (n, 6) N, N m, mean wrench on the tool about its tip
+    displacement_part: Float  # (n, 6) m, rad, displacement of the tool at the end of the row (zero when undisturbed)
+    volume_m3: Float  # (n,) removed, by rapids too
+    axial_depth_m: Float  # (n,) largest engaged axial depth
+    entry_rad: Float  # (n,) immersion angle where the engagement begins; NaN out of the cut
+    exit_rad: Float  # (n,) where it ends
+    feed_per_tooth_m: Float  # (n,) along the path actually run
+    chip_m: Float  # (n,) mean chip thickness `f_z mean(sin phi)`; 0 out of the cut
 
     def collisions(self, kind: Int) -> Int:
         """Rows of rapids that removed material."""
@@ -101,12 +90,7 @@ def cut(
     """
     n = len(path)
     command = as_float("p_part_command", p_part_command, (n, 3))
-    if (compliance_part is None) != (mode is None):
-        raise InputError("bending needs both a compliance and a mode")
-    C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))
-    offset = np.zeros((n, 3)) if correction_part is None else as_float("correction_part", correction_part, (n, 3))
-    if correction_part is not None and mode is None:
-        raise InputError("a correction acts through a mode", hint="Give compliance_part and mode")
+    C, offset = _bending(n, compliance_part, correction_part, mode)
     omega, zeta = (0.0, 1.0) if mode is None else (mode.omega_rad_s, mode.damping_ratio)
     w, x = np.zeros((n, 6)), np.zeros((n, 6))
     volume, axial, feed_tooth, chip = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -125,12 +109,8 @@ def cut(
         turned = TurningCut(stock, path.axis_part, law, rows_of_path, omega, zeta, moving, rows)
     changes = [1, *(np.flatnonzero(np.diff(numbers[1:])) + 2).tolist(), n]
     for begin, end in itertools.pairwise(changes):
-        active = np.any(kind[begin:end] == FEED)
-        if (
-            motion is None
-            and not active
-            and _far_above(command[begin - 1 : end], path.axis_part[begin - 1 : end], stock)
-        ):
+        passes = motion is None and not np.any(kind[begin:end] == FEED)
+        if passes and _far_above(command[begin - 1 : end], path.axis_part[begin - 1 : end], stock):
             state.tip[:] = command[end - 1]
             state.stamped = 0
             if turned is not None:
@@ -140,23 +120,7 @@ def cut(
         if turned is not None:
             turned.cut(begin, end, cutter, progress)
             continue
-        weights = mean_force_weights(cutter, law)
-        workspace, shape = stamp_workspace(cutter), cutter.kernel_parameters()
-        tool = CutTool(
-            flutes=float(cutter.flutes),
-            shape=shape,
-            workspace=workspace,
-            terms=weights.terms,
-            arc=weights.arc,
-            levels=weights.levels,
-            edges=edges,
-            depth=np.zeros((weights.n_levels, weights.n_bins)),
-            extra=np.zeros(2),
-            wrench_feed=np.zeros(6),
-            force=np.zeros(6),
-            space=np.zeros(6),
-            thrust=np.zeros(THRUST_SIZE),
-        )
+        tool = _tool(cutter, law, edges)
         state.stamped = 0
         for at in range(begin, end, ROWS_PER_CALL):
             stop = min(at + ROWS_PER_CALL, end)
@@ -203,7 +167,7 @@ def at_points(w: Float, contact: Bool) -> Float:
 
 
 def any_tilted(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutter]) -> bool:
-    """Whether a feed of a path may touch the stock with the tool elsewhere than along z."""
+    """Return whether a feed of a path may touch the stock with the tool elsewhere than along z."""
     for number in np.unique(path.tool[path.kind == FEED]):
         fed = (path.kind == FEED) & (path.tool == number)
         if cuts_tilted(stock, path.p_part_tcp[fed], path.axis_part[fed], cutter_of(int(number))):
@@ -214,3 +178,36 @@ def any_tilted(path: ToolPath, stock: HeightMap, cutter_of: Callable[[int], Cutt
 def _far_above(points: Float, axis: Float, stock: HeightMap) -> bool:
     """True when a tool moving through these points with these axes stays above the stock."""
     return bool(np.min(points[:, 2]) > float(stock.z.max()) and np.min(axis[:, 2]) >= 0.0)
+
+
+def _tool(cutter: Cutter, law: ForceLaw, edges: Float) -> CutTool:
+    """A tool with the working space of its kernel."""
+    weights = mean_force_weights(cutter, law)
+    return CutTool(
+        flutes=float(cutter.flutes),
+        shape=cutter.kernel_parameters(),
+        workspace=stamp_workspace(cutter),
+        terms=weights.terms,
+        arc=weights.arc,
+        levels=weights.levels,
+        edges=edges,
+        depth=np.zeros((weights.n_levels, weights.n_bins)),
+        extra=np.zeros(2),
+        wrench_feed=np.zeros(6),
+        force=np.zeros(6),
+        space=np.zeros(6),
+        thrust=np.zeros(THRUST_SIZE),
+    )
+
+
+def _bending(
+    n: int, compliance_part: Float | None, correction_part: Float | None, mode: Mode | None
+) -> tuple[Float, Float]:
+    """Compliance (n, 6, 6) and correction (n, 3) of every row, zero where none are given."""
+    if (compliance_part is None) != (mode is None):
+        raise InputError("bending needs both a compliance and a mode")
+    C = np.zeros((n, 6, 6)) if compliance_part is None else as_float("compliance_part", compliance_part, (n, 6, 6))
+    offset = np.zeros((n, 3)) if correction_part is None else as_float("correction_part", correction_part, (n, 3))
+    if correction_part is not None and mode is None:
+        raise InputError("a correction acts through a mode", hint="Give compliance_part and mode")
+    return C, offset

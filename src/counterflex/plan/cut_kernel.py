@@ -215,11 +215,9 @@ def _room(grid: Grid, xa: float, ya: float, xb: float, yb: float, radius: float)
 
 @kernel("UniTuple(float64, 2)(Grid, float64, float64, float64, float64, float64)", Grid=GRID)
 def _end_face_lean(grid: Grid, x: float, y: float, z: float, drop: float, radius: float) -> tuple[float, float]:
-    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
-
-    Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
-    forces of the end edges no longer cancel and push the tool along ``z x`` this vector.
-    """
+    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m."""
+    # Zero where all of the face is engaged; where only part of it is (a ramp that runs out of the part), the cutting
+    # forces of the end edges no longer cancel and push the tool along `z x` this vector.
     sum_x, sum_y = 0.0, 0.0
     ny, nx = grid.z.shape
     for a in range(_ANGLES):
@@ -268,8 +266,9 @@ def engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[flo
         for level in range(depth.shape[0]):
             column += depth[level, b]
         highest = max(highest, column)
-        total += column
-        sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
+        if column > 0.0:  # most bins are out of the cut
+            total += column
+            sine += column * math.sin(0.5 * (edges[b] + edges[b + 1]))
     if total <= 0.0:
         return 0.0, math.nan, math.nan, 0.0
     length = max(2.0 * cell, 0.125 * radius)

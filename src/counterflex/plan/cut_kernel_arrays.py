@@ -18,7 +18,7 @@ on the robot in motion (N, N m)."""
 
 
 class CutPath(NamedTuple):
-    """What is cut, rows as in :func:`counterflex.plan.cut.cut`: commanded tips, kinds, times, speeds, bending."""
+    """Path of a cut, rows as in :func:`counterflex.plan.cut.cut`: commanded tips, kinds, times, speeds, bending."""
 
     p_command: Float2
     kind: Int1
@@ -29,7 +29,7 @@ class CutPath(NamedTuple):
 
 
 class CutTool(NamedTuple):
-    """What cuts: cutter and weights of its mean force, and working space for them."""
+    """Tool of a cut: cutter and weights of its mean force, and working space for them."""
 
     flutes: float
     shape: Float1
@@ -47,7 +47,7 @@ class CutTool(NamedTuple):
 
 
 class CutRows(NamedTuple):
-    """What comes out, a row per path row, as in :class:`counterflex.plan.cut.Cut`."""
+    """Results of a cut, a row per path row, as in :class:`counterflex.plan.cut.Cut`."""
 
     wrench: Float2
     displacement: Float2

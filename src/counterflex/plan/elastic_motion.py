@@ -105,7 +105,6 @@ def jacobians(chain: ElasticChain, q: Float) -> tuple[Float, Float]:
     """Motion of the tool's tip per coordinate and per motor angle in many postures.
 
     Args:
-        chain: The chain.
         q: (rows, 6) rad.
 
     Returns:
@@ -158,7 +157,7 @@ def motion_along(
     shaken: Bool | None = None,
     acceleration_m_s2: float = math.inf,
 ) -> Motion:
-    """What :func:`counterflex.plan.elastic_motion_kernel.advance` needs for a path, at rest at its first row.
+    """Arrays of :func:`counterflex.plan.elastic_motion_kernel.advance` for a path, at rest at its first row.
 
     Args:
         chain: The elastic robot with play and drives.
@@ -185,8 +184,8 @@ def motion_along(
     held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness_of(chain, nominal[chosen])[:, :, None] * np.eye(n)
     M = inertia(chain, nominal[chosen])
     inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
-    answer: Float = step_s * inverse
-    keep: Float = inverse @ (M - held)
+    answer: Float = np.ascontiguousarray(np.swapaxes(step_s * inverse, 1, 2))
+    keep: Float = np.ascontiguousarray(np.swapaxes(inverse @ (M - held), 1, 2))
     X = relative.rows(places).to_part
     J, J_drive = (np.ascontiguousarray(X @ result) for result in jacobians(chain, nominal[places]))
     weight = play.axis_torque(chain, nominal)

@@ -28,78 +28,43 @@ AXES = 6
 
 
 class Motion(NamedTuple):
-    """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements.
+    """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements."""
 
-    Attributes:
-        step_s: Length h of a step.
-        time_s: (rows,) s.
-        q_command: (rows, 6) rad, commanded angles, corrections included.
-        q_ref: (rows, 6) rad, angles of the programmed path.
-        shaken: (rows,) 1 where the programmed speed may change and shakes the arm on the way to the row, else 0.
-        acceleration: Of the tip, at most, m/s2: so fast the controller changes the programmed speed.
-        weight: (rows, 6) N m, torque of weight and counterbalance on the torsions.
-        posture: (rows,) which of the postures holds at a row.
-        place: (rows,) which of the Jacobians does.
-        answer: (postures, n, n) ``h (M + h/2 D + h^2/4 K)^-1``.
-        keep: (postures, n, n) ``(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)``.
-        J_tcp_part: (places, 6, n) motion of the tool per coordinate, part axes.
-        J_drive_part: (places, 6, 6) what is added per motor angle, for gears that yield beside their axis.
-        stiffness: (rows, n) of each coordinate, even between rows; one row where it is the same everywhere.
-        damping: (6,) N m s, of the gears.
-        half_band: (6,) rad.
-        limit: (6, m) N m.
-        slip: (6, m) rad.
-        speed_gain: (6,) N m s; 0 for a motor that never yields.
-        position_gain: (6,) 1/s.
-        integral_time: (6,) s.
-        motor_friction: (6,) N m.
-        motor_slip: (6,) rad.
-        x: (n,) coordinates now.
-        rate: (n,) their rates.
-        drives: (8, 6) motor angle, the one before, integral, friction held, load at the start,
-            command before, all beside the programmed angle; programmed angle before, programmed speed.
-        held: (6, m) N m, friction of the links.
-        clock: (2,) time of the state in s, and 1 once it has been set.
-        program: (6,) rad, working space.
-        load: (n,) working space.
-        fresh: (n,) working space.
-        thrust: (7,) of :mod:`counterflex.plan.bending_kernels`, set before a call; it acts beside the wrench.
-        pushed: (n,) working space.
-    """
-
-    step_s: float
-    time_s: Float1
-    q_command: Float2
-    q_ref: Float2
-    shaken: Int1
-    acceleration: float
-    weight: Float2
-    posture: Int1
-    place: Int1
-    answer: Float3
-    keep: Float3
-    J_tcp_part: Float3
-    J_drive_part: Float3
-    stiffness: Float2
-    damping: Float1
-    half_band: Float1
-    limit: Float2
-    slip: Float2
-    speed_gain: Float1
-    position_gain: Float1
-    integral_time: Float1
-    motor_friction: Float1
-    motor_slip: Float1
-    x: Float1
-    rate: Float1
+    step_s: float  # length h of a step
+    time_s: Float1  # (rows,) s
+    q_command: Float2  # (rows, 6) rad, commanded angles, corrections included
+    q_ref: Float2  # (rows, 6) rad, angles of the programmed path
+    shaken: Int1  # (rows,) 1 where the programmed speed may change and shakes the arm on the way to the row, else 0
+    acceleration: float  # of the tip, at most, m/s2: so fast the controller changes the programmed speed
+    weight: Float2  # (rows, 6) N m, torque of weight and counterbalance on the torsions
+    posture: Int1  # (rows,) which of the postures holds at a row
+    place: Int1  # (rows,) which of the Jacobians does
+    answer: Float3  # (postures, n, n) `h (M + h/2 D + h^2/4 K)^-1`, transposed
+    keep: Float3  # (postures, n, n) `(M + h/2 D + h^2/4 K)^-1 (M - h/2 D - h^2/4 K)`, transposed
+    J_tcp_part: Float3  # (places, 6, n) motion of the tool per coordinate, part axes
+    J_drive_part: Float3  # (places, 6, 6) what is added per motor angle, for gears that yield beside their axis
+    stiffness: Float2  # (rows, n) of each coordinate, even between rows; one row where it is the same everywhere
+    damping: Float1  # (6,) N m s, of the gears
+    half_band: Float1  # (6,) rad
+    limit: Float2  # (6, m) N m
+    slip: Float2  # (6, m) rad
+    speed_gain: Float1  # (6,) N m s; 0 for a motor that never yields
+    position_gain: Float1  # (6,) 1/s
+    integral_time: Float1  # (6,) s
+    motor_friction: Float1  # (6,) N m
+    motor_slip: Float1  # (6,) rad
+    x: Float1  # (n,) coordinates now
+    rate: Float1  # (n,) their rates
+    # (8, 6) motor angle, the one before, integral, friction held, load at the start, command before, all beside the
+    # programmed angle; programmed angle before, programmed speed
     drives: Float2
-    held: Float2
-    clock: Float1
-    program: Float1
-    load: Float1
-    fresh: Float1
-    thrust: Float1
-    pushed: Float1
+    held: Float2  # (6, m) N m, friction of the links
+    clock: Float1  # (2,) time of the state in s, and 1 once it has been set
+    program: Float1  # (6,) rad, working space
+    load: Float1  # (n,) working space
+    fresh: Float1  # (n,) working space
+    thrust: Float1  # (7,) of counterflex.plan.bending_kernels, set before a call; it acts beside the wrench
+    pushed: Float1  # (n,) working space
 
 
 MOTION: Final = bundle(Motion)
@@ -156,20 +121,22 @@ def rest(motion: Motion, row: int) -> None:
 @kernel("void(Motion, int64)", Motion=MOTION)
 def _shake(motion: Motion, row: int) -> None:
     """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
-    h, J = motion.step_s, motion.J_tcp_part[motion.place[row]]
+    h, J, due = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
     share = 1.0
+    for a in range(AXES):
+        due[a] = motion.program[a] / h - motion.drives[7, a]
     if motion.shaken[row] != 0:
         square = 0.0
         for k in range(3):
             change = 0.0
             for a in range(AXES):
-                change += J[k, a] * (motion.program[a] / h - motion.drives[7, a])
+                change += J[k, a] * due[a]
             square += change * change
         most = h * motion.acceleration
         if square > most * most:
             share = most / math.sqrt(square)
     for a in range(AXES):
-        change = share * (motion.program[a] / h - motion.drives[7, a])
+        change = share * due[a]
         motion.drives[7, a] += change
         if motion.shaken[row] != 0:
             motion.rate[a] -= change
@@ -188,8 +155,10 @@ def _push_back(motion: Motion, row: int) -> None:
             descent -= thrust[UP + k] * J_drive[k, a] * turned
     for i in range(n):
         pushed[i] = 0.0
-        for j in range(n):
-            pushed[i] += A[i, j] * (thrust[UP] * J[0, j] + thrust[UP + 1] * J[1, j] + thrust[UP + 2] * J[2, j])
+    for j in range(n):
+        up, row_of = thrust[UP] * J[0, j] + thrust[UP + 1] * J[1, j] + thrust[UP + 2] * J[2, j], A[j]
+        for i in range(n):
+            pushed[i] += row_of[i] * up
     for i in range(n):
         up = thrust[UP] * J[0, i] + thrust[UP + 1] * J[1, i] + thrust[UP + 2] * J[2, i]
         descent -= up * motion.fresh[i]
@@ -221,10 +190,11 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
     while motion.clock[0] + h <= until_s:
         share = min(max((motion.clock[0] + h - start) / length, 0.0), 1.0) if length > 0.0 else 1.0
         for i in range(n):
-            total = 0.0
-            for k in range(6):
-                total += J[k, i] * wrench[k]
-            load[i] = total
+            load[i] = 0.0
+        for k in range(6):
+            push, row_of = wrench[k], J[k]
+            for i in range(n):
+                load[i] += row_of[i] * push
         for a in range(AXES):
             place = motion.q_ref[row - 1, a] + share * (motion.q_ref[row, a] - motion.q_ref[row - 1, a])
             q = motion.q_command[row - 1, a] + share * (motion.q_command[row, a] - motion.q_command[row - 1, a]) - place
@@ -256,10 +226,11 @@ def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float)
         for i in range(AXES, n):
             load[i] -= (before_k[i] + share * (after_k[i] - before_k[i])) * x[i]
         for i in range(n):
-            total = 0.0
-            for j in range(n):
-                total += B[i, j] * v[j] + A[i, j] * load[j]
-            fresh[i] = total
+            fresh[i] = 0.0
+        for j in range(n):  # by columns: n sums side by side run in vectors, one sum behind the other does not
+            rate, push, kept, answered = v[j], load[j], B[j], A[j]
+            for i in range(n):
+                fresh[i] += kept[i] * rate + answered[i] * push
         if motion.thrust[AMPLITUDE] > 0.0:
             _push_back(motion, row)
         for i in range(n):

@@ -32,22 +32,16 @@ _POWER: Final = 0.7
 
 @dataclass(frozen=True)
 class FeedTolerance:
-    """What is asked for.
-
-    Attributes:
-        tolerance_m: Largest predicted error across the feed, in the cut.
-        least: Lowest share of the programmed feed.
-        least_chip_m: Smallest chip in the middle of the engagement.
-        change_per_s: Largest change of the share per second.
+    """Tolerance that a feed is searched for, and the bounds of the search.
 
     Raises:
         InputError: A number is out of range.
     """
 
-    tolerance_m: float
-    least: float = 0.3
-    least_chip_m: float = 10.0 * UM
-    change_per_s: float = 2.0
+    tolerance_m: float  # largest predicted error across the feed, in the cut
+    least: float = 0.3  # lowest share of the programmed feed
+    least_chip_m: float = 10.0 * UM  # smallest chip in the middle of the engagement
+    change_per_s: float = 2.0  # largest change of the share per second
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -60,43 +54,27 @@ class FeedTolerance:
 
 @dataclass(frozen=True)
 class LineFeed:
-    """What became of one source line.
+    """Feed of one source line."""
 
-    Attributes:
-        line: In the source.
-        share: Lowest share of its programmed feed.
-        before_m: Largest predicted error at the programmed feed.
-        after_m: The same at the lowered feed.
-        why: Why the tolerance is not reached: ``least feed``, ``least chip``, ``fixed feed`` (it cannot be changed
-            here), ``no gain`` (a lower feed does not help); empty where it is.
-    """
-
-    line: int
-    share: float
-    before_m: float
-    after_m: float
+    line: int  # in the source
+    share: float  # lowest share of its programmed feed
+    before_m: float  # largest predicted error at the programmed feed
+    after_m: float  # the same at the lowered feed
+    # why the tolerance is not reached: `least feed`, `least chip`, `fixed feed` (it cannot be changed here), `no gain`
+    # (a lower feed does not help); empty where it is
     why: str
 
 
 @dataclass(frozen=True, eq=False)
 class LoweredFeed:
-    """A plan at lowered feeds.
+    """A plan at lowered feeds."""
 
-    Attributes:
-        plan: At these feeds.
-        extra_s: Time that it costs, accelerations left out.
-        before_m: Largest predicted error at the programmed feed.
-        after_m: At the lowered feed.
-        lines: Lines that were slowed down or stay outside, in order.
-        rounds: How often it was planned anew.
-    """
-
-    plan: Plan
-    extra_s: float
-    before_m: float
-    after_m: float
-    lines: tuple[LineFeed, ...]
-    rounds: int
+    plan: Plan  # at these feeds
+    extra_s: float  # time that it costs, accelerations left out
+    before_m: float  # largest predicted error at the programmed feed
+    after_m: float  # at the lowered feed
+    lines: tuple[LineFeed, ...]  # lines that were slowed down or stay outside, in order
+    rounds: int  # how often it was planned anew
 
 
 def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Callable[[ToolPath], Plan]) -> LoweredFeed:
@@ -150,7 +128,7 @@ def _error(plan: Plan) -> Float:
 
 
 def _excess(error: Float, wish: FeedTolerance) -> float:
-    """How much a path is outside: the largest excess, and a little of all."""
+    """Excess of a path over the tolerance: the largest excess, and a little of all."""
     over = np.maximum(error - wish.tolerance_m, 0.0)
     return float(over.max(initial=0.0) + 0.1 * over.mean())
 

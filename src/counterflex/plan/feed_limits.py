@@ -39,46 +39,29 @@ _CORNER_RAD: Final = 0.35
 
 @dataclass(frozen=True)
 class LimitedLine:
-    """What became of a source line.
+    """Feed of a source line under the limits."""
 
-    Attributes:
-        line: In the source.
-        share: Lowest share of its programmed feed.
-        limit: The limit that binds there.
-        before: Share of that limit that the programmed feed uses, largest of the line.
-        after_share: The same at the lowered feed; above 1 where the least feed does not reach the limit.
-    """
-
-    line: int
-    share: float
-    limit: str
-    before: float
-    after_share: float
+    line: int  # in the source
+    share: float  # lowest share of its programmed feed
+    limit: str  # the limit that binds there
+    before: float  # share of that limit that the programmed feed uses, largest of the line
+    after_share: float  # the same at the lowered feed; above 1 where the least feed does not reach the limit
 
 
 @dataclass(frozen=True, eq=False)
 class LimitedFeed:
-    """A path at feeds within limits.
+    """A path at feeds within limits."""
 
-    Attributes:
-        path: At these feeds.
-        share: (n,) of the programmed feed.
-        programmed_m_s: (n,) m/s, the programmed feed.
-        binds: (n,) name of the limit that binds, empty where the feed is the programmed one.
-        lines: That were slowed down or stay beyond a limit, in order.
-        extra_s: Time that it costs.
-    """
-
-    path: ToolPath
-    share: Float
-    programmed_m_s: Float
-    binds: tuple[str, ...]
-    lines: tuple[LimitedLine, ...]
-    extra_s: float
+    path: ToolPath  # at these feeds
+    share: Float  # (n,) of the programmed feed
+    programmed_m_s: Float  # (n,) m/s, the programmed feed
+    binds: tuple[str, ...]  # (n,) name of the limit that binds, empty where the feed is the programmed one
+    lines: tuple[LimitedLine, ...]  # that were slowed down or stay beyond a limit, in order
+    extra_s: float  # time that it costs
 
 
 def known(limits: ProcessLimits) -> bool:
-    """Whether any limit is known that a feed can keep."""
+    """Return whether any limit is known that a feed can keep."""
     some = (limits.power_w, limits.torque_nm, limits.force_n, limits.deflection_m, limits.acceleration_m_s2)
     bends = limits.bending_m is not None and limits.overhang_m is not None
     return (
@@ -91,15 +74,10 @@ def known(limits: ProcessLimits) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class CutDemand:
-    """Demand of a cut on spindle, tool and robot, row by row; 0 where nothing is cut.
+    """Demand of a cut on spindle, tool and robot, row by row; 0 where nothing is cut."""
 
-    Attributes:
-        values: (n,) by name of the limit that it is held against, SI.
-        displacement_part: (n, 6) m, rad, elastic displacement of the tool in the part.
-    """
-
-    values: dict[str, Float]
-    displacement_part: Float
+    values: dict[str, Float]  # (n,) by name of the limit that it is held against, SI
+    displacement_part: Float  # (n, 6) m, rad, elastic displacement of the tool in the part
 
 
 def cut_demand(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> CutDemand:

@@ -57,15 +57,10 @@ _STILL_M: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class FeedGroups:
-    """Where the feed of a program can be changed; n rows of its path.
+    """Groups of rows whose feed can be changed; n rows of its path."""
 
-    Attributes:
-        group: (n,) rows of one number have one feed: an arc, a canned cycle.
-        fixed: (n,) rows whose feed cannot be changed.
-    """
-
-    group: Int
-    fixed: Bool
+    group: Int  # (n,) rows of one number have one feed: an arc, a canned cycle
+    fixed: Bool  # (n,) rows whose feed cannot be changed
 
 
 def at_feed(path: ToolPath, share: Float) -> ToolPath:

@@ -33,76 +33,50 @@ _NO_ERRORS, _ASSUMED, _ALL_LINES = DriveErrors(), Damping.of(None), ByAxes()
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on what compensation may do; a plan that needs more is refused, never clipped.
+    """Bounds on what compensation may do; a plan that needs more is refused, never clipped."""
 
-    Attributes:
-        correction_m: Largest correction.
-        rotation_rad: Largest correction of the orientation.
-        joint_margin_rad: Smallest distance to a joint limit.
-        wrist_rad: Smallest angle between axes 4 and 6.
-    """
-
-    correction_m: float = 3.0 * MM
-    rotation_rad: float = 1.0 * DEG
-    joint_margin_rad: float = 2.0 * DEG
-    wrist_rad: float = 5.0 * DEG
+    correction_m: float = 3.0 * MM  # largest correction
+    rotation_rad: float = 1.0 * DEG  # largest correction of the orientation
+    joint_margin_rad: float = 2.0 * DEG  # smallest distance to a joint limit
+    wrist_rad: float = 5.0 * DEG  # smallest angle between axes 4 and 6
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """All that planning stands on.
+    """All that planning stands on."""
 
-    Attributes:
-        chain: Robot and end effector as they are known to be (elastic, perhaps with calibrated geometry).
-        controller_chain: Robot and end effector as the controller has them; its joint angles are what is commanded.
-        T_base_part: (4, 4) part frame as the controller knows it.
-        datum_points_part: (k, 3) m where the robot touched the part to measure that frame, or None when it was
-            measured from outside.
-        branch: Posture of the arm, for example ``front up noflip``.
-        rotation_about_tool_rad: Free rotation, see :func:`counterflex.path.toolpath.tool_orientation`.
-        law: Force law.
-        cutter_of: Gives the cutter of a tool number.
-        mode: Lowest structural mode of a tap test, or None; see :func:`counterflex.plan.lowest_mode.mode_of`.
-        shaping: How corrections are shaped in time.
-        limits: Bounds.
-        swing_m: Largest swing of the arm that one change of motion or force may start, see
-            :mod:`counterflex.plan.feed_schedule`; 0 leaves the feed as it is.
-        acceleration_m_s2: With which the controller changes the speed of the tool where the path turns or the feed
-            changes.
-        normal_only: Correct square to the feed only (Haehn2020 eq. 10).
-        orientation: Correct the orientation too.
-        allow_extrapolation: Accept force from chips outside the law's range.
-        T_base_tcp: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame
-            of both chains is the part frame then, and ``T_base_part`` says nothing. None: the robot holds the tool.
-        turning: How the free rotation changes along the program; ``rotation_about_tool_rad`` is that of its beginning.
-        damping: Damping ratio of the robot's modes, against chatter.
-        drive_errors: Periodic errors and sag of the drives: what the links of ``chain`` truly do at commanded angles.
-        by_axes: Motions of the program that the controller makes by axes.
-        places: Places that external axes take along the program; ``T_base_part`` is that of the first. None: they
-            stand in one place.
-    """
-
-    chain: ElasticChain
+    chain: ElasticChain  # robot and end effector as they are known to be (elastic, perhaps with calibrated geometry)
+    # robot and end effector as the controller has them; its joint angles are what is commanded
     controller_chain: ElasticChain
-    T_base_part: Float
+    T_base_part: Float  # (4, 4) part frame as the controller knows it
+    # (k, 3) m where the robot touched the part to measure that frame, or None when it was measured from outside
     datum_points_part: Float | None
-    branch: str
-    rotation_about_tool_rad: float
-    law: ForceLaw
-    cutter_of: Callable[[int], Cutter]
-    mode: Mode | None
-    shaping: Shaping
-    limits: Limits
+    branch: str  # posture of the arm, for example `front up noflip`
+    rotation_about_tool_rad: float  # free rotation, see counterflex.path.toolpath.tool_orientation
+    law: ForceLaw  # force law
+    cutter_of: Callable[[int], Cutter]  # gives the cutter of a tool number
+    mode: Mode | None  # lowest structural mode of a tap test, or None; see counterflex.plan.lowest_mode.mode_of
+    shaping: Shaping  # how corrections are shaped in time
+    limits: Limits  # bounds
+    # largest swing of the arm that one change of motion or force may start, see counterflex.plan.feed_schedule; 0
+    # leaves the feed as it is
     swing_m: float = 0.0
+    # with which the controller changes the speed of the tool where the path turns or the feed changes
     acceleration_m_s2: float = 1.0
-    normal_only: bool = False
-    orientation: bool = False
-    allow_extrapolation: bool = False
+    normal_only: bool = False  # correct square to the feed only (Haehn2020 eq. 10)
+    orientation: bool = False  # correct the orientation too
+    allow_extrapolation: bool = False  # accept force from chips outside the law's range
+    # periodic errors and sag of the drives: what the links of `chain` truly do at commanded angles
     drive_errors: DriveErrors = _NO_ERRORS
-    damping: Damping = _ASSUMED
+    damping: Damping = _ASSUMED  # damping ratio of the robot's modes, against chatter
+    # how the free rotation changes along the program; `rotation_about_tool_rad` is that of its beginning
     turning: ToolRotation | None = None
+    # (4, 4) tool frame of a spindle that stands, against which the robot holds the part; the last frame of both chains
+    # is the part frame then, and `T_base_part` says nothing. None: the robot holds the tool
     T_base_tcp: Float | None = None
-    by_axes: ByAxes = _ALL_LINES
+    by_axes: ByAxes = _ALL_LINES  # motions of the program that the controller makes by axes
+    # places that external axes take along the program; `T_base_part` is that of the first. None: they stand in one
+    # place
     places: ExternalPlaces | None = None
 
     def rotations_rad(self, p_part_tcp: Float) -> float | Float:
@@ -127,7 +101,7 @@ class Setting:
         return pose.make(Rs_part_tcp, path.p_part_tcp)
 
     def relative_motion(self, path: ToolPath) -> RelativeMotion:
-        """How the tool moves relative to the part in the rows of a path when the robot's hand moves."""
+        """Motion of the tool relative to the part in the rows of a path per motion of the robot's hand."""
         if self.T_base_tcp is None:
             return tool_carried(self.T_base_part, None if self.places is None else self.Ts_base_part(path))
         return part_carried(self.T_base_tcp, self.poses_in_part(path))
@@ -201,25 +175,17 @@ def work_of(points: int, duration_s: float, *, moves: bool, mends: bool, predict
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """A path of n rows that is to be compensated, checked for reach.
+    """A path of n rows that is to be compensated, checked for reach."""
 
-    Attributes:
-        path: The nominal path.
-        line: (n,) source line of each row.
-        stock: The blank; left as it is.
-        setting: Robot, part, tools, law, bounds.
-        q: (n, 6) rad, angles that the controller shows along the nominal path.
-    """
-
-    path: ToolPath
-    line: Int
-    stock: HeightMap
-    setting: Setting
-    q: Float
+    path: ToolPath  # the nominal path
+    line: Int  # (n,) source line of each row
+    stock: HeightMap  # the blank; left as it is
+    setting: Setting  # robot, part, tools, law, bounds
+    q: Float  # (n, 6) rad, angles that the controller shows along the nominal path
 
     @property
     def duration_s(self) -> float:
-        """How long the path takes, s."""
+        """Duration of the path, s."""
         return float(self.path.time_s[-1] - self.path.time_s[0]) if len(self.path) else 0.0
 
 
@@ -265,14 +231,11 @@ def _between(solution: PathSolution, kept: Int, n: int) -> PathSolution:
     at = np.searchsorted(kept, rows)
     q = np.stack([np.interp(rows, kept, column) for column in solution.q.T], axis=1)
     here = kept[at] == rows
-
-    def column(values: Float, passed: float) -> Float:
-        return np.where(here, values[at], passed)
-
+    wrist, sigma_min = np.where(here, solution.wrist[at], 1.0), np.where(here, solution.sigma_min[at], np.inf)
+    extension_m = None if solution.extension_m is None else solution.extension_m[at]
     return PathSolution(
-        q, solution.branch, solution.limit_margin_rad[at], solution.limit_axis[at], column(solution.wrist, 1.0),
-        column(solution.sigma_min, np.inf), None if solution.extension_m is None else solution.extension_m[at],
-    )  # fmt: skip
+        q, solution.branch, solution.limit_margin_rad[at], solution.limit_axis[at], wrist, sigma_min, extension_m
+    )
 
 
 def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
@@ -330,6 +293,6 @@ def feed_runs(path: ToolPath) -> Int:
 
 
 def place(path: ToolPath, line: Int, row: int) -> str:
-    """Where a row of the path is, for messages: source line and point."""
+    """Place of a row of the path, for messages: source line and point."""
     at = ", ".join(f"{value:.3f}" for value in path.p_part_tcp[row] / MM)
     return f"line {int(line[row])}, at ({at}) mm"

@@ -47,20 +47,14 @@ GIVEN, TAP_TEST, ASSUMED = "given", "tap test", "assumed"
 class Damping:
     """Damping ratio of the robot's modes and how well it is known.
 
-    Attributes:
-        ratio: Damping ratio of every mode.
-        low: Least ratio that it stands for; the ratio itself where it was measured or given.
-        high: Largest ratio that it stands for.
-        origin: :data:`GIVEN`, :data:`TAP_TEST` or :data:`ASSUMED`.
-
     Raises:
         InputError: The ratios are not in order, or not between 0 and 1.
     """
 
-    ratio: float
-    low: float
-    high: float
-    origin: str
+    ratio: float  # damping ratio of every mode
+    low: float  # least ratio that it stands for; the ratio itself where it was measured or given
+    high: float  # largest ratio that it stands for
+    origin: str  # GIVEN, TAP_TEST or ASSUMED
 
     def __post_init__(self) -> None:
         """Check the order."""
@@ -103,7 +97,7 @@ RIGID_HZ: Final = 30.0
 
 
 def can_move(chain: ElasticChain) -> bool:
-    """Whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
+    """Return whether an elastic chain has a mass behind every drive, before the next: inertia needs no guess then."""
     driven = np.flatnonzero(chain.joint >= 0)
     ends = [*driven[1:], chain.n]
     heavy = all(np.any(chain.mass[a:b] > 0.0) for a, b in zip(driven, ends, strict=True))

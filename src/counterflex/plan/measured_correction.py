@@ -15,16 +15,9 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError
 from counterflex.core.units import UM
+from counterflex.plan import static_correction
 from counterflex.plan.plan import Plan, across
 from counterflex.plan.sag_and_play import corrected_joints
-from counterflex.plan.static_correction import (
-    APPROACH_S,
-    Command,
-    LoadedRobot,
-    check_corrections,
-    held_in_holes,
-    shaped,
-)
 
 LEAD_S: Final = 0.03
 """Time by which a further correction is sent earlier than it is wanted, beside ``correction_lead_ms`` of the cell: axes
@@ -63,11 +56,11 @@ def lead_s(time_s: Float, group: Int, contact: Bool) -> Float:
     for number in np.unique(group[contact]):
         rows = np.flatnonzero(group == number)
         cuts = rows[contact[rows]]
-        meets = cuts[np.diff(time_s[cuts], prepend=-np.inf) > APPROACH_S]
+        meets = cuts[np.diff(time_s[cuts], prepend=-np.inf) > static_correction.APPROACH_S]
         for at in time_s[meets]:
             since = time_s[rows] - at
             own = np.interp(since, ENTRY_S, (ENTRY_LEAD_S, LEAD_S))
-            out[rows] = np.where(since < -APPROACH_S, out[rows], np.maximum(out[rows], own))
+            out[rows] = np.where(since < -static_correction.APPROACH_S, out[rows], np.maximum(out[rows], own))
     return out
 
 
@@ -81,7 +74,9 @@ def earlier(displacement_m: Float, time_s: Float, group: Int, early_s: Float) ->
     return out
 
 
-def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m: Float, limit_m: float) -> Plan:
+def with_measured(
+    plan: Plan, loaded: static_correction.LoadedRobot, further_m: Float, remaining_m: Float, limit_m: float
+) -> Plan:
     """The plan with a further correction.
 
     Args:
@@ -101,8 +96,8 @@ def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m
     before, driven = _measured(plan), _driven(plan, loaded, further_m)
     lead = lead_s(time_s, run, loaded.cut.contact)
     ahead = earlier(further_m - driven, time_s, run, np.full(len(time_s), LEAD_S)) + earlier(driven, time_s, run, lead)
-    change = -shaped(loaded, np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
-    change, turn = held_in_holes(inputs.path, loaded.cut.contact, change, plan.rotvec_part)
+    change = -static_correction.shaped(loaded, np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
+    change, turn = static_correction.held_in_holes(inputs.path, loaded.cut.contact, change, plan.rotvec_part)
     size = np.linalg.norm(change, axis=1)
     row = int(np.argmax(size))
     if size[row] > limit_m:
@@ -115,7 +110,7 @@ def with_measured(plan: Plan, loaded: LoadedRobot, further_m: Float, remaining_m
         )
     correction = plan.correction_part + change
     q = corrected_joints(setting.controller_chain, loaded.robot.relative, inputs.q, correction, turn)
-    check_corrections(Command(correction, turn, q), plan.line, setting.limits)
+    static_correction.check_corrections(static_correction.Command(correction, turn, q), plan.line, setting.limits)
     predicted = not np.all(np.isnan(plan.deviation_nominal_part))
     return replace(
         plan,
@@ -130,16 +125,9 @@ def _measured(plan: Plan) -> Float:
     return np.zeros_like(plan.correction_part) if plan.measured_part is None else plan.measured_part
 
 
-def _driven(plan: Plan, loaded: LoadedRobot, displacement_m: Float) -> Float:
-    """The part of a displacement along what the plan's own correction drives the tool by in each run.
-
-    None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
-
-    ``displacement_m``: (n, 3) m.
-
-    Returns:
-        (n, 3) m.
-    """
+def _driven(plan: Plan, loaded: static_correction.LoadedRobot, displacement_m: Float) -> Float:
+    """The part of a displacement along what the plan's own correction drives the tool by in each run."""
+    # None once parts have changed the plan: its axes have turned round, and a further change goes on from there.
     run, contact, out = loaded.feed_run, loaded.cut.contact, np.zeros_like(displacement_m)
     if plan.measured_part is not None:
         return out
@@ -150,8 +138,8 @@ def _driven(plan: Plan, loaded: LoadedRobot, displacement_m: Float) -> Float:
     return out
 
 
-def unsure(plan: Plan, loaded: LoadedRobot, further_m: Float) -> Float:
-    """What the tool may do other than a further correction asks for, as patterns of one standard deviation each.
+def unsure(plan: Plan, loaded: static_correction.LoadedRobot, further_m: Float) -> Float:
+    """Uncertain parts of the response to a further correction, as patterns of one standard deviation each.
 
     Axes that turn back are held by friction and play until their integrators have answered: the tool follows earlier or
     later than the lead counts on, by :data:`DELAY_S` and in the entry along the plan's own correction by

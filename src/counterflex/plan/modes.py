@@ -72,17 +72,11 @@ _STILL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Undamped modes of a posture, drives held.
+    """Undamped modes of a posture, drives held."""
 
-    Attributes:
-        omega_rad_s: (m,) angular frequencies, rising.
-        shapes: (n, m) rad or m of each coordinate; each column has twice the strain energy 1 J.
-        strain: (n, m) share of each coordinate in the strain energy; columns sum to 1.
-    """
-
-    omega_rad_s: Float
-    shapes: Float
-    strain: Float
+    omega_rad_s: Float  # (m,) angular frequencies, rising
+    shapes: Float  # (n, m) rad or m of each coordinate; each column has twice the strain energy 1 J
+    strain: Float  # (n, m) share of each coordinate in the strain energy; columns sum to 1
 
 
 def modes(M: Float, stiffness: Float) -> Modes:
@@ -210,17 +204,11 @@ def kinetic_shares(chain: ElasticChain, q: Float, shapes: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How well the constants of a chain are known: standard deviations of their logarithms.
+    """Uncertainty of the constants of a chain: standard deviations of their logarithms."""
 
-    Attributes:
-        stiffness: (n,) of each coordinate.
-        mass: (bodies,) of each mass, independent.
-        common: Share of the variance of stiffnesses that all have in common, 0 to 1.
-    """
-
-    stiffness: Float
-    mass: Float
-    common: float
+    stiffness: Float  # (n,) of each coordinate
+    mass: Float  # (bodies,) of each mass, independent
+    common: float  # share of the variance of stiffnesses that all have in common, 0 to 1
 
 
 def drawn_frequencies(chain: ElasticChain, q: Float, spread: Spread, draws: int = DRAWS, seed: int = 0) -> Float:
@@ -229,7 +217,6 @@ def drawn_frequencies(chain: ElasticChain, q: Float, spread: Spread, draws: int 
     Modes that lie near each other change places, so the lowest of a draw is lower than the first mode is alone.
 
     Args:
-        chain: The chain.
         q: (6,) rad.
         spread: How well it is known.
         draws: Number of robots.

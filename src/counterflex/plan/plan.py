@@ -14,53 +14,33 @@ from counterflex.path.toolpath import FEED, ToolPath
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """Everything predicted and decided along a path; n rows, as the path. Part axes, SI.
+    """Everything predicted and decided along a path; n rows, as the path. Part axes, SI."""
 
-    Attributes:
-        path: The nominal path.
-        line: (n,) source line of each row.
-        q: (n, 6) rad, controller angles at the nominal point.
-        w_tcp_part: (n, 6) N, N m, mean wrench on the tool about its tip in the undisturbed cut.
-        deflection_part: (n, 6) m, rad, static deflection under that wrench.
-        sag_part: (n, 3) m, deviation of the unloaded tip that own weight leaves after the part frame was measured.
-        play_part: (n, 3) m, deviation by play and dry friction of the drives on the corrected path.
-        correction_part: (n, 3) m, added to the programmed point.
-        rotvec_part: (n, 3) rad, correction of the orientation (zero where the language has none).
-        volume_m3: (n,) removed along the segment that ends here.
-        axial_depth_m: (n,) largest engaged axial depth.
-        entry_rad: (n,) immersion angle where the engagement begins, NaN out of the cut.
-        exit_rad: (n,) where it ends, NaN out of the cut.
-        feed_per_tooth_m: (n,).
-        deviation_nominal_part: (n, 3) m, predicted deviation of the uncompensated program (cut and force coupled).
-        deviation_compensated_part: (n, 3) m, the same for the compensated program.
-        w_nominal_part: (n, 6) predicted wrench of the uncompensated program.
-        extrapolated: (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0.
-        measured_part: (n, 3) m, part of ``correction_part`` that takes back what was measured on parts, or None.
-        chip_m: (n,) mean chip thickness, 0 out of the cut; None for a plan read from a file, which does not hold it.
-        recut: (n,) True in feed rows that remove material only because the tool of an earlier pass was not where it was
-            programmed (a spring pass, a move along a finished wall); None where no motion was predicted.
-    """
-
-    path: ToolPath
-    line: Int
-    q: Float
-    w_tcp_part: Float
-    deflection_part: Float
-    sag_part: Float
-    play_part: Float
-    correction_part: Float
-    rotvec_part: Float
-    volume_m3: Float
-    axial_depth_m: Float
-    entry_rad: Float
-    exit_rad: Float
+    path: ToolPath  # the nominal path
+    line: Int  # (n,) source line of each row
+    q: Float  # (n, 6) rad, controller angles at the nominal point
+    w_tcp_part: Float  # (n, 6) N, N m, mean wrench on the tool about its tip in the undisturbed cut
+    deflection_part: Float  # (n, 6) m, rad, static deflection under that wrench
+    sag_part: Float  # (n, 3) m, deviation of the unloaded tip that own weight leaves after the part frame was measured
+    play_part: Float  # (n, 3) m, deviation by play and dry friction of the drives on the corrected path
+    correction_part: Float  # (n, 3) m, added to the programmed point
+    rotvec_part: Float  # (n, 3) rad, correction of the orientation (zero where the language has none)
+    volume_m3: Float  # (n,) removed along the segment that ends here
+    axial_depth_m: Float  # (n,) largest engaged axial depth
+    entry_rad: Float  # (n,) immersion angle where the engagement begins, NaN out of the cut
+    exit_rad: Float  # (n,) where it ends, NaN out of the cut
     feed_per_tooth_m: Float
-    deviation_nominal_part: Float
-    deviation_compensated_part: Float
-    w_nominal_part: Float
+    deviation_nominal_part: Float  # (n, 3) m, predicted deviation of the uncompensated program (cut and force coupled)
+    deviation_compensated_part: Float  # (n, 3) m, the same for the compensated program
+    w_nominal_part: Float  # (n, 6) predicted wrench of the uncompensated program
+    # (n,) 1 where material is cut with a mean chip outside the range of the cutting constants, else 0
     extrapolated: Int
+    # (n, 3) m, part of `correction_part` that takes back what was measured on parts, or None
     measured_part: Float | None = None
+    # (n,) mean chip thickness, 0 out of the cut; None for a plan read from a file, which does not hold it
     chip_m: Float | None = None
+    # (n,) True in feed rows that remove material only because the tool of an earlier pass was not where it was
+    # programmed (a spring pass, a move along a finished wall); None where no motion was predicted
     recut: Bool | None = None
 
     @property

@@ -12,6 +12,7 @@ wrong place leaves its whole height as an error; over 40 ms the robot is moved g
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -50,7 +51,7 @@ def arm_share(chain: ElasticChain, q: Float, w_base: Float) -> float:
 
 
 def arrival(p_part: Float, time_s: Float, deflection_part: Float) -> Float:
-    """When a tool that the force pushes back along the feed comes to the points of a program.
+    """Times at which a tool that the force pushes back along the feed reaches the points of a program.
 
     ``t - d . u / v`` with u the direction and v the speed of the feed: at 25 mm/s a force that bends the robot by 0.4
     mm against the feed makes the tool leave 16 ms late, unless the deflection along the feed is corrected too.
@@ -102,13 +103,11 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
     touched, smooth = touched_points(setting), Shaping(SMOOTHING_S, 0.0)
     mode = mode_of(setting.chain, q[int(np.argmax(np.linalg.norm(w_tcp_part[:, :3], axis=1)))], setting.mode)
     still, relative = np.zeros_like(requested), setting.relative_motion(path)
-
-    def lost(x: Float) -> Float:
-        moved = corrected_joints(setting.controller_chain, relative, q, x, still)
-        return play_deviation(setting.chain, relative, path.p_part_tcp, moved, w_tcp_part, path.time_s, touched, mode)
-
-    requested = -_FIRST * lost(requested)
+    moved = partial(corrected_joints, setting.controller_chain, relative, q, turn=still)
+    deviation = partial(play_deviation, setting.chain, relative, path.p_part_tcp)
+    as_cut = w_tcp_part, path.time_s, touched, mode
+    requested = -_FIRST * deviation(moved(requested), *as_cut)
     for n in range(_ROUNDS):
-        result = lost(command_for(requested, path.time_s, (), smooth))
+        result = deviation(moved(command_for(requested, path.time_s, (), smooth)), *as_cut)
         requested = requested - (result + requested) / (1.5 + 0.5 * n)
     return command_for(requested, path.time_s, (mode, lag), Shaping(SMOOTHING_S, dead_s))

@@ -25,37 +25,22 @@ CARBIDE_PA: Final = 600e9
 
 @dataclass(frozen=True, eq=False)
 class ProcessLimits:
-    """Limits of the process; None where one is not known.
+    """Limits of the process; None where one is not known."""
 
-    Attributes:
-        spindle_min_rad_s: Lowest speed.
-        spindle_max_rad_s: Highest speed.
-        power_w: Of the spindle, continuous, at the tool.
-        torque_nm: Of the spindle, continuous.
-        torque_by_speed: The same by its speed: rows of rad/s, N m, rising; straight between them, constant beyond them.
-        force_n: Largest mean force on the tool.
-        axis_torque_nm: (6,) largest torque that the process may put on each axis of the robot.
-        bending_m: Largest elastic bending of the tool at its tip.
-        overhang_m: Length of the tool out of its holder.
-        modulus_pa: Young's modulus of the tool.
-        deflection_m: Largest deflection of the tool square to its path.
-        acceleration_m_s2: Largest acceleration of the tool.
-        run_up_s: Time in which the spindle comes to a new speed.
-    """
-
-    spindle_min_rad_s: float | None = None
-    spindle_max_rad_s: float | None = None
-    power_w: float | None = None
-    torque_nm: float | None = None
-    force_n: float | None = None
-    axis_torque_nm: Float | None = None
-    bending_m: float | None = None
-    overhang_m: float | None = None
-    modulus_pa: float = CARBIDE_PA
-    deflection_m: float | None = None
-    acceleration_m_s2: float | None = None
+    spindle_min_rad_s: float | None = None  # lowest speed
+    spindle_max_rad_s: float | None = None  # highest speed
+    power_w: float | None = None  # of the spindle, continuous, at the tool
+    torque_nm: float | None = None  # of the spindle, continuous
+    force_n: float | None = None  # largest mean force on the tool
+    axis_torque_nm: Float | None = None  # (6,) largest torque that the process may put on each axis of the robot
+    bending_m: float | None = None  # largest elastic bending of the tool at its tip
+    overhang_m: float | None = None  # length of the tool out of its holder
+    modulus_pa: float = CARBIDE_PA  # Young's modulus of the tool
+    deflection_m: float | None = None  # largest deflection of the tool square to its path
+    acceleration_m_s2: float | None = None  # largest acceleration of the tool
+    # the same by its speed: rows of rad/s, N m, rising; straight between them, constant beyond them
     torque_by_speed: tuple[tuple[float, float], ...] = ()
-    run_up_s: float | None = None
+    run_up_s: float | None = None  # time in which the spindle comes to a new speed
 
     def torque_at(self, spindle_rad_s: Float) -> Float | None:
         """Largest torque (n,) N m of the spindle at speeds (n,) rad/s; None where it is not known."""

@@ -24,15 +24,11 @@ from counterflex.geometry import pose
 
 @dataclass(frozen=True, eq=False)
 class RelativeMotion:
-    """The matrices X of a path.
+    """The matrices X of a path."""
 
-    Attributes:
-        to_part: (n, 6, 6) X, from base axes to part axes; (1, 6, 6) where it is the same in every row.
-        T_base_part: (4, 4) part frame as the controller knows it, or None where the robot carries the part; where
-            external axes carry one of them along, that of the begin, where it was measured.
-    """
-
-    to_part: Float
+    to_part: Float  # (n, 6, 6) X, from base axes to part axes; (1, 6, 6) where it is the same in every row
+    # (4, 4) part frame as the controller knows it, or None where the robot carries the part; where external axes carry
+    # one of them along, that of the begin, where it was measured
     T_base_part: Float | None
 
     def displacement(self, displacement_base: Float) -> Float:

@@ -31,7 +31,7 @@ _ROUNDING_M = 1e-12
 
 
 def true_part_frame(T_base_part: Float, datum_points_part: Float, sag_base_datum: Float) -> Float:
-    """Where the part is when its frame was measured by touching points with a sagging robot.
+    """Pose of the part when its frame was measured by touching points with a sagging robot.
 
     The controller saw ``T_base_part p`` at each datum point p; the tool was truly at that position plus the sag.
 
@@ -208,7 +208,7 @@ def _swing(static: Float, time: Float, omega: float, zeta: float, out: Float) ->
 
 
 def swing(static: Float, time_s: Float, mode: Mode) -> Float:
-    """What arrives through a structure of one mode of something that acts at its end.
+    """Response of a structure of one mode to what acts at its end.
 
     ``x'' + 2 zeta w x' + w^2 x = w^2 x_static(t)``, started at rest at the first value, with the value of each row held
     since the row before; exact for that.
@@ -216,7 +216,6 @@ def swing(static: Float, time_s: Float, mode: Mode) -> Float:
     Args:
         static: (n, k), for example the loads on the drives if the structure passed them on at once.
         time_s: (n,) non-decreasing.
-        mode: The mode.
 
     Returns:
         (n, k) at the times of the rows.

@@ -104,44 +104,26 @@ _FADE_S = 0.2
 
 @dataclass(frozen=True, eq=False)
 class LoadedRobot:
-    """The robot under the force of the undisturbed cut, at rest in every row.
+    """The robot under the force of the undisturbed cut, at rest in every row."""
 
-    Attributes:
-        inputs: Path and setting.
-        cut: The undisturbed cut.
-        robot: The robot along the path; its mode is that of the posture with the largest force.
-        deflection_part: (n, 6) m, rad under the force.
-        swinging_part: (n, 6) the part of it that the arm makes, which follows a force as a mode does.
-        feed_run: (n,) number of the run of even motion.
-        near: (n,) rows in contact, within :data:`APPROACH_S` of it, or whose tool stands between walls: corrected.
-        reach: (n,) rows where shaping may leave a correction.
-        held: (k,) rows of stops of planning that keep the correction of the row before.
-    """
-
-    inputs: Inputs
-    cut: UndisturbedCut
-    robot: PlannedRobot
-    deflection_part: Float
-    swinging_part: Float
-    feed_run: Int
-    near: Bool
-    reach: Bool
-    held: Int
+    inputs: Inputs  # path and setting
+    cut: UndisturbedCut  # the undisturbed cut
+    robot: PlannedRobot  # the robot along the path; its mode is that of the posture with the largest force
+    deflection_part: Float  # (n, 6) m, rad under the force
+    swinging_part: Float  # (n, 6) the part of it that the arm makes, which follows a force as a mode does
+    feed_run: Int  # (n,) number of the run of even motion
+    near: Bool  # (n,) rows in contact, within APPROACH_S of it, or whose tool stands between walls: corrected
+    reach: Bool  # (n,) rows where shaping may leave a correction
+    held: Int  # (k,) rows of stops of planning that keep the correction of the row before
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A correction as it is commanded.
+    """A correction as it is commanded."""
 
-    Attributes:
-        correction_part: (n, 3) m.
-        rotvec_part: (n, 3) rad.
-        q: (n, 6) rad, joint angles with both.
-    """
-
-    correction_part: Float
-    rotvec_part: Float
-    q: Float
+    correction_part: Float  # (n, 3) m
+    rotvec_part: Float  # (n, 3) rad
+    q: Float  # (n, 6) rad, joint angles with both
 
 
 def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
@@ -170,10 +152,8 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
 
 
 def _held(inputs: Inputs, deflection_part: Float, near: Bool) -> Int:
-    """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back.
-
-    The rapid then starts from the corrected end of the cut.
-    """
+    """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back."""
+    # The rapid then starts from the corrected end of the cut.
     stop = np.flatnonzero(settling_rows(inputs.path))
     bent = np.linalg.norm(deflection_part[stop - 1, :3], axis=1)
     out: Int = stop[near[stop - 1] & (bent <= inputs.setting.swing_m)]
@@ -220,26 +200,20 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
         The displacement (n, 6) m, rad that is taken back, and the command that does it.
     """
     w, robot, deflection = loaded.cut.w_tcp_part, loaded.robot, loaded.deflection_part
-    static = np.concatenate([deflection[:, :3] + robot.sag_part, deflection[:, 3:]], axis=1)
-
-    def taken_back(lost: Float) -> Float:
-        return shaped(loaded, static - loaded.swinging_part + lost, loaded.swinging_part)
-
-    def lost_at(q: Float) -> Float:
-        return np.pad(lost_motion(robot, q, w), ((0, 0), (0, 3)))
-
-    kind = loaded.inputs.path.kind
+    static = np.concatenate([deflection[:, :3] + robot.sag_part, deflection[:, 3:]], axis=1) - loaded.swinging_part
+    no_turn, kind = ((0, 0), (0, 3)), loaded.inputs.path.kind
     cut: Int = np.cumsum(np.diff(kind, prepend=kind[:1]) != 0)
-    lost = kept = lost_at(loaded.inputs.q)
+    lost = kept = np.pad(lost_motion(robot, loaded.inputs.q, w), no_turn)
     least = np.full(len(kind), np.inf)
     for done in range(_PLAY_ROUNDS):
         progress((done + 1.0) / (_PLAY_ROUNDS + 1.0))
-        fresh = lost_at(command_against(loaded, taken_back(lost)).q)
+        command = command_against(loaded, shaped(loaded, static + lost, loaded.swinging_part))
+        fresh = np.pad(lost_motion(robot, command.q, w), no_turn)
         size = np.bincount(cut, np.where(loaded.cut.contact, np.sum((fresh - lost) ** 2, axis=1), 0.0))[cut]
         better = size < least
         lost = fresh
         kept, least = np.where(better[:, None], lost, kept), np.minimum(size, least)
-    displacement = taken_back(kept)
+    displacement = shaped(loaded, static + kept, loaded.swinging_part)
     command = command_against(loaded, displacement)
     progress(1.0)
     return displacement, command

@@ -23,6 +23,7 @@ from counterflex.plan.elastic_motion import jacobians, stiffness_of
 from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.plan.modes import frequency_response, inertia_of_bodies
 from counterflex.robot.elasticity.chain import ElasticChain
+from counterflex.robot.model.description import Servo
 
 Complex = NDArray[np.complex128]
 ERROR_SHARE: Final = 0.05
@@ -37,44 +38,26 @@ _SEEN: Final = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Tap:
-    """A tap test in one posture.
+    """A tap test in one posture."""
 
-    Attributes:
-        omega_rad_s: (n,) > 0.
-        force_base: (n, 3) direction of the tap, base axes, unit length.
-        motion_base: (n, 3) direction in which motion was measured, unit length.
-        receptance: (n,) complex, m/N.
-    """
-
-    omega_rad_s: Float
-    force_base: Float
-    motion_base: Float
-    receptance: Complex
+    omega_rad_s: Float  # (n,) > 0
+    force_base: Float  # (n, 3) direction of the tap, base axes, unit length
+    motion_base: Float  # (n, 3) direction in which motion was measured, unit length
+    receptance: Complex  # (n,) complex, m/N
 
 
 @dataclass(frozen=True, eq=False)
 class MassFit:
-    """What a tap test says of a chain.
+    """Masses, stiffness and damping of a chain by a tap test."""
 
-    Attributes:
-        bodies: (k,) bodies of the chain that have a mass.
-        factor: (k,) on their masses.
-        sigma: (k,) standard deviation of the logarithm of each factor.
-        seen: (k,) True where the data say more than the prior did.
-        stiffness_factor: On all stiffnesses.
-        damping_s: beta.
-        before: (n,) response of the model as it was.
-        after: (n,) as fitted.
-    """
-
-    bodies: Int
-    factor: Float
-    sigma: Float
-    seen: Bool
-    stiffness_factor: float
-    damping_s: float
-    before: Complex
-    after: Complex
+    bodies: Int  # (k,) bodies of the chain that have a mass
+    factor: Float  # (k,) on their masses
+    sigma: Float  # (k,) standard deviation of the logarithm of each factor
+    seen: Bool  # (k,) True where the data say more than the prior did
+    stiffness_factor: float  # on all stiffnesses
+    damping_s: float  # beta
+    before: Complex  # (n,) response of the model as it was
+    after: Complex  # (n,) as fitted
 
     def applied(self, chain: ElasticChain) -> ElasticChain:
         """The chain with the masses and compliances that were fitted."""
@@ -107,21 +90,12 @@ def fit_masses(
     servo = chain.servo or (None,) * AXES
     omega, where = np.unique(tap.omega_rad_s, return_inverse=True)
     sigma = np.concatenate([mass_sigma[bodies], [stiffness_sigma, DAMPING_SIGMA]])
-
-    def response(p: Float) -> Complex:
-        M = np.einsum("b,bij->ij", np.exp(p[:-2]), parts)
-        G = frequency_response(M, stiffness * np.exp(p[-2]), J, damping_s * float(np.exp(p[-1])), servo, omega)
-        out: Complex = np.einsum("na,nab,nb->n", tap.motion_base, G[where, :3, :3], tap.force_base)
-        return out
-
+    model = _TapModel(tap, omega, where, J, stiffness, parts, servo, damping_s)
     size = np.abs(tap.receptance)
     weight = 1.0 / (ERROR_SHARE * np.hypot(size, np.sqrt(np.mean(size**2))))
-
-    def residuals(p: Float) -> Float:
-        off = weight * (response(p) - tap.receptance)
-        return np.concatenate([off.real, off.imag, p / sigma])
-
-    done = scipy.optimize.least_squares(residuals, np.zeros(len(sigma)), x_scale=sigma)
+    done = scipy.optimize.least_squares(
+        lambda p: model.residuals(p, weight, sigma), np.zeros(len(sigma)), x_scale=sigma
+    )
     spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)))
     chi = max(1.0, float(np.sum(done.fun**2)) / (len(done.fun) - len(sigma)))
     spread = np.minimum(spread * np.sqrt(chi), sigma)
@@ -132,9 +106,36 @@ def fit_masses(
         seen=spread[:-2] < _SEEN * sigma[:-2],
         stiffness_factor=float(np.exp(done.x[-2])),
         damping_s=damping_s * float(np.exp(done.x[-1])),
-        before=response(np.zeros(len(sigma))),
-        after=response(done.x),
+        before=model.response(np.zeros(len(sigma))),
+        after=model.response(done.x),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _TapModel:
+    """Response of the robot to a tap, by p: logarithms of factors on masses, on stiffness and on damping."""
+
+    tap: Tap
+    omega: Float
+    where: Int  # (rows,) place of each row among omega
+    J: Float
+    stiffness: Float
+    parts: Float  # (bodies, n, n) inertia of each body
+    servo: tuple[Servo | None, ...]
+    damping_s: float
+
+    def response(self, p: Float) -> Complex:
+        """(rows,) receptance."""
+        M = np.einsum("b,bij->ij", np.exp(p[:-2]), self.parts)
+        damping_s = self.damping_s * float(np.exp(p[-1]))
+        G = frequency_response(M, self.stiffness * np.exp(p[-2]), self.J, damping_s, self.servo, self.omega)
+        out: Complex = np.einsum("na,nab,nb->n", self.tap.motion_base, G[self.where, :3, :3], self.tap.force_base)
+        return out
+
+    def residuals(self, p: Float, weight: Float, sigma: Float) -> Float:
+        """Real and imaginary parts of the weighted error, and the priors."""
+        off = weight * (self.response(p) - self.tap.receptance)
+        return np.concatenate([off.real, off.imag, p / sigma])
 
 
 def frac(measured: Complex, computed: Complex) -> float:

@@ -23,27 +23,16 @@ from counterflex.signals.preview import Mode
 
 @dataclass(frozen=True, eq=False)
 class PlannedRobot:
-    """A robot that is to run a path, for :func:`run`.
+    """A robot that is to run a path, for :func:`run`."""
 
-    Attributes:
-        setting: What is known of it.
-        path: The programmed path.
-        q: (n, 6) rad along it.
-        relative: How the tool moves relative to the part.
-        compliance_part: (n, 6, 6) compliance at the tip, part axes.
-        sag_part: (n, 3) m, deviation of the unloaded tool.
-        touched: Datum points and the angles at them, or None.
-        mode: Lowest mode.
-    """
-
-    setting: Setting
-    path: ToolPath
-    q: Float
-    relative: RelativeMotion
-    compliance_part: Float
-    sag_part: Float
-    touched: tuple[Float, Float] | None
-    mode: Mode
+    setting: Setting  # what is known of it
+    path: ToolPath  # the programmed path
+    q: Float  # (n, 6) rad along it
+    relative: RelativeMotion  # how the tool moves relative to the part
+    compliance_part: Float  # (n, 6, 6) compliance at the tip, part axes
+    sag_part: Float  # (n, 3) m, deviation of the unloaded tool
+    touched: tuple[Float, Float] | None  # datum points and the angles at them, or None
+    mode: Mode  # lowest mode
 
     @functools.cached_property
     def programmed(self) -> Motion:

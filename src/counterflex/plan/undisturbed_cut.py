@@ -97,19 +97,12 @@ _CONTACT_M3 = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class UndisturbedCut:
-    """What the tool meets where it runs along the nominal path.
+    """Forces and engagement of a tool that runs along the nominal path."""
 
-    Attributes:
-        cut: Engagement, chips and force of each row.
-        contact: (n,) rows at feed that take material.
-        extrapolated: (n,) rows whose mean chip is outside the range of the force law.
-        w_tcp_part: (n, 6) N, N m at the points, about the tip, part axes.
-    """
-
-    cut: Cut
-    contact: Bool
-    extrapolated: Bool
-    w_tcp_part: Float
+    cut: Cut  # engagement, chips and force of each row
+    contact: Bool  # (n,) rows at feed that take material
+    extrapolated: Bool  # (n,) rows whose mean chip is outside the range of the force law
+    w_tcp_part: Float  # (n, 6) N, N m at the points, about the tip, part axes
 
 
 def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:

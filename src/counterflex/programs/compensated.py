@@ -37,11 +37,9 @@ def motion_table(program: Program) -> MotionTable:
             turned = [round(angle / DEG, 6) for angle in motion.abc_end]
             raise ProgramError(
                 "the program moves a rotary axis, whose meaning for a robot is not defined",
-                where=f"{block.where(program.name)}:1",
-                value=f"A B C = {turned} deg",
-                limit="A B C = 0",
+                where=f"{block.where(program.name)}:1", value=f"A B C = {turned} deg", limit="A B C = 0",
                 hint="Describe the machine in [machine] of the cell file, or post the program as three-axis milling",
-            )
+            )  # fmt: skip
     return programmed_motions(program)
 
 
@@ -98,19 +96,16 @@ class CompensatedPath:
     ``p_command = p_nominal + correction`` and ``R_command = exp(rotvec) R_nominal``. A row without a correction equals
     the nominal row bit for bit; writers leave a motion whose rows are all like that untouched.
 
-    Attributes:
-        path: Nominal sampled path; ``path.motion`` indexes the motions of the program it was sampled from. The last
-            row of every motion is the motion's end point.
-        p_part_command: (n, 3) m, commanded tool tip in the part frame.
-        rotvec_part_command: (n, 3) rad, correction of the tool's orientation as a rotation vector in part axes.
-            Languages without orientation (G-code without rotary axes) drop it and say how large it was.
-
     Raises:
         InputError: Shapes do not fit the path, or a value is not finite.
     """
 
+    # Nominal sampled path; ``path.motion`` indexes the motions of the program it was sampled from. The last row of
+    # every motion is the motion's end point.
     path: ToolPath
-    p_part_command: Float
+    p_part_command: Float  # (n, 3) m, commanded tool tip in the part frame
+    # (n, 3) rad, correction of the tool's orientation as a rotation vector in part axes. Languages without orientation
+    # (G-code without rotary axes) drop it and say how large it was.
     rotvec_part_command: Float
 
     def __post_init__(self) -> None:
@@ -234,8 +229,6 @@ def refuse_compensated(program: Program) -> None:
     carried = marks("\n".join(program.lines))
     if carried:
         raise InputError(
-            "the program is compensated already and would be compensated twice",
-            where=Path(program.name).name,
-            value=f"job {', '.join(carried)}",
-            hint="Give the original program",
-        )
+            "the program is compensated already and would be compensated twice", where=Path(program.name).name,
+            value=f"job {', '.join(carried)}", hint="Give the original program",
+        )  # fmt: skip

@@ -27,35 +27,22 @@ _SIDES: Final = ("before", "after")
 
 @dataclass(frozen=True)
 class Change:
-    """A motion of the first program and what became of it.
+    """A motion of the first program and what became of it."""
 
-    Attributes:
-        line_before: Its line in the first program.
-        line_after: The line in the second one that leads to its end.
-        files: Files of both lines; empty for the program's own file.
-        kind: ``rapid``, ``feed``, ``arc`` or ``dwell``, in the first program.
-        shift_m: (3,) m, end after minus end before.
-        turn_rad: (3,) rad, of robot programs the rotation vector in part axes, else the difference of A B C.
-        feed_before_m_s: Programmed speed; 0 of rapids.
-        feed_after_m_s: Lowest one of its pieces.
-        off_path_m: Largest distance of the ends of its pieces from the programmed motion: how far it was corrected.
-        added: Motions of the second program that lead to the same end besides.
-    """
-
-    line_before: int
-    line_after: int
-    kind: str
-    shift_m: Float
-    turn_rad: Float
-    feed_before_m_s: float
-    feed_after_m_s: float
-    off_path_m: float
-    added: int
-    files: tuple[str, str] = ("", "")
+    line_before: int  # Its line in the first program
+    line_after: int  # The line in the second one that leads to its end
+    kind: str  # ``rapid``, ``feed``, ``arc`` or ``dwell``, in the first program
+    shift_m: Float  # (3,) m, end after minus end before
+    turn_rad: Float  # (3,) rad, of robot programs the rotation vector in part axes, else the difference of A B C
+    feed_before_m_s: float  # Programmed speed; 0 of rapids
+    feed_after_m_s: float  # Lowest one of its pieces
+    off_path_m: float  # Largest distance of the ends of its pieces from the programmed motion: how far it was corrected
+    added: int  # Motions of the second program that lead to the same end besides
+    files: tuple[str, str] = ("", "")  # Files of both lines; empty for the program's own file
 
     @property
     def distance_m(self) -> float:
-        """How far its end has moved."""
+        """Distance by which its end has moved, m."""
         return float(np.linalg.norm(self.shift_m))
 
     @property
@@ -65,7 +52,7 @@ class Change:
 
     @property
     def changed(self) -> bool:
-        """Whether anything changed."""
+        """True where anything changed."""
         moved = self.largest_m > _LEAST_M or float(np.linalg.norm(self.turn_rad)) > _LEAST_RAD
         return moved or self.added > 0 or abs(self.feed_after_m_s - self.feed_before_m_s) > 1e-12
 
@@ -113,11 +100,10 @@ def differences(before: Program, after: Program) -> list[Change]:
     first, second = _pieces(before.motions), _pieces(after.motions)
     if [kind for kind, _ in first if kind] != [kind for kind, _ in second if kind]:
         raise InputError(
-            "the programs are no versions of one: their rapids and waits differ",
-            where=Path(after.name).name,
+            "the programs are no versions of one: their rapids and waits differ", where=Path(after.name).name,
             value=f"{sum(bool(kind) for kind, _ in second)}",
             limit=f"{sum(bool(kind) for kind, _ in first)}, in the same order",
-        )
+        )  # fmt: skip
     changes: list[Change] = []
     for (kind, one), (_, other) in zip(first, second, strict=True):
         matched = other if kind else _matched(before, after, one, other)

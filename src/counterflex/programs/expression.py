@@ -21,44 +21,30 @@ Operation = Callable[..., Value]
 
 
 class ExpressionError(ValueError):
-    """A text is no expression of the language, or an operator does not fit its operands.
-
-    Attributes:
-        at: Index of the character at which it was found.
-    """
+    """A text is no expression of the language, or an operator does not fit its operands."""
 
     def __init__(self, what: str, at: int = 0) -> None:
         super().__init__(what)
-        self.at = at
+        self.at = at  # Index of the character at which it was found
 
 
 @dataclass(frozen=True)
 class Grammar:
-    """Spelling of a language's expressions.
+    """Spelling of a language's expressions."""
 
-    Attributes:
-        binary: Precedence and operation of each operator between two values; the larger precedence binds closer, equal
-            ones group from the left. Upper case.
-        unary: Precedence and operation of each operator before a value; upper case.
-        constants: Values of words such as TRUE; upper case.
-        name: Pattern of a name.
-        number: Pattern of an unsigned number.
-        aggregate: Opening and closing bracket of an aggregate.
-        index: Opening and closing bracket of indices behind a name.
-        labelled: Items of an aggregate have a component's name before the value, ``{X 1.0}``.
-        enumeration: Pattern of a literal of an enumeration; its value is its text in capitals without blanks.
-        numeral: Returns the value of a number by its text; None where ``number`` is a decimal number.
-    """
-
+    # Precedence and operation of each operator between two values; the larger precedence binds closer, equal ones group
+    # from the left. Upper case.
     binary: Mapping[str, tuple[int, Operation]]
-    unary: Mapping[str, tuple[int, Operation]]
-    constants: Mapping[str, Value] = field(default_factory=dict)
-    name: str = r"[A-Za-z_]\w*"
-    number: str = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-    aggregate: str = "[]"
-    index: str = "[]"
-    labelled: bool = False
+    unary: Mapping[str, tuple[int, Operation]]  # Precedence and operation of each operator before a value; upper case
+    constants: Mapping[str, Value] = field(default_factory=dict)  # Values of words such as TRUE; upper case
+    name: str = r"[A-Za-z_]\w*"  # Pattern of a name
+    number: str = r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"  # Pattern of an unsigned number
+    aggregate: str = "[]"  # Opening and closing bracket of an aggregate
+    index: str = "[]"  # Opening and closing bracket of indices behind a name
+    labelled: bool = False  # Items of an aggregate have a component's name before the value, ``{X 1.0}``
+    # Pattern of a literal of an enumeration; its value is its text in capitals without blanks
     enumeration: str | None = None
+    # Returns the value of a number by its text; None where ``number`` is a decimal number
     numeral: Callable[[str], Value] | None = None
 
     @cached_property

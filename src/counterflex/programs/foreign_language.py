@@ -22,19 +22,12 @@ _UNROLL: Final = "Post it without macros, cycles and frames of this control, as 
 
 @dataclass(frozen=True)
 class Foreign:
-    """A language that was recognised.
+    """A language that was recognised."""
 
-    Attributes:
-        name: As people call it.
-        line: 1-based line that tells it.
-        text: What stands there.
-        hint: What to do.
-    """
-
-    name: str
-    line: int
-    text: str
-    hint: str
+    name: str  # As people call it
+    line: int  # 1-based line that tells it
+    text: str  # What stands there
+    hint: str  # What to do
 
 
 def _robot(name: str) -> str:

@@ -29,19 +29,12 @@ Place = str | Callable[..., Any] | None
 
 @dataclass(frozen=True)
 class Signs:
-    """What tells a language in the first lines of a text.
+    """Signs of a language in the first lines of a text."""
 
-    Attributes:
-        name: As people call the language.
-        sure: Regular expressions; a line that matches one is enough.
-        likely: Two lines are needed that match different ones.
-        hint: What to do with such a file; empty names dialect and ending.
-    """
-
-    name: str
-    sure: tuple[str, ...]
-    likely: tuple[str, ...] = ()
-    hint: str = ""
+    name: str  # As people call the language
+    sure: tuple[str, ...]  # Regular expressions; a line that matches one is enough
+    likely: tuple[str, ...] = ()  # Two lines are needed that match different ones
+    hint: str = ""  # What to do with such a file; empty names dialect and ending
 
 
 @dataclass(frozen=True)
@@ -55,62 +48,40 @@ class UnitWords:
 
 @dataclass(frozen=True, kw_only=True)
 class Language:
-    """A language of programs.
+    """A language of programs."""
 
-    Attributes:
-        title: One line for help.
-        short: Name in sentences.
-        prompt: Name at the prompt (``--as``, ``--to``) where it is not that of the dialect.
-        endings: Of its files, lower case, the usual one first.
-        signs: What tells it in a file with another ending.
-        limits: Of its controller.
-        forms: Statements that writers add themselves: a language of robots has them, one of machines has none.
-        waits: Statement that waits for a person or a signal, for a time that nobody knows.
-        comment: Comment in the text of a block; the first group that matches is its text.
-        tool_stays: A program that names no tool runs with the one that is active.
-        orientation: What is written states the orientation of the tool, so that it can be corrected.
-        work_object: Its programs can name the frame of their targets, ``controller.work_object``; it goes with an axis.
-        read: ``(file, *, machine, complete) -> Program``; of a robot ``cell`` in place of ``machine``.
-        files: ``(file) -> tuple[Path, ...]``, files that are read with a program, of languages with jobs of several.
-        table: The :class:`~counterflex.programs.statement_table.StatementTable`.
-        doubts: ``(program) -> list[str]``, readings of the language that are in doubt, one sentence each.
-        units: Words that say the unit, of a language that may leave it unsaid.
-        offsets: Class of :mod:`counterflex.programs.stated.offsets` that follows numbered offsets.
-        diameters: ``(program) -> Iterator[(tool, diameter, line)]``, in program units, stated by statements.
-        cell: ``(Cell) -> RobotTextCell``, what a robot program is held against.
-        spelling: The :class:`~counterflex.programs.gcode.write.spelling.Spelling` of a dialect of G-code.
-        in_place: ``(program, CompensatedPath, **settings)``: the program with other targets, all else as it was; see
-            :func:`counterflex.app.compensation.languages.written`.
-        write: ``(WritingOrder) -> Written``: a program of another language, compensated, in this one.
-        convert: ``(Conversion) -> Emitter``: the same without a correction; see :mod:`counterflex.app.conversion`.
-        load: ``(Loading) -> tuple[Fact, ...]``: what the controller must have set, see
-            :func:`counterflex.app.compensation.next_steps.to_load`.
-    """
-
-    title: str
-    short: str = "G-code"
-    prompt: str = ""
-    endings: tuple[str, ...] = ()
-    signs: Signs | None = None
-    limits: Limits = LINUXCNC
+    title: str  # One line for help
+    short: str = "G-code"  # Name in sentences
+    prompt: str = ""  # Name at the prompt (``--as``, ``--to``) where it is not that of the dialect
+    endings: tuple[str, ...] = ()  # Of its files, lower case, the usual one first
+    signs: Signs | None = None  # What tells it in a file with another ending
+    limits: Limits = LINUXCNC  # Of its controller
+    # Statements that writers add themselves: a language of robots has them, one of machines has none
     forms: StatementForms | None = None
-    waits: re.Pattern[str] | None = None
-    comment: re.Pattern[str] | None = None
-    tool_stays: bool = False
-    orientation: bool = True
+    waits: re.Pattern[str] | None = None  # Statement that waits for a person or a signal, for a time that nobody knows
+    comment: re.Pattern[str] | None = None  # Comment in the text of a block; the first group that matches is its text
+    tool_stays: bool = False  # A program that names no tool runs with the one that is active
+    orientation: bool = True  # What is written states the orientation of the tool, so that it can be corrected
+    # Its programs can name the frame of their targets, ``controller.work_object``; it goes with an axis
     work_object: bool = False
-    read: Place = None
+    read: Place = None  # ``(file, *, machine, complete) -> Program``; of a robot ``cell`` in place of ``machine``
+    # ``(file) -> tuple[Path, ...]``, files that are read with a program, of languages with jobs of several
     files: Place = None
-    table: Place = None
-    doubts: Place = None
-    units: UnitWords | None = None
-    offsets: Place = None
-    diameters: Place = None
-    cell: Place = None
-    spelling: Place = None
+    table: Place = None  # The :class:`~counterflex.programs.statement_table.StatementTable`
+    doubts: Place = None  # ``(program) -> list[str]``, readings of the language that are in doubt, one sentence each
+    units: UnitWords | None = None  # Words that say the unit, of a language that may leave it unsaid
+    offsets: Place = None  # Class of :mod:`counterflex.programs.stated.offsets` that follows numbered offsets
+    diameters: Place = None  # ``(program) -> Iterator[(tool, diameter, line)]``, in program units, stated by statements
+    cell: Place = None  # ``(Cell) -> RobotTextCell``, what a robot program is held against
+    spelling: Place = None  # The :class:`~counterflex.programs.gcode.write.spelling.Spelling` of a dialect of G-code
+    # ``(program, CompensatedPath, **settings)``: the program with other targets, all else as it was; see
+    # :func:`counterflex.app.compensation.languages.written`
     in_place: Place = None
-    write: Place = None
+    write: Place = None  # ``(WritingOrder) -> Written``: a program of another language, compensated, in this one
+    # ``(Conversion) -> Emitter``: the same without a correction; see :mod:`counterflex.app.conversion`
     convert: Place = None
+    # ``(Loading) -> tuple[Fact, ...]``: what the controller must have set, see
+    # :func:`counterflex.app.compensation.next_steps.to_load`
     load: Place = None
 
     @property

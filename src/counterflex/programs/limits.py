@@ -15,23 +15,14 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a program language on its controller.
+    """Limits of a program language on its controller."""
 
-    Attributes:
-        line_characters: Longest line.
-        name_characters: Longest program or module name.
-        points_per_file: Largest number of motion instructions in one file; longer programs are split.
-        position_decimals: Decimals of a position in mm.
-        angle_decimals: Decimals of an angle in deg (quaternion components in RAPID).
-        source: Where the figures come from.
-    """
-
-    line_characters: int
-    name_characters: int
-    points_per_file: int
-    position_decimals: int
-    angle_decimals: int
-    source: str
+    line_characters: int  # Longest line
+    name_characters: int  # Longest program or module name
+    points_per_file: int  # Largest number of motion instructions in one file; longer programs are split
+    position_decimals: int  # Decimals of a position in mm
+    angle_decimals: int  # Decimals of an angle in deg (quaternion components in RAPID)
+    source: str  # Where the figures come from
 
 
 LINUXCNC: Final = Limits(

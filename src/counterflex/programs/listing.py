@@ -49,15 +49,10 @@ def _shown(value: float) -> float:
 
 @dataclass(frozen=True)
 class Orientations:
-    """Orientation of the tool at the end of each motion.
+    """Orientation of the tool at the end of each motion."""
 
-    Attributes:
-        axis_part: (motions, 3) from the tip to the spindle, in the part frame; NaN where it is not known.
-        turn_rad: (motions,) rotation about the tool axis; NaN where the program leaves it free.
-    """
-
-    axis_part: Float
-    turn_rad: Float
+    axis_part: Float  # (motions, 3) from the tip to the spindle, in the part frame; NaN where it is not known
+    turn_rad: Float  # (motions,) rotation about the tool axis; NaN where the program leaves it free
 
 
 def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:

@@ -20,45 +20,29 @@ from counterflex.programs.rotary.poses import CommandedWords
 
 @dataclass(frozen=True)
 class GcodeText:
-    """A written program and what became of it.
+    """A written program and what became of it."""
 
-    Attributes:
-        text: The program, with the line ends of the source.
-        moved_motions: Motions with at least one corrected row.
-        split_motions: Motions that were written as several blocks.
-        vertices_added: Blocks written in addition to those of the source.
-        arcs_kept: Corrected arcs still written as one arc.
-        arcs_split: Corrected arcs written as several arcs, or partly as arcs.
-        arcs_as_lines: Corrected arcs written as straight moves only.
-        radius_replaced: Arcs given by R in the source that needed I, J, K.
-        completed_blocks: Uncorrected blocks that had to be edited because they inherited a corrected position or
-            another motion word.
-        cycles_expanded: Canned-cycle blocks written as single moves.
-        unrolled: True when loops, calls and expressions were replaced by what they execute.
-        tolerance_m: Allowed distance of the written path from the commanded samples, at the same place of the way.
-        resolution_m: Last decimal written.
-        largest_written_error_m: Largest distance of the written path from the commanded samples of feed motions
-            (rapids count at their ends only); at most ``tolerance_m`` plus one rounding, 0.87 ``resolution_m``.
-        largest_dwell_error_m: Largest distance of the commanded from the written position during dwells: a dwell keeps
-            the position of the motion before it.
-        largest_dropped_rotation_rad: Largest correction of orientation, which G-code without rotary axes cannot say.
-    """
-
-    text: str
-    moved_motions: int
-    split_motions: int
-    vertices_added: int
-    arcs_kept: int
-    arcs_split: int
-    arcs_as_lines: int
-    radius_replaced: int
+    text: str  # The program, with the line ends of the source
+    moved_motions: int  # Motions with at least one corrected row
+    split_motions: int  # Motions that were written as several blocks
+    vertices_added: int  # Blocks written in addition to those of the source
+    arcs_kept: int  # Corrected arcs still written as one arc
+    arcs_split: int  # Corrected arcs written as several arcs, or partly as arcs
+    arcs_as_lines: int  # Corrected arcs written as straight moves only
+    radius_replaced: int  # Arcs given by R in the source that needed I, J, K
+    # Uncorrected blocks that had to be edited because they inherited a corrected position or another motion word
     completed_blocks: int
-    cycles_expanded: int
-    unrolled: bool
-    tolerance_m: float
-    resolution_m: float
+    cycles_expanded: int  # Canned-cycle blocks written as single moves
+    unrolled: bool  # True when loops, calls and expressions were replaced by what they execute
+    tolerance_m: float  # Allowed distance of the written path from the commanded samples, at the same place of the way
+    resolution_m: float  # Last decimal written
+    # Largest distance of the written path from the commanded samples of feed motions (rapids count at their ends only);
+    # at most ``tolerance_m`` plus one rounding, 0.87 ``resolution_m``
     largest_written_error_m: float
+    # Largest distance of the commanded from the written position during dwells: a dwell keeps the position of the
+    # motion before it
     largest_dwell_error_m: float
+    # Largest correction of orientation, which G-code without rotary axes cannot say
     largest_dropped_rotation_rad: float
 
 
@@ -76,12 +60,6 @@ class MachineInPlace(ABC):
         words: Of a program that turns the tool, what to command; ``compensated`` is not asked then.
 
     Attributes:
-        rows: The compensated path by motion.
-        changed: Any row is corrected.
-        lines: Written so far.
-        written: (rows, 3) m, where the written program is at each row; NaN where no written point stands for it.
-        checked: Rows at which the written path is compared with the commanded one.
-        resolution_m: Last decimal written.
         dropped_rad: Largest correction of orientation that was not written.
     """
 
@@ -105,14 +83,16 @@ class MachineInPlace(ABC):
             compensated = CompensatedPath(words.path, words.p_command, np.zeros_like(words.p_command))
             angles = (words.angle_rad, words.angle_command_rad)
         self.program, self.tolerance_m, self._angles = program, tolerance_m, angles
-        self.rows = motion_rows(program, compensated, tolerance_m, angles)
-        self.changed = bool(self.rows.moved.any() or np.any(self.rows.share != 1.0))
+        self.rows = motion_rows(program, compensated, tolerance_m, angles)  # The compensated path by motion
+        self.changed = bool(self.rows.moved.any() or np.any(self.rows.share != 1.0))  # Any row is corrected
         self._decimals = decimals
         self._unit_m = self.unit_m(program)
         self._digits = decimals + (self._unit_m == INCH)
-        self.resolution_m = self._unit_m * 10.0**-self._digits
-        self.lines: list[str] = []
+        self.resolution_m = self._unit_m * 10.0**-self._digits  # Last decimal written
+        self.lines: list[str] = []  # Written so far
+        # (rows, 3) m, where the written program is at each row; NaN where no written point stands for it
         self.written: Float = np.full((len(self.rows.way), 3), np.nan)
+        # Rows at which the written path is compared with the commanded one
         self.checked: Bool = np.zeros(len(self.rows.way), dtype=np.bool_)
         self.arc_error_m = self.dropped_rad = 0.0
         self.prepare()

@@ -50,36 +50,23 @@ _NOT_THE_PROGRAM: Final = "the compensated path was not sampled from this progra
 
 @dataclass(frozen=True)
 class MotionRows:
-    """Rows of the compensated path by motion, and the vertices chosen among them.
+    """Rows of the compensated path by motion, and the vertices chosen among them."""
 
-    Attributes:
-        first: (motions,) first row behind the start of the motion (row 0, the start of all, belongs to none).
-        last: (motions,) last row, the motion's end; -1 when the motion has no rows.
-        moved: (motions,) True when a row is corrected.
-        nominal: (n, 3) m.
-        command: (n, 3) m; a dwell keeps the correction of the row before it, because a dwell cannot move, unless what
-            is planned there lies straight up or down the tool axis from it; the start of a motion that begins
-            elsewhere (another tool length) keeps it too.
-        dwell_error_m: Largest distance of a commanded row of a dwell from where the dwell is held, m.
-        shift: (n, 3) m, command minus nominal, exactly zero where nothing is corrected.
-        way: (n,) m, nominal length up to the row.
-        vertex: (n,) True where a straight motion needs a vertex.
-        share: (n,) of the programmed feed, of the segment that ends at each row.
-        along: (n,) m, as ``way``, with what turning alone counts as.
-        angles: (n, 3) rad, rotary angles to command (or components of the tool axis); None where nothing turns.
-    """
-
-    first: Int
-    last: Int
-    moved: Bool
-    nominal: Float
+    first: Int  # (motions,) first row behind the start of the motion (row 0, the start of all, belongs to none)
+    last: Int  # (motions,) last row, the motion's end; -1 when the motion has no rows
+    moved: Bool  # (motions,) True when a row is corrected
+    nominal: Float  # (n, 3) m
+    # (n, 3) m; a dwell keeps the correction of the row before it, because a dwell cannot move, unless what is planned
+    # there lies straight up or down the tool axis from it; the start of a motion that begins elsewhere (another tool
+    # length) keeps it too
     command: Float
-    shift: Float
-    way: Float
-    vertex: Bool
-    dwell_error_m: float
-    share: Float
-    along: Float
+    shift: Float  # (n, 3) m, command minus nominal, exactly zero where nothing is corrected
+    way: Float  # (n,) m, nominal length up to the row
+    vertex: Bool  # (n,) True where a straight motion needs a vertex
+    dwell_error_m: float  # Largest distance of a commanded row of a dwell from where the dwell is held, m
+    share: Float  # (n,) of the programmed feed, of the segment that ends at each row
+    along: Float  # (n,) m, as ``way``, with what turning alone counts as
+    # (n, 3) rad, rotary angles to command (or components of the tool axis); None where nothing turns
     angles: Float | None = None
 
     def share_of(self, first: int, last: int) -> float:
@@ -191,7 +178,7 @@ def _check_ends(program: Program, path: ToolPath, last: Int) -> None:
 
 
 def relieved_along_axis(path: ToolPath, command: Float, row: int) -> bool:
-    """Whether a dwell is planned straight above or below the place that it is reached at.
+    """Return whether a dwell is planned straight above or below the place that it is reached at.
 
     The force of a plunge goes when the tool stops: what was commanded against it along the axis is taken back there,
     or the hole gets deeper by it. That moves nothing sideways.
@@ -207,7 +194,7 @@ def relieved_along_axis(path: ToolPath, command: Float, row: int) -> bool:
 
 
 def single_straight(program: Program, index: int) -> bool:
-    """Whether a motion is a straight feed that is a block of its own: only such a one may have several feeds."""
+    """Return whether a motion is a straight feed and a block alone: only such a one may have several feeds."""
     motion = program.motions[index]
     block = program.blocks[motion.block]
     return motion.kind == "feed" and block.motion_count == 1 and not block.cycle

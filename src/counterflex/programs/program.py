@@ -23,60 +23,37 @@ MotionKind = Literal["rapid", "feed", "arc", "dwell"]
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A letter and its value in a block.
+    """A letter and its value in a block."""
 
-    Attributes:
-        letter: Upper case.
-        value: As read, in program units.
-        start: Index of the letter in the block's text.
-        end: Index just behind the value.
-        literal: False when the value was an expression or a parameter.
-        absolute: True or False where the word says so itself (``X=AC(5)``, ``X=IC(5)``); None where the mode of the
-            block decides.
-    """
-
-    letter: str
-    value: float
-    start: int
-    end: int
-    literal: bool = True
+    letter: str  # Upper case
+    value: float  # As read, in program units
+    start: int  # Index of the letter in the block's text
+    end: int  # Index just behind the value
+    literal: bool = True  # False when the value was an expression or a parameter
+    # True or False where the word says so itself (``X=AC(5)``, ``X=IC(5)``); None where the mode of the block decides
     absolute: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Modal:
-    """Modal state while a block executes, its own words included.
+    """Modal state while a block executes, its own words included."""
 
-    Attributes:
-        motion: Active motion code: ``G0 G1 G2 G3 G81 ... G80``.
-        plane: 17, 18 or 19.
-        unit_m: Length of one program unit in m (0.001 or 0.0254).
-        absolute: G90 (True) or G91.
-        arc_absolute: G90.1 (True) or G91.1.
-        feed_mode: 93, 94 or 95.
-        p_part_origin: (3,) m; ``p_part = p_part_origin + value * unit_m`` for absolute words (all offsets together).
-        tool: Number of the tool in the spindle.
-        spindle_rpm: Signed: M3 positive, M4 negative, 0 when stopped.
-        tool_centre: :data:`TOOL_CENTRE`, :data:`TOOL_VECTOR`, or 0 for none.
-        feed_unit_m: Length of one unit of F in m; 0 where it is ``unit_m``.
-        R_part_work: Rows of the rotation from the programmed axes to those of the part, or None where they are
-            parallel: ``p_part = p_part_origin + R_part_work @ value * unit_m``. A mirror image has determinant -1.
-        not_written: Why blocks in this state cannot be written back with other targets; empty where they can.
-    """
-
-    motion: str
-    plane: int
-    unit_m: float
-    absolute: bool
-    arc_absolute: bool
-    feed_mode: int
+    motion: str  # Active motion code: ``G0 G1 G2 G3 G81 ... G80``.
+    plane: int  # 17, 18 or 19
+    unit_m: float  # Length of one program unit in m (0.001 or 0.0254)
+    absolute: bool  # G90 (True) or G91
+    arc_absolute: bool  # G90.1 (True) or G91.1
+    feed_mode: int  # 93, 94 or 95
+    # (3,) m; ``p_part = p_part_origin + value * unit_m`` for absolute words (all offsets together)
     p_part_origin: tuple[float, float, float]
-    tool: int
-    spindle_rpm: float
-    tool_centre: int = 0
-    feed_unit_m: float = 0.0
+    tool: int  # Number of the tool in the spindle
+    spindle_rpm: float  # Signed: M3 positive, M4 negative, 0 when stopped
+    tool_centre: int = 0  # :data:`TOOL_CENTRE`, :data:`TOOL_VECTOR`, or 0 for none
+    feed_unit_m: float = 0.0  # Length of one unit of F in m; 0 where it is ``unit_m``
+    # Rows of the rotation from the programmed axes to those of the part, or None where they are parallel: ``p_part =
+    # p_part_origin + R_part_work @ value * unit_m``. A mirror image has determinant -1.
     R_part_work: tuple[tuple[float, float, float], ...] | None = None
-    not_written: str = ""
+    not_written: str = ""  # Why blocks in this state cannot be written back with other targets; empty where they can
 
     @property
     def unit_of_feed_m(self) -> float:
@@ -86,29 +63,18 @@ class Modal:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One executed block, in the order of execution.
+    """One executed block, in the order of execution."""
 
-    Attributes:
-        line: 1-based line in the source file.
-        text: The line without its line end.
-        words: In order of appearance.
-        modal: State while it executes.
-        first_motion: Index of the first motion it makes.
-        motion_count: Number of motions it makes (a canned cycle makes several, a comment none).
-        single: True when the block is executed exactly once, in file order, so that it can be edited in place.
-        cycle: True for canned cycles and other blocks whose motions are not simply their own target.
-        file: Name of the file that the line is in, where that is another than the main one.
-    """
-
-    line: int
-    text: str
-    words: tuple[Word, ...]
-    modal: Modal
-    first_motion: int
-    motion_count: int
+    line: int  # 1-based line in the source file
+    text: str  # The line without its line end
+    words: tuple[Word, ...]  # In order of appearance
+    modal: Modal  # State while it executes
+    first_motion: int  # Index of the first motion it makes
+    motion_count: int  # Number of motions it makes (a canned cycle makes several, a comment none)
+    # True when the block is executed exactly once, in file order, so that it can be edited in place
     single: bool = True
-    cycle: bool = False
-    file: str = ""
+    cycle: bool = False  # True for canned cycles and other blocks whose motions are not simply their own target
+    file: str = ""  # Name of the file that the line is in, where that is another than the main one
 
     def where(self, name: str) -> str:
         """File and line; ``name`` is that of the main file."""
@@ -117,72 +83,46 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """One elementary motion of the tool tip in the part frame.
+    """One elementary motion of the tool tip in the part frame."""
 
-    Attributes:
-        block: Index of its block in :attr:`Program.blocks`.
-        kind: ``rapid``, ``feed``, ``arc`` or ``dwell``.
-        p_start: (3,) m.
-        p_end: (3,) m.
-        feed_m_s: Programmed speed (0 for rapids and dwells: the machine decides).
-        spindle_rad_s: Positive for M3.
-        tool: Tool number.
-        duration_s: Of a dwell, else 0.
-        abc_start: (3,) rad, rotary axes A B C at the start; part of 5-axis programs, zeros otherwise. Under G43.5 the
-            components I J K of the tool axis instead, from the tip to the spindle, of any length.
-        abc_end: (3,) rad.
-        p_centre: (3,) m of an arc: a point on its axis at the height of the start, else None.
-        normal: (3,) unit normal of the arc's plane; the turn is right-handed about it.
-        turn_rad: Signed angle turned about ``normal`` (several turns and helices included), 0 for straight motions.
-        feed_rad_s: Programmed speed where only rotary axes turn, else 0.
-        unknown: Letters of the axes along which the end is not known: numbers of ``p_end`` there mean nothing. Only in
-            programs that were read to be listed.
-    """
-
-    block: int
-    kind: MotionKind
-    p_start: Float
-    p_end: Float
-    feed_m_s: float
-    spindle_rad_s: float
-    tool: int
-    duration_s: float = 0.0
+    block: int  # Index of its block in :attr:`Program.blocks`
+    kind: MotionKind  # ``rapid``, ``feed``, ``arc`` or ``dwell``
+    p_start: Float  # (3,) m
+    p_end: Float  # (3,) m
+    feed_m_s: float  # Programmed speed (0 for rapids and dwells: the machine decides)
+    spindle_rad_s: float  # Positive for M3
+    tool: int  # Tool number
+    duration_s: float = 0.0  # Of a dwell, else 0
+    # (3,) rad, rotary axes A B C at the start; part of 5-axis programs, zeros otherwise. Under G43.5 the components I J
+    # K of the tool axis instead, from the tip to the spindle, of any length.
     abc_start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    abc_end: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    p_centre: Float | None = None
-    normal: Float | None = None
+    abc_end: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) rad
+    p_centre: Float | None = None  # (3,) m of an arc: a point on its axis at the height of the start, else None
+    normal: Float | None = None  # (3,) unit normal of the arc's plane; the turn is right-handed about it
+    # Signed angle turned about ``normal`` (several turns and helices included), 0 for straight motions
     turn_rad: float = 0.0
-    feed_rad_s: float = 0.0
+    feed_rad_s: float = 0.0  # Programmed speed where only rotary axes turn, else 0
+    # Letters of the axes along which the end is not known: numbers of ``p_end`` there mean nothing. Only in programs
+    # that were read to be listed.
     unknown: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program as executed.
+    """A program as executed."""
 
-    Attributes:
-        name: File name.
-        dialect: Name of its language, see :data:`counterflex.programs.language.LANGUAGES`.
-        lines: The source, without line ends.
-        newline: Line end of the source.
-        blocks: Executed blocks in order (comment and empty lines included where they are passed).
-        motions: All motions in order.
-        straight: True when every source line is executed at most once and in file order (no loops, no subroutines).
-        encoding: Of the source's bytes; what is written back uses the same.
-        part_zero: Work offset whose zero was taken as that of the part because nothing says where it lies, with its
-            line; None where it is known or the language has none.
-        tool_taken: Number of the only tool of the cell, taken because the program names none; 0: it names its tools.
-    """
-
-    name: str
-    dialect: str
-    lines: tuple[str, ...]
-    newline: str
-    blocks: tuple[Block, ...]
-    motions: tuple[Motion, ...]
-    straight: bool
-    encoding: str = "utf-8"
+    name: str  # File name
+    dialect: str  # Name of its language, see :data:`counterflex.programs.language.LANGUAGES`
+    lines: tuple[str, ...]  # The source, without line ends
+    newline: str  # Line end of the source
+    blocks: tuple[Block, ...]  # Executed blocks in order (comment and empty lines included where they are passed)
+    motions: tuple[Motion, ...]  # All motions in order
+    straight: bool  # True when every source line is executed at most once and in file order (no loops, no subroutines)
+    encoding: str = "utf-8"  # Of the source's bytes; what is written back uses the same
+    # Work offset whose zero was taken as that of the part because nothing says where it lies, with its line; None where
+    # it is known or the language has none
     part_zero: tuple[str, int] | None = None
+    # Number of the only tool of the cell, taken because the program names none; 0: it names its tools
     tool_taken: int = 0
 
     def place(self, line: int) -> str:

@@ -119,15 +119,11 @@ def require_linuxcnc(program: Program, command: str) -> None:
     if turned is not None:
         raise ProgramError(
             f"{command} writes moves along the axes of the part, and this program turns its coordinates",
-            where=turned.where(Path(program.name).name),
-            value=turned.text.strip()[:40],
+            where=turned.where(Path(program.name).name), value=turned.text.strip()[:40],
             hint="Post it without G68, G51.1 and G16",
-        )
+        )  # fmt: skip
     if program.dialect != GCODE:
         raise ProgramError(
-            f"{command} writes G-code as LinuxCNC reads it",
-            where=Path(program.name).name,
-            value=program.dialect,
-            limit=GCODE,
-            hint="Post the tool path for LinuxCNC",
-        )
+            f"{command} writes G-code as LinuxCNC reads it", where=Path(program.name).name, value=program.dialect,
+            limit=GCODE, hint="Post the tool path for LinuxCNC",
+        )  # fmt: skip

@@ -16,7 +16,7 @@ from counterflex.core.jit import kernel
 
 @kernel("b1(f8[:], f8[:,:], f8[:,:], i8, i8, f8, f8)")
 def fits(s: Float, p: Float, r: Float, a: int, b: int, tol2: float, tol2_r: float) -> bool:
-    """Whether all samples between a and b lie within the tolerance of the chord a-b at their own parameter."""
+    """Return whether all samples between a and b lie within the tolerance of the chord a-b at their own parameter."""
     span = s[b] - s[a]
     for k in range(a + 1, b):
         f = (s[k] - s[a]) / span if span > 0.0 else 0.0

@@ -23,37 +23,25 @@ class Treatment(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A statement or instruction of a language.
+    """A statement or instruction of a language."""
 
-    Attributes:
-        word: Its key word, as the manual writes it.
-        treatment: What the reader does with it.
-        reason: Of an evaluated one what it sets; of a neutral one why the path stays the same; of a refused one what it
-            would change.
-        remedy: What to do about a refused one.
-        samples: Complete statements, for tests: those of a neutral one can stand anywhere between two motions.
-    """
-
-    word: str
-    treatment: Treatment
+    word: str  # Its key word, as the manual writes it
+    treatment: Treatment  # What the reader does with it
+    # Of an evaluated one what it sets; of a neutral one why the path stays the same; of a refused one what it would
+    # change
     reason: str
-    remedy: str = ""
+    remedy: str = ""  # What to do about a refused one
+    # Complete statements, for tests: those of a neutral one can stand anywhere between two motions
     samples: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class StatementTable:
-    """All statements and instructions of a language.
+    """All statements and instructions of a language."""
 
-    Attributes:
-        language: As the reader's registry names it.
-        source: The manual that lists them, with its edition.
-        rows: One per statement; words are unique, upper and lower case are the same.
-    """
-
-    language: str
-    source: str
-    rows: tuple[Statement, ...]
+    language: str  # As the reader's registry names it
+    source: str  # The manual that lists them, with its edition
+    rows: tuple[Statement, ...]  # One per statement; words are unique, upper and lower case are the same
 
     def find(self, word: str) -> Statement | None:
         """Return the row of a key word; None where the language has no such statement."""

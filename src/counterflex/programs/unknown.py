@@ -19,15 +19,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A value that the text of a program does not determine.
+    """A value that the text of a program does not determine."""
 
-    Attributes:
-        why: The cause, as a clause that follows a colon: ``a person enters it (TPReadNum)``.
-        where: ``file:line`` of the statement that made it unknown; empty where it was never set.
-    """
-
-    why: str
-    where: str = ""
+    why: str  # The cause, as a clause that follows a colon: ``a person enters it (TPReadNum)``
+    where: str = ""  # ``file:line`` of the statement that made it unknown; empty where it was never set
 
     def __str__(self) -> str:
         return f"{self.why} in {self.where}" if self.where else self.why

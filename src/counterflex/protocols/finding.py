@@ -10,25 +10,15 @@ Severity = Literal["error", "warning"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something dangerous (error) or useless (warning) in a set-up.
+    """Something dangerous (error) or useless (warning) in a set-up."""
 
-    Attributes:
-        rule: Name of the rule.
-        severity: ``error``: must not run so; ``warning``: should be looked at.
-        where: File, and place in it.
-        what: The fault.
-        value: As found.
-        safe: What is safe.
-        hint: What to do.
-    """
-
-    rule: str
-    severity: Severity
-    where: str
-    what: str
-    value: str
-    safe: str
-    hint: str
+    rule: str  # name of the rule
+    severity: Severity  # ``error``: must not run so; ``warning``: should be looked at
+    where: str  # file, and place in it
+    what: str  # the fault
+    value: str  # as found
+    safe: str  # what is safe
+    hint: str  # what to do
 
     def line(self) -> str:
         """All of it in one line."""

@@ -16,21 +16,13 @@ AXES = 6
 
 @dataclass(frozen=True)
 class AxisGains:
-    """``C(z) = Kp + Ki T / (1 - 1/z) + Kd (1 - a) / T (1 - 1/z) / (1 - a/z)``, ``a = exp(-T / Tf)``.
+    """``C(z) = Kp + Ki T / (1 - 1/z) + Kd (1 - a) / T (1 - 1/z) / (1 - a/z)``, ``a = exp(-T / Tf)``."""
 
-    Attributes:
-        proportional: Kp.
-        integral_per_s: Ki, 1/s.
-        derivative_s: Kd, s.
-        filter_s: Tf, time constant of the low-pass of the derivative; 0 leaves it out.
-        most_rad: Largest angle that the controller adds; what would go beyond it is not summed up either.
-    """
-
-    proportional: float = 0.0
-    integral_per_s: float = 0.0
-    derivative_s: float = 0.0
-    filter_s: float = 0.0
-    most_rad: float = 1e-3
+    proportional: float = 0.0  # Kp
+    integral_per_s: float = 0.0  # Ki, 1/s
+    derivative_s: float = 0.0  # Kd, s
+    filter_s: float = 0.0  # tf, time constant of the low-pass of the derivative; 0 leaves it out
+    most_rad: float = 1e-3  # largest angle that the controller adds; what would go beyond it is not summed up either
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -44,7 +36,7 @@ class AxisGains:
 
     @property
     def idle(self) -> bool:
-        """Whether it does nothing."""
+        """Return whether it does nothing."""
         return self.proportional == 0.0 and self.integral_per_s == 0.0 and self.derivative_s == 0.0
 
     def packed(self, period_s: float) -> tuple[float, float, float, float, float]:

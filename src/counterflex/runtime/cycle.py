@@ -14,15 +14,7 @@ from counterflex.core.array_table import addresses, matrix, reals, to_pointer, w
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.robot.elasticity.kernels.records import (
-    REGION,
-    STATION,
-    STEP,
-    SURROUNDINGS,
-    WORK,
-    Compact,
-    Elastic,
-)
+from counterflex.robot.elasticity.kernels.records import REGION, STATION, STEP, SURROUNDINGS, WORK, Compact, Elastic
 from counterflex.runtime.monitoring.air_noise import swing_mass
 from counterflex.runtime.monitoring.fast_force import take_samples
 from counterflex.runtime.monitoring.monitor_kernel import hand_over, watch

@@ -145,7 +145,7 @@ class Loop:
 
     @property
     def holds_part(self) -> bool:
-        """Whether the robot holds the part against a spindle that stands."""
+        """Return whether the robot holds the part against a spindle that stands."""
         return self._held
 
     def on_tool(self, w: Float) -> None:
@@ -241,7 +241,7 @@ class Loop:
 
     @property
     def layout(self) -> Layout:
-        """What the words of :attr:`memory` mean, one array behind the other."""
+        """Meaning of the words of :attr:`memory`, one array behind the other."""
         return layout_of(self.memory)
 
     def restore(self, words: Int, layout: Layout) -> None:
@@ -310,7 +310,7 @@ class Loop:
 
     @property
     def planned(self) -> bool:
-        """Whether there is a plan."""
+        """Return whether there is a plan."""
         return bool(self._loop["settings"][0].has_plan)
 
     @property
@@ -347,7 +347,7 @@ class Loop:
 
     @property
     def cause(self) -> Cause:
-        """Why it is in that state."""
+        """Cause of that state."""
         return Cause(int(self.result.cause))
 
     @property
@@ -370,7 +370,7 @@ class Loop:
 
     @property
     def sources(self) -> Source:
-        """What the estimate of the last cycle rests on; nothing where the loop has no estimator."""
+        """Sources of the estimate of the last cycle; none where the loop has no estimator."""
         return Source(int(self.result.sources))
 
     @property

@@ -10,17 +10,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.records import Record
+from counterflex.runtime import settings as options
 from counterflex.runtime.loop_plan import LoopPlan
-from counterflex.runtime.settings import (
-    ForceMode,
-    Lost,
-    OnlineSettings,
-    TrackerMode,
-    force_delay,
-    inertia_smoothing,
-    per_direction,
-    robot_answer,
-)
 from counterflex.runtime.state.chosen import SUPERVISION
 from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.step.axis_pid import AxisPid
@@ -34,7 +25,11 @@ TORQUE_MEMORY_S: Final = 0.5
 
 
 def pack_settings(
-    out: Record, settings: OnlineSettings, T_base_part: Float, plan: LoopPlan | None, T_base_tcp: Float | None = None
+    out: Record,
+    settings: options.OnlineSettings,
+    T_base_part: Float,
+    plan: LoopPlan | None,
+    T_base_tcp: Float | None = None,
 ) -> None:
     """Write constants, modes and delays in whole cycles of the step.
 
@@ -60,16 +55,16 @@ def pack_settings(
         out.supervisor[name] = value
 
 
-def _pack_constants(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
-    T, fused = settings.period_s, settings.force == ForceMode.FUSED
+def _pack_constants(out: Record, settings: options.OnlineSettings, plan: LoopPlan | None) -> None:
+    T, fused = settings.period_s, settings.force == options.ForceMode.FUSED
     out.period, out.lead = T, _lead(settings, plan)
     out.preview = settings.delays.correction_s if _shaped(settings, plan) else settings.lead_s
     out.threshold, out.blend = settings.pilot.threshold_n, T / settings.pilot.blend_s
     for k, (name, factor) in enumerate((("proportional", 1.0), ("integral_per_s", T), ("derivative_s", 1.0 / T))):
-        gains = per_direction(name, getattr(settings, name))
+        gains = options.per_direction(name, getattr(settings, name))
         out.gains[3 * k : 3 * k + 3] = [factor * gain for gain in gains]
     out.contained = float(settings.compensated)
-    out.reference_late = force_delay(settings) if plan is None else 0.0
+    out.reference_late = options.force_delay(settings) if plan is None else 0.0
     out.follow = settings.delays.follow_s if fused else 0.0
     out.fusion[:] = settings.fusion.packed(T)
     out.torque_variance[:] = np.square(settings.fusion.torque_nm) * TORQUE_MEMORY_S / T
@@ -82,12 +77,12 @@ def _pack_constants(out: Record, settings: OnlineSettings, plan: LoopPlan | None
     drift = settings.scale_drift**2 * T
     alike = 1.0 if fused else math.sqrt(max(1.0, settings.correlation_s / T))  # the estimator knows of the swing
     out.scale[:] = alike * settings.force_noise_n, alike * settings.timing_s / T, drift, SCALE_VARIANCE
-    out.answer[:] = robot_answer(settings)[1]
+    out.answer[:] = options.robot_answer(settings)[1]
     out.swing[:] = settings.fusion.swing(T)
-    out.inertia[:] = inertia_smoothing(settings).coefficients()
+    out.inertia[:] = options.inertia_smoothing(settings).coefficients()
 
 
-def _pack_tracker(out: Record, settings: OnlineSettings) -> None:
+def _pack_tracker(out: Record, settings: options.OnlineSettings) -> None:
     T, tuning = settings.period_s, settings.tuning
     out.tracker_late = settings.delays.tracker_s
     out.gain, out.proportional = tuning.gain, tuning.proportional
@@ -100,27 +95,27 @@ def _pack_tracker(out: Record, settings: OnlineSettings) -> None:
     out.lag_most = tuning.lag_most_m
 
 
-def _pack_modes(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
+def _pack_modes(out: Record, settings: options.OnlineSettings, plan: LoopPlan | None) -> None:
     out.force, out.tracker = settings.force, settings.tracker
     out.compensated, out.normal_only = settings.compensated, settings.normal_only
     out.orientation, out.has_plan = settings.orientation, plan is not None
-    out.tracker_lost_holds = settings.tracker_lost == Lost.HOLD or settings.force == ForceMode.NONE
+    out.tracker_lost_holds = settings.tracker_lost == options.Lost.HOLD or settings.force == options.ForceMode.NONE
     out.force_offset = settings.force_offset
     out.reads_ahead = _shaped(settings, plan)
-    designed = settings.tracker == TrackerMode.DESIGNED
+    designed = settings.tracker == options.TrackerMode.DESIGNED
     out.undo_lag = designed and settings.tuning.undo_lag
     out.undo_play = designed and settings.tuning.undo_play and plan is not None and not settings.compensated
 
 
-def _pack_delays(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -> None:
+def _pack_delays(out: Record, settings: options.OnlineSettings, plan: LoopPlan | None) -> None:
     T, delays = settings.period_s, settings.delays
     tracker = round(delays.tracker_s / T)
-    dead, _ = robot_answer(settings)
-    ahead = settings.lead_s if settings.force == ForceMode.SCALE else -force_delay(settings)
-    if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and _shaped(settings, plan):
+    dead, _ = options.robot_answer(settings)
+    ahead = settings.lead_s if settings.force == options.ForceMode.SCALE else -options.force_delay(settings)
+    if settings.force in (options.ForceMode.PILOT, options.ForceMode.SCALE) and _shaped(settings, plan):
         ahead = delays.correction_s
     out.nominal_back = round((delays.follow_s + delays.tracker_s) / T)
-    out.correction_back = dead + (0 if settings.force == ForceMode.FUSED else tracker)
+    out.correction_back = dead + (0 if settings.force == options.ForceMode.FUSED else tracker)
     out.deflection_back = max(0, round((ahead + delays.tracker_s) / T))
     out.reported_back = round(delays.follow_s / T)
     back = max(out.nominal_back, out.correction_back, out.deflection_back, out.reported_back)
@@ -130,43 +125,43 @@ def _pack_delays(out: Record, settings: OnlineSettings, plan: LoopPlan | None) -
         )
     out.stale, out.lost = settings.stale_cycles, settings.lost_cycles
     out.window = _WINDOW
-    bridged = plan is not None and settings.force in (ForceMode.PILOT, ForceMode.SCALE)
+    bridged = plan is not None and settings.force in (options.ForceMode.PILOT, options.ForceMode.SCALE)
     out.bridge = settings.stale_cycles + (round(settings.bridge_s / T) if bridged else 0)
     out.tracker_stale = max(1, round(settings.fusion.tracker_stale_s / T))
     out.disbelieved = settings.fusion.disbelieved
 
 
-def pack_limits(out: Record, settings: OnlineSettings) -> None:
+def pack_limits(out: Record, settings: options.OnlineSettings) -> None:
     """Write the limits of the plausibility tests.
 
     Args:
         out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
         settings: Of the loop.
     """
-    integrates = settings.tracker in (TrackerMode.INTEGRATOR, TrackerMode.DESIGNED)
+    integrates = settings.tracker in (options.TrackerMode.INTEGRATOR, options.TrackerMode.DESIGNED)
     gain = settings.tuning.gain if integrates else 0.0
     fusion, period_s = settings.fusion, settings.period_s
     settings.plausibility.pack(out, period_s, fusion.mode, gain)
     out.step_torque = period_s / TORQUE_MEMORY_S
     out.tracker_late = settings.delays.tracker_s
-    if settings.force == ForceMode.FUSED:  # which takes slow trackers, too
+    if settings.force == options.ForceMode.FUSED:  # which takes slow trackers, too
         out.silent_cycles = max(1, round(fusion.tracker_stale_s / period_s))
     out.settled = round((_SETTLED_S + 2.0 * settings.smoothing.delay_s) / period_s)
 
 
-def _shaped(settings: OnlineSettings, plan: LoopPlan | None) -> bool:
-    """Whether the plan says itself what to command ahead of time."""
+def _shaped(settings: options.OnlineSettings, plan: LoopPlan | None) -> bool:
+    """Return whether the plan says itself what to command ahead of time."""
     return plan is not None and plan.w_ahead_part is not None and settings.pilot.lead_s is None
 
 
-def _lead(settings: OnlineSettings, plan: LoopPlan | None) -> float:
-    """How much ahead the plan is read, s; what says itself what to command ahead of time is read in place."""
+def _lead(settings: options.OnlineSettings, plan: LoopPlan | None) -> float:
+    """Lead at which the plan is read, s; a plan that is shaped for the delays is read in place."""
     return 0.0 if _shaped(settings, plan) else settings.lead_s
 
 
-def axis_pid(settings: OnlineSettings) -> AxisPid | None:
+def axis_pid(settings: options.OnlineSettings) -> AxisPid | None:
     """Controllers of the axes, where there are any; a plan is read ahead by the answer, a measured force is not."""
     if settings.axis_pid is None:
         return None
-    expected = settings.force != ForceMode.MEASURED
+    expected = settings.force != options.ForceMode.MEASURED
     return AxisPid(settings.axis_pid, settings.period_s, settings.delays.dead_s, expected=expected)

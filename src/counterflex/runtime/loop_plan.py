@@ -20,45 +20,32 @@ from counterflex.signals.ahead import Ahead
 
 @dataclass(frozen=True, eq=False)
 class LoopPlan:
-    """What the loop knows of the program; n rows, part frame, SI.
+    """The program as the loop knows it; n rows, part frame, SI."""
 
-    Attributes:
-        p_part: (n, 3) points as the program sends them (its correction included).
-        time_s: (n,) planned time, not decreasing.
-        w_tcp_part: (n, 6) predicted wrench on the tool about its tip.
-        cutting: (n,) 1 where material is cut.
-        contained: (n, 6) correction that the program already contains, m and rotation vector.
-        undo_play: (n, 3) m, correction to be sent here so that the robot, as slow as it is, undoes play and friction in
-            time, as :func:`counterflex.plan.play_compensation.play_compensation` gives it; None is none.
-        turn_per_s: (n,) spindle speed, turns per second; None is not known.
-        tool: (n,) number of the tool; None is one and the same.
-        teeth: (n,) of the tool; None is not known.
-        chip_m: (n,) mean chip thickness where it cuts, else NaN; None is not known.
-        need_m: (n, 3) correction across the feed that the loop will want at this place; None is not known.
-        residual_m: (n,) size of the error that the program itself is predicted to leave; None is not known.
-        w_ahead_part: (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes
-            the predicted one in time; None reads the predicted wrench ahead by the lead instead.
-        w_lost_part: (n, 6) wrench that would bend the robot as far as its drives yield here; it is in the one to be
-            commanded. None is nothing.
-        ahead: How that was made from the predicted wrench; None is not known.
-        speed: (n,) share of the programmed speed at which the program is to run; None is 1 everywhere.
-    """
-
-    p_part: Float
-    time_s: Float
-    w_tcp_part: Float
-    cutting: Float
-    contained: Float
+    p_part: Float  # (n, 3) points as the program sends them (its correction included)
+    time_s: Float  # (n,) planned time, not decreasing
+    w_tcp_part: Float  # (n, 6) predicted wrench on the tool about its tip
+    cutting: Float  # (n,) 1 where material is cut
+    contained: Float  # (n, 6) correction that the program already contains, m and rotation vector
+    # (n, 3) m, correction to be sent here so that the robot, as slow as it is, undoes play and friction in time, as
+    # play_compensation gives it; None is none
     undo_play: Float | None = None
-    turn_per_s: Float | None = None
-    tool: Int | None = None
-    teeth: Int | None = None
-    chip_m: Float | None = None
+    turn_per_s: Float | None = None  # (n,) spindle speed, turns per second; None is not known
+    tool: Int | None = None  # (n,) number of the tool; None is one and the same
+    teeth: Int | None = None  # (n,) of the tool; None is not known
+    chip_m: Float | None = None  # (n,) mean chip thickness where it cuts, else NaN; None is not known
+    # (n, 3) correction across the feed that the loop will want at this place; None is not known
     need_m: Float | None = None
+    # (n,) size of the error that the program itself is predicted to leave; None is not known
     residual_m: Float | None = None
+    # (n, 6) wrench whose deflection is to be commanded here so that the robot, as slow as it is, undoes the predicted
+    # one in time; None reads the predicted wrench ahead by the lead instead
     w_ahead_part: Float | None = None
+    # (n, 6) wrench that would bend the robot as far as its drives yield here; it is in the one to be commanded. None is
+    # nothing
     w_lost_part: Float | None = None
-    ahead: Ahead | None = None
+    ahead: Ahead | None = None  # how that was made from the predicted wrench; None is not known
+    # (n,) share of the programmed speed at which the program is to run; None is 1 everywhere
     speed: Float | None = None
 
     def packed(self) -> Records:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+from collections.abc import Iterable
 from multiprocessing import shared_memory
 from pathlib import Path
 from typing import Final
@@ -37,60 +38,52 @@ _PLACE: Final = Path("/dev/shm")
 _PREFIX: Final = "counterflex-ring-"
 
 
-def _columns() -> tuple[str, ...]:
-    pose = [f"R{i}{j}" for i in range(3) for j in range(3)] + ["x", "y", "z"]
-    six = ("x", "y", "z", "rx", "ry", "rz")
-    wrench = ("fx", "fy", "fz", "mx", "my", "mz")
-    names = ["counter_ms", "received_ns", "sent_ns", "elapsed", "w_good"]
-    names += [f"fast_{f}" for f in ("samples", "residual", "turn", "tooth", "ready", "separate", "slower", "change")]
-    names += [f"sensor_{a}" for a in wrench]
-    names += [f"second_{a}{b}" for a in "fs" for b in "xyz"] + ["pair_used", "pair_gap"]
-    names += [f"nominal_{p}" for p in pose] + [f"q{i}" for i in range(1, 7)]
-    names += [f"wrench_{a}" for a in wrench] + [f"actual_{p}" for p in pose]
-    names += ["tracker_late", "tracker_sigma"] + [f"torque_{i}" for i in range(1, 7)] + [f"reported_{p}" for p in pose]
-    flags = ("elapsed", "force_age", "tracker_new", "tracker_age", "healthy", "arm", "enable", "stop", "reset")
-    names += [f"flag_{f}" for f in (*flags, "soft", "hard", "sources", "current_age", "reported")]
-    names += [f"correction_{a}" for a in six] + [f"axis_{i}" for i in range(1, 7)]
-    names += [f"used_{a}" for a in wrench] + [f"predicted_{a}" for a in wrench] + [f"filtered_{a}" for a in wrench]
-    names += [f"deflection_{a}" for a in six] + [f"wanted_{a}" for a in six] + [f"deviation_{a}" for a in six]
-    names += ["path_distance", "sigma", "cutting"]
-    names += [f"factor_{d}" for d in ("feed", "across", "axial")] + [f"model_{d}" for d in ("feed", "across", "axial")]
-    names += [f"offset_{a}" for a in six] + ["uncertain"] + [f"surprise_{s}" for s in ("force", "tracker", "currents")]
-    outcome = (
-        "state",
-        "cause",
-        "feed_hold",
-        "stop",
-        "silent",
-        "limits",
-        "elastic",
-        "soft",
-        "hard",
-        "sources",
-        "degraded",
-        "doubt",
-        "rejected",
-    )
-    names += [f"out_{o}" for o in outcome]
-    feed = ("feed", "across", "tool")
-    names += [f"force_{a}" for a in feed] + [f"expected_{a}" for a in feed]
-    names += ["force_size", "force_least", "force_most", "force_ratio"]
-    watched = [event.name.lower() for event in Event]
-    names += [f"value_{e}" for e in watched] + [f"limit_{e}" for e in watched]
-    names += [
-        "wear_trend",
-        "wear_trend_sigma",
-        "wear_rise",
-        "wear_degrees",
-        "cut_m",
-        "path_m",
-        "speed_measured",
-        "speed_asked",
-    ]
-    return (*names, "event_on", "event_new", "event_seen", "slowed", "cycle")
-
-
-COLUMNS: Final = _columns()
+_WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
+_TWIST: Final = ("x", "y", "z", "rx", "ry", "rz")
+_POSE: Final = (*(f"R{i}{j}" for i in range(3) for j in range(3)), "x", "y", "z")
+_EVENTS: Final = tuple(event.name.lower() for event in Event)
+_GROUPS: Final[tuple[tuple[str, Iterable[str]], ...]] = (
+    ("", ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good")),
+    ("fast_", ("samples", "residual", "turn", "tooth", "ready", "separate", "slower", "change")),
+    ("sensor_", _WRENCH),
+    ("second_", ("fx", "fy", "fz", "sx", "sy", "sz")),
+    ("pair_", ("used", "gap")),
+    ("nominal_", _POSE),
+    ("q", "123456"),
+    ("wrench_", _WRENCH),
+    ("actual_", _POSE),
+    ("tracker_", ("late", "sigma")),
+    ("torque_", "123456"),
+    ("reported_", _POSE),
+    ("flag_", ("elapsed", "force_age", "tracker_new", "tracker_age", "healthy", "arm", "enable", "stop", "reset")),
+    ("flag_", ("soft", "hard", "sources", "current_age", "reported")),
+    ("correction_", _TWIST),
+    ("axis_", "123456"),
+    ("used_", _WRENCH),
+    ("predicted_", _WRENCH),
+    ("filtered_", _WRENCH),
+    ("deflection_", _TWIST),
+    ("wanted_", _TWIST),
+    ("deviation_", _TWIST),
+    ("", ("path_distance", "sigma", "cutting")),
+    ("factor_", ("feed", "across", "axial")),
+    ("model_", ("feed", "across", "axial")),
+    ("offset_", _TWIST),
+    ("", ("uncertain",)),
+    ("surprise_", ("force", "tracker", "currents")),
+    ("out_", ("state", "cause", "feed_hold", "stop", "silent", "limits", "elastic", "soft", "hard", "sources")),
+    ("out_", ("degraded", "doubt", "rejected")),
+    ("force_", ("feed", "across", "tool")),
+    ("expected_", ("feed", "across", "tool")),
+    ("force_", ("size", "least", "most", "ratio")),
+    ("value_", _EVENTS),
+    ("limit_", _EVENTS),
+    ("wear_", ("trend", "trend_sigma", "rise", "degrees")),
+    ("", ("cut_m", "path_m", "speed_measured", "speed_asked")),
+    ("event_", ("on", "new", "seen")),
+    ("", ("slowed", "cycle")),
+)
+COLUMNS: Final = tuple(prefix + name for prefix, names in _GROUPS for name in names)
 """Names of a record's numbers: SI, part axes, angles in rad."""
 _PLACES: Final = {name: place for place, name in enumerate(COLUMNS)}
 _WHOLE: Final = ("counter_ms", "received_ns", "sent_ns", "elapsed", "w_good", "pair_used", "slowed", "cycle")
@@ -102,7 +95,7 @@ def column(name: str) -> int:
 
 
 def is_whole(column: str) -> bool:
-    """Whether a column of :data:`COLUMNS` holds whole numbers only: counts, bits, states, times in ns."""
+    """Return whether a column of :data:`COLUMNS` holds whole numbers only: counts, bits, states, times in ns."""
     return column in _WHOLE or column.startswith(("flag_", "out_", "event_"))
 
 

@@ -26,36 +26,22 @@ _COMPARED: Final = slice(record.RESULTS, record.CYCLE)
 
 @dataclass(frozen=True)
 class Difference:
-    """The first place where a replay leaves the record.
+    """The first place where a replay leaves the record."""
 
-    Attributes:
-        cycle: Of the loop, 1 is its first.
-        counter_ms: The controller's counter in that cycle.
-        column: Name of the first number that differs.
-        logged: As recorded.
-        replayed: As computed now.
-        columns: How many numbers of that cycle differ.
-    """
-
-    cycle: int
-    counter_ms: int
-    column: str
-    logged: float
-    replayed: float
-    columns: int
+    cycle: int  # of the loop, 1 is its first
+    counter_ms: int  # the controller's counter in that cycle
+    column: str  # name of the first number that differs
+    logged: float  # as recorded
+    replayed: float  # as computed now
+    columns: int  # how many numbers of that cycle differ
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Where records are missing.
+    """A place at which records are missing."""
 
-    Attributes:
-        after: Last cycle before it; 0 where the beginning is missing.
-        missing: Cycles between the records, or what is missing of the beginning.
-    """
-
-    after: int
-    missing: int
+    after: int  # last cycle before it; 0 where the beginning is missing
+    missing: int  # cycles between the records, or what is missing of the beginning
 
 
 class Replay:
@@ -126,7 +112,7 @@ class Replay:
         self._compare(rows, answers, done)
 
     def _follows(self, cycle: int) -> bool:
-        """Whether the loop's state before this cycle is known."""
+        """Return whether the loop's state before this cycle is known."""
         before, self._cycle = self._cycle, cycle
         if cycle == 1:
             self._loop.reset()

@@ -21,7 +21,7 @@ Gain = float | tuple[float, float, float]
 
 
 class ForceMode(IntEnum):
-    """Which force the correction is computed from."""
+    """Force from which the correction is computed."""
 
     NONE = 0
     MEASURED = 1
@@ -32,7 +32,7 @@ class ForceMode(IntEnum):
 
 
 class TrackerMode(IntEnum):
-    """What is done with a tracker."""
+    """Use of a tracker."""
 
     NONE = 0
     INTEGRATOR = 1
@@ -44,7 +44,7 @@ class TrackerMode(IntEnum):
 
 
 class Lost(IntEnum):
-    """What follows where a tracker is silent, repeats itself, or is rejected, and there is a force beside it."""
+    """Reaction to a tracker that is silent, repeats itself or is rejected while there is a force beside it."""
 
     FALLBACK = 0
     """Its part of the correction stands still, force and plan go on; it is said."""
@@ -52,7 +52,7 @@ class Lost(IntEnum):
 
 
 class ForceOffset(IntEnum):
-    """What follows a step of the measured force that neither the plan nor the program's speed explains."""
+    """Reaction to a step of the measured force that neither the plan nor the program's speed explains."""
 
     TELL = 0
     """It is said; the force is used as before."""
@@ -63,7 +63,7 @@ class ForceOffset(IntEnum):
 
 
 class Output(IntEnum):
-    """How the correction is sent."""
+    """Form in which the correction is sent."""
 
     CARTESIAN = 0
     AXES = 1
@@ -71,38 +71,25 @@ class Output(IntEnum):
 
 @dataclass(frozen=True)
 class Pilot:
-    """Pilot control (Haehn2020 section 2.8).
+    """Pilot control (Haehn2020 section 2.8)."""
 
-    Attributes:
-        threshold_n: Difference of forces above which the prediction is blended in.
-        blend_s: Time of a whole blend.
-        lead_s: How much ahead of the robot the plan is read as it is; None shapes it for the delays instead.
-    """
-
-    threshold_n: float = 150.0
-    blend_s: float = 80.0 * MS
+    threshold_n: float = 150.0  # difference of forces above which the prediction is blended in
+    blend_s: float = 80.0 * MS  # time of a whole blend
+    # how much ahead of the robot the plan is read as it is; None shapes it for the delays instead
     lead_s: float | None = 40.0 * MS
 
 
 @dataclass(frozen=True)
 class Delays:
-    """What is known of time, from identification.
+    """Delays, from identification."""
 
-    Attributes:
-        dead_s: From sending a correction until the robot begins to move.
-        natural_per_s: Natural frequency of the robot's answer to a correction (second order), rad/s.
-        damping: Its damping ratio.
-        follow_s: How late the robot follows its programmed path.
-        follow_lag_s: How much of that is a first-order lag; the rest is dead time.
-        tracker_s: Age of a tracker sample when the loop sees it.
-    """
-
-    dead_s: float = 12.0 * MS
+    dead_s: float = 12.0 * MS  # from sending a correction until the robot begins to move
+    # natural frequency of the robot's answer to a correction (second order), rad/s
     natural_per_s: float = 2.0 * np.pi * 5.0
-    damping: float = 0.7
-    follow_s: float = 0.0
-    tracker_s: float = 4.0 * MS
-    follow_lag_s: float = 0.0
+    damping: float = 0.7  # its damping ratio
+    follow_s: float = 0.0  # how late the robot follows its programmed path
+    tracker_s: float = 4.0 * MS  # age of a tracker sample when the loop sees it
+    follow_lag_s: float = 0.0  # how much of that is a first-order lag; the rest is dead time
 
     @property
     def lag_gains(self) -> tuple[float, float]:
@@ -113,136 +100,91 @@ class Delays:
 
     @property
     def correction_s(self) -> float:
-        """How late slow corrections act: dead time plus ``2 zeta / w0``."""
+        """Delay of slow corrections: dead time plus ``2 zeta / w0``."""
         return self.dead_s + 2.0 * self.damping / self.natural_per_s
 
 
 @dataclass(frozen=True)
 class TrackerTuning:
-    """Gains of the tracker loop.
+    """Gains of the tracker loop."""
 
-    Attributes:
-        gain: K of the integrator, per cycle; Ki of the designed controller.
-        proportional: Kp of the designed controller.
-        notch: Its filter, ``b0 b1 b2 a1 a2``.
-        lag_filter: Filter of :mod:`counterflex.runtime.design.tracker` on speed and acceleration of the program.
-        undo_lag: It undoes the lag behind the program ahead of any measurement.
-        undo_play: Likewise the play that the plan predicts, where the program does not contain it.
-        lag_most_m: Largest translation given for the lag; a faster program is not corrected along its path.
-        saturation_m: Largest step of the integrator, per axis and cycle.
-        saturation_rad: Likewise for orientation.
-        drift_m: Standard deviation that the unexplained deviation gains per root second (observer).
-        noise_m: Standard deviation of a sample, timing of the robot included.
-        drift_rad: As ``drift_m``, orientation.
-        noise_rad: As ``noise_m``, orientation.
-        largest_jump_m: A sample farther than this from what is expected is not believed.
-    """
-
-    gain: float = 0.01
-    saturation_m: float = 50.0 * UM
-    saturation_rad: float = 0.005 * DEG
-    drift_m: float = 200.0 * UM
-    noise_m: float = 60.0 * UM
-    drift_rad: float = 0.02 * DEG
-    noise_rad: float = 0.02 * DEG
-    largest_jump_m: float = 2.0 * MM
-    proportional: float = 0.0
-    notch: tuple[float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 0.0)
-    lag_filter: tuple[float, ...] = (0.0,) * 8
-    undo_lag: bool = False
-    undo_play: bool = False
+    gain: float = 0.01  # K of the integrator, per cycle; Ki of the designed controller
+    saturation_m: float = 50.0 * UM  # largest step of the integrator, per axis and cycle
+    saturation_rad: float = 0.005 * DEG  # likewise for orientation
+    drift_m: float = 200.0 * UM  # standard deviation that the unexplained deviation gains per root second (observer)
+    noise_m: float = 60.0 * UM  # standard deviation of a sample, timing of the robot included
+    drift_rad: float = 0.02 * DEG  # as ``drift_m``, orientation
+    noise_rad: float = 0.02 * DEG  # as ``noise_m``, orientation
+    largest_jump_m: float = 2.0 * MM  # a sample farther than this from what is expected is not believed
+    proportional: float = 0.0  # Kp of the designed controller
+    notch: tuple[float, float, float, float, float] = (1.0, 0.0, 0.0, 0.0, 0.0)  # its filter, ``b0 b1 b2 a1 a2``
+    lag_filter: tuple[float, ...] = (0.0,) * 8  # filter of tracker on speed and acceleration of the program
+    undo_lag: bool = False  # it undoes the lag behind the program ahead of any measurement
+    undo_play: bool = False  # likewise the play that the plan predicts, where the program does not contain it
+    # largest translation given for the lag; a faster program is not corrected along its path
     lag_most_m: float = 1.5 * MM
 
 
 @dataclass(frozen=True)
 class OnlineSettings:
-    """Everything the loop can be told.
+    """Everything the loop can be told."""
 
-    Attributes:
-        period_s: Cycle of the robot controller.
-        force: See :class:`ForceMode`.
-        tracker: See :class:`TrackerMode`.
-        tracker_lost: See :class:`Lost`; a cell file says hold where it says nothing. A tracker alone always holds.
-        force_offset: See :class:`ForceOffset`; a cell file says hold where it says nothing.
-        output: See :class:`Output`.
-        axis_play: With output in axes, undo the play of the gears along program and correction together.
-        own_play_rad: (6,) half the play that the controller itself adds in the direction of the programmed motion.
-        axis_pid: With output in axes, a controller per axis on the angle in effect; None: what is wanted is sent.
-        compensated: The program already contains the correction of the predicted deflection: only the rest is sent.
-        normal_only: Leave out the component along the feed (Haehn2020 eq. 10-11).
-        orientation: Correct the orientation too.
-        proportional: Gains of the deflection under force along the feed, across it and along the tool; 1 undoes it. A
-            single number holds for all three, here and in the next two.
-        integral_per_s: Integral gains.
-        derivative_s: Derivative gains.
-        smoothing: Filters of the force.
-        inertia_hz: Corner of the low-pass with which the inertia of what hangs behind the sensor is taken out of its
-            force (:mod:`counterflex.runtime.sensing.spindle_inertia`); 0 leaves it in.
-        pilot: See :class:`Pilot`.
-        delays: See :class:`Delays`.
-        tuning: See :class:`TrackerTuning`.
-        fusion: See :class:`counterflex.runtime.estimator.fusion.FusionTuning`.
-        force_noise_n: Standard deviation of a filtered force, for the scale's filter.
-        timing_s: Uncertainty of the timing between plan and force, likewise.
-        correlation_s: How long an error of force or timing lasts: filters, and the arm's swing, which the sensor feels.
-            That many cycles tell as much as one.
-        scale_drift: Standard deviation that a factor gains per root second.
-        translation: Limits of the correction.
-        rotation: Likewise.
-        hard_factor: A correction wanted beyond the limit times this is a fault.
-        ramp_m_s: Speed of ramping out.
-        supervisor: See there.
-        stale_cycles: Age of a force at which the loop holds, or goes on by the plan alone where the mode has one.
-        bridge_s: How long it may go on so before it holds.
-        lost_cycles: Telegrams lost in a row at which it holds; ten are a fault.
-        off_path_m: Distance of the commanded point from the planned path at which the plan is not believed.
-        plausibility: Limits of the tests during operation.
-    """
-
-    period_s: float = 4.0 * MS
+    period_s: float = 4.0 * MS  # cycle of the robot controller
     force: ForceMode = ForceMode.PILOT
     tracker: TrackerMode = TrackerMode.NONE
+    # see Lost; a cell file says hold where it says nothing. A tracker alone always holds
     tracker_lost: Lost = Lost.FALLBACK
-    force_offset: ForceOffset = ForceOffset.TELL
+    force_offset: ForceOffset = ForceOffset.TELL  # see ForceOffset; a cell file says hold where it says nothing
     output: Output = Output.CARTESIAN
-    axis_play: bool = False
+    axis_play: bool = False  # with output in axes, undo the play of the gears along program and correction together
+    # (6,) half the play that the controller itself adds in the direction of the programmed motion
     own_play_rad: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    # with output in axes, a controller per axis on the angle in effect; None: what is wanted is sent
     axis_pid: tuple[AxisGains, ...] | None = None
+    # the program already contains the correction of the predicted deflection: only the rest is sent
     compensated: bool = False
-    normal_only: bool = True
-    orientation: bool = False
+    normal_only: bool = True  # leave out the component along the feed (Haehn2020 eq. 10-11)
+    orientation: bool = False  # correct the orientation too
+    # gains of the deflection under force along the feed, across it and along the tool; 1 undoes it. A single number
+    # holds for all three, here and in the next two
     proportional: Gain = 1.0
     integral_per_s: Gain = 0.0
     derivative_s: Gain = 0.0
-    smoothing: Smoothing = field(default_factory=lambda: Smoothing(8.0, 8, 4.0 * MS))
+    smoothing: Smoothing = field(default_factory=lambda: Smoothing(8.0, 8, 4.0 * MS))  # filters of the force
+    # corner of the low-pass with which the inertia of what hangs behind the sensor is taken out of its force
+    # (spindle_inertia); 0 leaves it in
     inertia_hz: float = 0.0
     pilot: Pilot = field(default_factory=Pilot)
     delays: Delays = field(default_factory=Delays)
     tuning: TrackerTuning = field(default_factory=TrackerTuning)
     fusion: FusionTuning = field(default_factory=FusionTuning)
-    force_noise_n: float = 8.0
-    timing_s: float = 10.0 * MS
+    force_noise_n: float = 8.0  # standard deviation of a filtered force, for the scale's filter
+    timing_s: float = 10.0 * MS  # uncertainty of the timing between plan and force, likewise
+    # how long an error of force or timing lasts: filters, and the arm's swing, which the sensor feels. That many cycles
+    # tell as much as one
     correlation_s: float = 120.0 * MS
-    scale_drift: float = 0.02
+    scale_drift: float = 0.02  # standard deviation that a factor gains per root second
+    # limits of the correction
     translation: MotionLimit = field(default_factory=lambda: MotionLimit(2.0 * MM, 20.0 * MM, 1.25))
-    rotation: MotionLimit = field(default_factory=lambda: MotionLimit(0.3 * DEG, 3.0 * DEG, 190.0 * DEG))
-    hard_factor: float = 1.5
-    ramp_m_s: float = 2.0 * MM
+    rotation: MotionLimit = field(default_factory=lambda: MotionLimit(0.3 * DEG, 3.0 * DEG, 190.0 * DEG))  # likewise
+    hard_factor: float = 1.5  # a correction wanted beyond the limit times this is a fault
+    ramp_m_s: float = 2.0 * MM  # speed of ramping out
     supervisor: SupervisorSettings = field(default_factory=SupervisorSettings)
-    stale_cycles: int = 3
-    bridge_s: float = 80.0 * MS
-    lost_cycles: int = 3
+    stale_cycles: int = 3  # age of a force at which the loop holds, or goes on by the plan alone where the mode has one
+    bridge_s: float = 80.0 * MS  # how long it may go on so before it holds
+    lost_cycles: int = 3  # telegrams lost in a row at which it holds; ten are a fault
+    # distance of the commanded point from the planned path at which the plan is not believed
     off_path_m: float = 5.0 * MM
-    plausibility: Plausibility = field(default_factory=Plausibility)
+    plausibility: Plausibility = field(default_factory=Plausibility)  # limits of the tests during operation
 
     @property
     def blending_s(self) -> float:
-        """How late blending into the prediction is in the mean: half its time with pilot control, else nothing."""
+        """Mean delay of blending into the prediction: half its time with pilot control, else nothing."""
         return 0.5 * self.pilot.blend_s if self.force == ForceMode.PILOT else 0.0
 
     @property
     def lead_s(self) -> float:
-        """How much ahead the plan is read: as set, else what a correction needs to act, and half the blending."""
+        """Lead at which the plan is read: as set, else the delay of a correction and half the blending."""
         return self.delays.correction_s + self.blending_s if self.pilot.lead_s is None else self.pilot.lead_s
 
     def __post_init__(self) -> None:
@@ -251,64 +193,67 @@ class OnlineSettings:
         Raises:
             InputError: Something is out of range or contradicts another setting.
         """
-        for name in ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift"):
-            as_positive(f"online: {name}", getattr(self, name))
-        as_positive("online: timing_s", self.timing_s, zero=True)
-        as_positive("online: correlation_s", self.correlation_s, zero=True)
-        as_positive("online: inertia_hz", self.inertia_hz, zero=True)
-        for name in ("proportional", "integral_per_s", "derivative_s"):
-            for value in per_direction(name, getattr(self, name)):
-                as_positive(f"online: {name}", value, zero=True)
-        for holder, names in (
-            (self.pilot, ("threshold_n", "blend_s")),
-            (self.delays, ("natural_per_s", "damping")),
-            (
-                self.tuning,
-                ("gain", "saturation_m", "saturation_rad", "drift_m", "noise_m", "drift_rad", "noise_rad"),
-            ),
+        tuning = ("gain", "saturation_m", "saturation_rad", "drift_m", "noise_m", "drift_rad", "noise_rad")
+        for holder, zero, names in (
+            (self, False, ("period_s", "hard_factor", "ramp_m_s", "off_path_m", "force_noise_n", "scale_drift")),
+            (self, True, ("timing_s", "correlation_s", "inertia_hz", "bridge_s")),
+            (self.pilot, False, ("threshold_n", "blend_s")),
+            (self.delays, False, ("natural_per_s", "damping")),
+            (self.delays, True, ("dead_s", "tracker_s", "follow_s", "follow_lag_s")),
+            (self.tuning, False, (*tuning, "lag_most_m")),
+            (self, True, ("lead_s",)),
         ):
             for name in names:
-                as_positive(f"online: {name}", getattr(holder, name))
-        as_positive("online: lead_s", self.lead_s, zero=True)
-        as_positive("online: dead_s", self.delays.dead_s, zero=True)
-        as_positive("online: tracker_s", self.delays.tracker_s, zero=True)
-        as_positive("online: follow_s", self.delays.follow_s, zero=True)
-        as_positive("online: follow_lag_s", self.delays.follow_lag_s, zero=True)
-        if self.delays.follow_lag_s > self.delays.follow_s:
-            raise InputError(
-                "the lag behind the path is longer than the whole delay",
-                value=self.delays.follow_lag_s,
-                limit=self.delays.follow_s,
-            )
+                as_positive(f"online: {name}", getattr(holder, name), zero=zero)
+        for name in ("proportional", "integral_per_s", "derivative_s"):
+            for gain in per_direction(name, getattr(self, name)):
+                as_positive(f"online: {name}", gain, zero=True)
         as_positive("online: proportional gain of the tracker", self.tuning.proportional, zero=True)
-        as_positive("online: lag_most_m", self.tuning.lag_most_m)
-        as_positive("online: bridge_s", self.bridge_s, zero=True)
-        if abs(self.smoothing.period_s - self.period_s) > 1e-9:
-            raise InputError("the force filter has another period", value=self.smoothing.period_s, limit=self.period_s)
-        if self.hard_factor < 1.0:
-            raise InputError("hard_factor is below 1", value=self.hard_factor, limit=">= 1")
-        if self.ramp_m_s > self.translation.speed:
-            raise InputError(
-                "ramping out is faster than the limit of speed", value=self.ramp_m_s, limit=self.translation.speed
-            )
-        if self.stale_cycles < 1 or self.lost_cycles < 1:
-            raise InputError("cycles without data", value=min(self.stale_cycles, self.lost_cycles), limit=">= 1")
-        if self.axis_play and self.output != Output.AXES:
-            raise InputError(
-                "the play of the axes is undone in axis-specific output",
-                value=f'output = "{self.output.name.lower()}"',
-                hint='In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
-            )
+        for wrong, what, value, limit, hint in self._contradictions():
+            if wrong:
+                raise InputError(what, value=value, limit=limit, hint=hint)
         if self.axis_pid is not None:
             require_usable(self.axis_pid, self.output.name, self.tracker.name, axis_play=self.axis_play)
-        if self.force == ForceMode.FUSED and self.tracker != TrackerMode.NONE:
-            raise InputError(
+
+    def _contradictions(self) -> tuple[tuple[bool, str, object, object, str | None], ...]:
+        """Settings that cannot belong together: whether it is so, what is wrong, value, limit, what to do."""
+        delays, speed, period = self.delays, self.translation.speed, self.smoothing.period_s
+        least_cycles = min(self.stale_cycles, self.lost_cycles)
+        in_axes, no_tracker = self.output == Output.AXES, self.tracker == TrackerMode.NONE
+        return (
+            (
+                delays.follow_lag_s > delays.follow_s,
+                "the lag behind the path is longer than the whole delay",
+                delays.follow_lag_s,
+                delays.follow_s,
+                None,
+            ),
+            (abs(period - self.period_s) > 1e-9, "the force filter has another period", period, self.period_s, None),
+            (self.hard_factor < 1.0, "hard_factor is below 1", self.hard_factor, ">= 1", None),
+            (self.ramp_m_s > speed, "ramping out is faster than the limit of speed", self.ramp_m_s, speed, None),
+            (least_cycles < 1, "cycles without data", least_cycles, ">= 1", None),
+            (
+                self.axis_play and not in_axes,
+                "the play of the axes is undone in axis-specific output",
+                f'output = "{self.output.name.lower()}"',
+                None,
+                'In Cartesian output the controller does it; set output = "axes", or leave axis_play out',
+            ),
+            (
+                self.force == ForceMode.FUSED and not no_tracker,
                 "the estimator takes the tracker itself",
-                value=f"tracker = {self.tracker.name.lower()}",
-                hint='With force = "fused" leave tracker = "none"; a tracker that is there is used',
-            )
-        if self.force == ForceMode.NONE and self.tracker == TrackerMode.NONE:
-            raise InputError("nothing to correct from", value="neither force nor tracker", hint="Choose one of them")
+                f"tracker = {self.tracker.name.lower()}",
+                None,
+                'With force = "fused" leave tracker = "none"; a tracker that is there is used',
+            ),
+            (
+                self.force == ForceMode.NONE and no_tracker,
+                "nothing to correct from",
+                "neither force nor tracker",
+                None,
+                "Choose one of them",
+            ),
+        )
 
 
 def require_for_held_part(settings: OnlineSettings) -> None:
@@ -343,7 +288,7 @@ def inertia_smoothing(settings: OnlineSettings) -> Smoothing:
 
 
 def force_delay(settings: OnlineSettings) -> float:
-    """How late the filtered force is, s."""
+    """Delay of the filtered force, s."""
     return settings.smoothing.delay_s + inertia_smoothing(settings).delay_s
 
 
@@ -361,7 +306,7 @@ def per_direction(name: str, gain: Gain) -> tuple[float, float, float]:
 
 
 def robot_answer(settings: OnlineSettings) -> tuple[int, Float]:
-    """How the robot answers a correction, sampled: whole cycles of dead time and ``b0 b1 b2 a1 a2``.
+    """Response of the robot to a correction, sampled: whole cycles of dead time and ``b0 b1 b2 a1 a2``.
 
     Second order, ``w0^2 / (s^2 + 2 zeta w0 s + w0^2)``, bilinear transform; the part of the dead time that is no whole
     cycle is left out.

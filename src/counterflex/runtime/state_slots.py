@@ -24,19 +24,12 @@ BYTES: Final = 8 * (_HEAD + 2 * _SLOT)
 
 @dataclass(frozen=True, eq=False)
 class LoopState:
-    """A loop's memory between two cycles.
+    """A loop's memory between two cycles."""
 
-    Attributes:
-        cycle: The last one before it, by the loop's own count.
-        time_ns: When the telegram of that cycle was received, monotonic.
-        words: (n,) all that the loop remembers, bit for bit, as whole numbers of 64 bits.
-        layout: What they mean; empty: as in logs that do not say it.
-    """
-
-    cycle: int
-    time_ns: int
-    words: Int
-    layout: Layout = ()
+    cycle: int  # the last one before it, by the loop's own count
+    time_ns: int  # when the telegram of that cycle was received, monotonic
+    words: Int  # (n,) all that the loop remembers, bit for bit, as whole numbers of 64 bits
+    layout: Layout = ()  # what they mean; empty: as in logs that do not say it
 
 
 class StateSlots:

@@ -125,48 +125,32 @@ IDLE: Final = record(
 
 @dataclass(frozen=True, eq=False)
 class SensorMotion:
-    """Motion of the sensor frame, in its own axes; from an accelerometer or from the commanded path.
+    """Motion of the sensor frame, in its own axes; from an accelerometer or from the commanded path."""
 
-    Attributes:
-        acceleration_m_s2: (..., 3) of the sensor's origin, without gravity.
-        omega_rad_s: (..., 3).
-        alpha_rad_s2: (..., 3) angular acceleration.
-    """
-
-    acceleration_m_s2: Float
-    omega_rad_s: Float
-    alpha_rad_s2: Float
+    acceleration_m_s2: Float  # (..., 3) of the sensor's origin, without gravity
+    omega_rad_s: Float  # (..., 3)
+    alpha_rad_s2: Float  # (..., 3) angular acceleration
 
 
 @dataclass(frozen=True, eq=False)
 class FlangeSensor:
-    """Constants of a force sensor in the chain.
+    """Constants of a force sensor in the chain."""
 
-    Attributes:
-        segment: Body of the end effector that carries the sensor frame.
-        T_seg_sensor: (4, 4) sensor frame in that body.
-        mass_kg: Of what hangs behind the sensor.
-        p_sensor_com: (3,) m, its centre of gravity in the sensor frame.
-        w_bias: (6,) N, N m shown with no load at time 0 and the reference temperature.
-        w_drift_per_s: (6,) N/s, N m/s.
-        w_kelvin: (6,) N/K, N m/K.
-        reference_c: Reference temperature, deg C.
-        w_offset: (k, 6) N, N m: remaining offset by the functions of the orientation; k is 0, 9 or 34.
-        hose_from: Body that the hose pack comes from: its functions are those of the sensor's rotation in this body.
-            Empty: of its rotation in the base.
-        inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` of what hangs behind, about its centre of gravity, sensor axes.
-    """
-
-    segment: str
-    T_seg_sensor: Float
-    mass_kg: float
-    p_sensor_com: Float
+    segment: str  # body of the end effector that carries the sensor frame
+    T_seg_sensor: Float  # (4, 4) sensor frame in that body
+    mass_kg: float  # of what hangs behind the sensor
+    p_sensor_com: Float  # (3,) m, its centre of gravity in the sensor frame
+    # (6,) N, N m shown with no load at time 0 and the reference temperature
     w_bias: Float = field(default_factory=lambda: np.zeros(6))
-    w_drift_per_s: Float = field(default_factory=lambda: np.zeros(6))
-    w_kelvin: Float = field(default_factory=lambda: np.zeros(6))
-    reference_c: float = REFERENCE_C
+    w_drift_per_s: Float = field(default_factory=lambda: np.zeros(6))  # (6,) N/s, N m/s
+    w_kelvin: Float = field(default_factory=lambda: np.zeros(6))  # (6,) N/K, N m/K
+    reference_c: float = REFERENCE_C  # reference temperature, deg C
+    # (k, 6) N, N m: remaining offset by the functions of the orientation; k is 0, 9 or 34
     w_offset: Float = field(default_factory=lambda: np.zeros((0, 6)))
+    # (6,) ``xx yy zz xy xz yz`` of what hangs behind, about its centre of gravity, sensor axes
     inertia_kg_m2: Float = field(default_factory=lambda: np.zeros(6))
+    # body that the hose pack comes from: its functions are those of the sensor's rotation in this body. Empty: of its
+    # rotation in the base
     hose_from: str = ""
 
     def __post_init__(self) -> None:

@@ -26,24 +26,15 @@ DELAY_HZ = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ForceFilter:
-    """A filter with constant gains: ``x = A x + L (s - H A x)``, force ``= C x``.
+    """A filter with constant gains: ``x = A x + L (s - H A x)``, force ``= C x``."""
 
-    Attributes:
-        A: (m, m) transition of the state over one sample.
-        L: (m, n) gain.
-        H: (n, m) strain of the state.
-        C: (3, m) force of the state, prediction included.
-        delay_s: (3,) s, > 0 is late: delay of each force component at :data:`DELAY_HZ`, horizon subtracted.
-        sigma_n: (3,) N standard deviation of the estimate in steady state, prediction error included.
-    """
-
-    A: Float
-    L: Float
-    H: Float
-    C: Float
+    A: Float  # (m, m) transition of the state over one sample
+    L: Float  # (m, n) gain
+    H: Float  # (n, m) strain of the state
+    C: Float  # (3, m) force of the state, prediction included
     step_s: float
-    delay_s: Float
-    sigma_n: Float
+    delay_s: Float  # (3,) s, > 0 is late: delay of each force component at DELAY_HZ, horizon subtracted
+    sigma_n: Float  # (3,) N standard deviation of the estimate in steady state, prediction error included
 
     def run(self, strain: Float, start: Float | None = None) -> Float:
         """Filter a record.

@@ -64,34 +64,21 @@ _NEAR = 0.5e-3  # m, within which a gauge counts as on a surface
 
 @dataclass(frozen=True)
 class Gauge:
-    """One full bridge.
+    """One full bridge."""
 
-    Attributes:
-        p_holder_gauge: x, y, z m in the holder frame, on a surface of a cheek.
-        angle_rad: Of the active gauges to z, towards y on faces across x, towards x on edges across y.
-        factor: By which the notch raises the strain.
-    """
-
-    p_holder_gauge: tuple[float, float, float]
-    angle_rad: float = 0.0
-    factor: float = 1.0
+    p_holder_gauge: tuple[float, float, float]  # x, y, z m in the holder frame, on a surface of a cheek
+    angle_rad: float = 0.0  # of the active gauges to z, towards y on faces across x, towards x on edges across y
+    factor: float = 1.0  # by which the notch raises the strain
 
 
 @dataclass(frozen=True)
 class HolderBeam:
-    """Dimensions of the holder.
+    """Dimensions of the holder."""
 
-    Attributes:
-        length_m: L, from the clamped end to the ring.
-        distance_m: Between the middles of the cheeks, along x.
-        thickness_m: Of a cheek, along x.
-        width_m: Of a cheek, along y.
-    """
-
-    length_m: float
-    distance_m: float
-    thickness_m: float
-    width_m: float
+    length_m: float  # L, from the clamped end to the ring
+    distance_m: float  # between the middles of the cheeks, along x
+    thickness_m: float  # of a cheek, along x
+    width_m: float  # of a cheek, along y
     e_pa: float = 210e9
     poisson_ratio: float = 0.3
 
@@ -187,27 +174,17 @@ PRINTED_M.flags.writeable = False
 
 @dataclass(frozen=True, eq=False)
 class StrainHolder:
-    """Constants of an instrumented holder.
-
-    Attributes:
-        p_holder_tcp: (3,) m, tool tip in the holder frame.
-        sensitivity: (n, 6) 1/N, 1/(N m); see :meth:`HolderBeam.sensitivity`.
-        bias: (n,) strain with no load at the reference temperature.
-        per_kelvin: (n,) 1/K, what is left of temperature after the bridges' own compensation.
-        reference_c: Reference temperature, deg C.
-        noise: (n,) standard deviation of a sample's strain.
-        segment: Body of the end effector whose frame is the holder's, where one is named.
-    """
+    """Constants of an instrumented holder."""
 
     beam: HolderBeam
     gauges: tuple[Gauge, ...]
-    p_holder_tcp: Float
-    sensitivity: Float
-    bias: Float
-    per_kelvin: Float
-    noise: Float
-    reference_c: float = 20.0
-    segment: str = field(default="")
+    p_holder_tcp: Float  # (3,) m, tool tip in the holder frame
+    sensitivity: Float  # (n, 6) 1/N, 1/(N m); see sensitivity
+    bias: Float  # (n,) strain with no load at the reference temperature
+    per_kelvin: Float  # (n,) 1/K, what is left of temperature after the bridges' own compensation
+    noise: Float  # (n,) standard deviation of a sample's strain
+    reference_c: float = 20.0  # reference temperature, deg C
+    segment: str = field(default="")  # body of the end effector whose frame is the holder's, where one is named
 
     def __post_init__(self) -> None:
         """Check shapes. Raises InputError: a wrong shape, fewer than three bridges, or noise that is not positive."""
@@ -333,19 +310,12 @@ def regressed_matrix(
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """Sight of the bridges on a force.
+    """Sight of the bridges on a force."""
 
-    Attributes:
-        sigma_n: (3,) N standard deviation of each component of the estimated force for one sample.
-        condition: Largest by smallest singular value of the whitened K.
-        directions: (3, 3) rows: unit force directions from best to worst seen.
-        direction_sigma_n: (3,) N standard deviation along each.
-    """
-
-    sigma_n: Float
-    condition: float
-    directions: Float
-    direction_sigma_n: Float
+    sigma_n: Float  # (3,) N standard deviation of each component of the estimated force for one sample
+    condition: float  # largest by smallest singular value of the whitened K
+    directions: Float  # (3, 3) rows: unit force directions from best to worst seen
+    direction_sigma_n: Float  # (3,) N standard deviation along each
 
 
 def sight(K: Float, noise_covariance: Float) -> Sight:

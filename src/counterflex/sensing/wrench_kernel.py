@@ -51,7 +51,7 @@ def _second(R: Float, a: int, b: int) -> float:
 def idle(
     sensors: Records, R: Float, R_rest: Float, gravity: Float, time_s: float, temperature_c: float, out: Float
 ) -> None:
-    """What the sensor shows at rest without a process.
+    """Reading of the sensor at rest without a process.
 
     Args:
         sensors: (1,) IDLE.

@@ -13,19 +13,14 @@ from counterflex.signals.preview import Mode, Shaping, command_for
 class Ahead:
     """Path of a force and of a correction against it to the tool.
 
-    Attributes:
-        arm_share: Of the deflection that the arm makes, 0 .. 1: it swings through the first mode, the rest follows at
-            once.
-        modes: What a correction passes, the arm's first.
-        shaping: Smoothing and dead time.
-
     Raises:
         InputError: No mode, or a share out of range.
     """
 
+    # of the deflection that the arm makes, 0 .. 1: it swings through the first mode, the rest follows at once
     arm_share: float
-    modes: tuple[Mode, ...]
-    shaping: Shaping
+    modes: tuple[Mode, ...]  # what a correction passes, the arm's first
+    shaping: Shaping  # smoothing and dead time
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -35,7 +30,7 @@ class Ahead:
             raise InputError("share of the arm in the deflection", value=self.arm_share, limit="0 .. 1")
 
     def command(self, requested: Float, time_s: Float, moved: Float | float = 0.0) -> Float:
-        """What to command, see :func:`counterflex.signals.preview.command_for`.
+        """Command of the next cycle, see :func:`counterflex.signals.preview.command_for`.
 
         Args:
             requested: (n, k) deflection, or force, that would be there if nothing swung.

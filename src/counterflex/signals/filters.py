@@ -20,15 +20,10 @@ _HIGHEST = 0.45  # of the sampling rate
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Butterworth low-pass of second order, then a moving average.
+    """Butterworth low-pass of second order, then a moving average."""
 
-    Attributes:
-        corner_hz: -3 dB frequency of the low-pass; 0 leaves it out.
-        average: Samples of the moving average; 1 leaves it out.
-    """
-
-    corner_hz: float
-    average: int
+    corner_hz: float  # -3 dB frequency of the low-pass; 0 leaves it out
+    average: int  # samples of the moving average; 1 leaves it out
     period_s: float
 
     def __post_init__(self) -> None:

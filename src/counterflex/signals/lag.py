@@ -20,17 +20,11 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Clock:
-    """Run of another clock: ``stamp = t + offset + drift (t - reference)`` for an instant t of the first clock.
+    """Run of another clock: ``stamp = t + offset + drift (t - reference)`` for an instant t of the first clock."""
 
-    Attributes:
-        offset_s: By how much the other clock is ahead at the reference, s.
-        drift: Relative rate, 1 (1e-6 is one microsecond in a second).
-        reference_s: Instant at which ``offset_s`` holds.
-    """
-
-    offset_s: float = 0.0
-    drift: float = 0.0
-    reference_s: float = 0.0
+    offset_s: float = 0.0  # by how much the other clock is ahead at the reference, s
+    drift: float = 0.0  # relative rate, 1 (1e-6 is one microsecond in a second)
+    reference_s: float = 0.0  # instant at which `offset_s` holds
 
     def stamps(self, time_s: Float) -> Float:
         """Stamps of the other clock at instants (n,) of the first."""
@@ -96,15 +90,10 @@ _STEP = 1e-30  # of the complex-step derivative: far below rounding, so nothing 
 
 @dataclass(frozen=True)
 class Lag:
-    """A causal lag of first or second order.
+    """A causal lag of first or second order."""
 
-    Attributes:
-        time_s: T > 0.
-        damping: zeta > 0 of a lag of second order, None for first order.
-    """
-
-    time_s: float
-    damping: float | None = None
+    time_s: float  # T > 0
+    damping: float | None = None  # zeta > 0 of a lag of second order, None for first order
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -133,7 +122,6 @@ class Lag:
 
         Args:
             signal: (n, k) any unit, at equal steps.
-            step_s: s.
 
         Returns:
             (n, k).
@@ -147,7 +135,6 @@ class Lag:
 
         Args:
             signal: (n, k).
-            step_s: s.
 
         Returns:
             Response (n, k); derivatives (1 or 2, n, k) by ``time_s`` and, for second order, ``damping``.

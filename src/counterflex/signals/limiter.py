@@ -32,17 +32,11 @@ _HALVINGS: Final = 24
 
 @dataclass(frozen=True)
 class MotionLimit:
-    """Limits of a vector.
+    """Limits of a vector."""
 
-    Attributes:
-        radius: Largest length; m or rad.
-        speed: Largest change per second.
-        acceleration: Largest change of that per second.
-    """
-
-    radius: float
-    speed: float
-    acceleration: float
+    radius: float  # largest length; m or rad
+    speed: float  # largest change per second
+    acceleration: float  # largest change of that per second
 
     def __post_init__(self) -> None:
         """Check that all are above zero: zero never means unlimited."""

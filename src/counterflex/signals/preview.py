@@ -28,15 +28,10 @@ _MOST_SAMPLES: Final = 4_000_000
 
 @dataclass(frozen=True)
 class Mode:
-    """A structural mode, as a tap test at the tool shows it with the drives on.
+    """A structural mode, as a tap test at the tool shows it with the drives on."""
 
-    Attributes:
-        omega_rad_s: Undamped angular frequency, > 0.
-        damping_ratio: > 0.
-    """
-
-    omega_rad_s: float
-    damping_ratio: float
+    omega_rad_s: float  # undamped angular frequency, > 0
+    damping_ratio: float  # > 0
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -56,16 +51,12 @@ class Mode:
 
 @dataclass(frozen=True)
 class Shaping:
-    """How a command is shaped in time.
+    """Shaping of a command in time."""
 
-    Attributes:
-        smoothing_s: tau of :func:`command_for`: motion faster than this is given up for a gentle command; 0 leaves
-            modes out and asks for the wanted motion as it is.
-        lead_s: Dead time of a command, by which it is sent earlier, >= 0.
-    """
-
+    # tau of command_for: motion faster than this is given up for a gentle command; 0 leaves modes out and asks for the
+    # wanted motion as it is
     smoothing_s: float
-    lead_s: float
+    lead_s: float  # dead time of a command, by which it is sent earlier, >= 0
 
     def __post_init__(self) -> None:
         """Check ranges."""

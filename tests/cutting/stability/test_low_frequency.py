@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from counterflex.core.arrays import Float
 from counterflex.cutting.stability import low_frequency, semi_discretisation
 from counterflex.cutting.stability.delayed import least_damping
 from counterflex.cutting.stability.modes import Modes, modes_along
@@ -28,7 +29,7 @@ def test_closed_form_of_one_mode() -> None:
     T = 60.0 / 13000.0 / 3.0
     u = Y[0]
     expected = 2.0 * 0.03 * 3.9e5 / (TURN * 10.0 * T * abs(u @ UP.mean @ u))
-    assert low_frequency.separate_limits(_one(Y), UP.mean, T)[0] == pytest.approx(expected, rel=1e-12)
+    assert _separate_limits(_one(Y), UP.mean, T)[0] == pytest.approx(expected, rel=1e-12)
     assert low_frequency.limit(_one(Y), UP.mean, T)[0] == pytest.approx(expected, rel=1e-6)
     assert low_frequency.limit(_one(Y), UP.mean, T)[1] == pytest.approx(TURN * 10.0, rel=0.01)
 
@@ -44,7 +45,7 @@ def test_direction_that_half_immersion_destabilises(process: Process, feeds: np.
 def test_half_immersion_turns_at_a_ratio_of_two_over_pi() -> None:
     for ratio, stable in ((0.62, False), (0.65, True)):
         process = process_of_arc(0.0, 0.5 * np.pi, 8e8, ratio * 8e8, 3)
-        assert np.isinf(low_frequency.separate_limits(_one(Y), process.mean, 1e-3)[0]) == stable
+        assert np.isinf(_separate_limits(_one(Y), process.mean, 1e-3)[0]) == stable
 
 
 def test_a_slot_damps_every_direction() -> None:
@@ -111,7 +112,16 @@ def test_least_damping_of_one_mode_is_its_own_and_that_of_the_cut() -> None:
 def test_least_damping_of_a_slow_mode_alone_is_zero_at_its_separate_limit() -> None:
     """What the separate limit leaves out is of the order of ``(omega T)^2 / 6``."""
     for modes, process, T in _cases(12):
-        for k, factor in enumerate(low_frequency.separate_limits(modes, process.mean, T)):
+        for k, factor in enumerate(_separate_limits(modes, process.mean, T)):
             if np.isfinite(factor):
                 left = least_damping(modes.only(np.array([k])), factor * process.mean, T)
                 assert left == pytest.approx(0.0, abs=0.1 * float(modes.damping_ratio[k]))
+
+
+def _separate_limits(modes: Modes, A: Float, period_s: float) -> Float:
+    """Limit of each mode by itself, ``2 zeta omega / (T |u'Au|)`` with mass-normalised u; inf where u'Au >= 0."""
+    along = np.einsum("in,ij,jn->n", modes.shape, A, modes.shape)
+    feeding = along < 0.0
+    damping = 2.0 * modes.damping_ratio * modes.omega_rad_s
+    out: Float = np.where(feeding, damping / (period_s * np.where(feeding, -along, 1.0)), np.inf)
+    return out

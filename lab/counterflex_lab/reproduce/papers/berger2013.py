@@ -41,21 +41,13 @@ PUSH_N: Final = 100.0
 
 @dataclass(frozen=True)
 class Cut:
-    """One row of table 1, and the material here.
-
-    Attributes:
-        cutting_speed_m_s: Cutting speed, m/s.
-        spindle_rpm: Spindle speed, 1/min.
-        tooth_m: Feed per tooth, m.
-        feed_mm_min: Feed, mm/min.
-        material: Row of our table of materials.
-    """
+    """One row of table 1, and the material here."""
 
     cutting_speed_m_s: float
-    spindle_rpm: float
-    tooth_m: float
+    spindle_rpm: float  # spindle speed, 1/min
+    tooth_m: float  # feed per tooth, m
     feed_mm_min: float
-    material: str
+    material: str  # row of our table of materials
 
     def turned(self) -> float:
         """Spindle speed, 1/min, that the cutting speed means."""

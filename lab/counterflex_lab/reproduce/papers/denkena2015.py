@@ -76,14 +76,14 @@ def along(direction: int, tilt_deg: float = 90.0) -> float:
 
 def radial_compliance() -> Float:
     """Mean of the two directions across the tool, um/N, at each of :data:`ANGLES_DEG`; nan where no posture is."""
+    return np.array([_radial(angle) for angle in ANGLES_DEG])
 
-    def at(angle: float) -> float:
-        try:
-            return float(np.diag(compliance_um_n(angle))[:2].mean())
-        except ReachError:
-            return float("nan")
 
-    return np.array([at(angle) for angle in ANGLES_DEG])
+def _radial(angle_deg: float) -> float:
+    try:
+        return float(np.diag(compliance_um_n(angle_deg))[:2].mean())
+    except ReachError:
+        return float("nan")
 
 
 def outstretched(mass_kg: float = 0.0) -> Modes:

@@ -41,19 +41,12 @@ _GROOVES: Final = ("uncompensated", "force", "force_pilot_40ms", "force_pilot")
 
 @dataclass(frozen=True)
 class Options:
-    """How experiments are run.
+    """Options of experiments."""
 
-    Attributes:
-        seeds: Truth seeds.
-        level: ``identified`` or ``catalogue``: how well the loop knows the cell.
-        quick: As briefly as possible.
-        workers: Runs at a time; None is one per core.
-    """
-
-    seeds: Sequence[int]
-    level: str
-    quick: bool
-    workers: int | None
+    seeds: Sequence[int]  # truth seeds
+    level: str  # ``identified`` or ``catalogue``: how well the loop knows the cell
+    quick: bool  # as briefly as possible
+    workers: int | None  # runs at a time; None is one per core
 
 
 Run = Callable[[Path, Options, Progress], dict[str, Any]]
@@ -86,7 +79,7 @@ def design(folder: Path, _: Options, progress: Progress) -> dict[str, Any]:
 
 
 def design_results(bridged: Mapping[str, Any], across: Mapping[str, Any]) -> dict[str, Any]:
-    """What is stored of two designs.
+    """Results of two designs that are stored.
 
     Args:
         bridged: Summary of the drawing with several pockets.

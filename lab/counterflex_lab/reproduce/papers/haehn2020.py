@@ -86,7 +86,7 @@ def _linear_gap_mm() -> float:
 
 
 def reachable() -> float:
-    """How many of the 20 poses of section 3.1 a posture within the joint limits reaches."""
+    """Number of the 20 poses of section 3.1 that a posture within the joint limits reaches."""
     chain, q, _ = loaded_poses()
     lower, upper = np.asarray(chain.joint_limits_rad).T
     return float(np.count_nonzero(np.all((q >= lower) & (q <= upper), axis=1)[:: len(load_cases.FORCES)]))
@@ -133,25 +133,20 @@ def _settings() -> OnlineSettings:
 
 @dataclass(frozen=True)
 class ExitSignals:
-    """Forces around an exit, N, at each of ``time_s``.
+    """Forces around an exit, N, at each of ``time_s``."""
 
-    Attributes:
-        time_s: From the beginning of the fall.
-        force_n: The force on the tool.
-        measured_n: Behind the filters.
-        predicted_n: As it rides in the program, with lead.
-        blended_n: What is corrected for.
-        measured_acts_n: Force whose correction has taken effect, measured force alone.
-        blended_acts_n: The same with pilot control.
-    """
+    time_s: Float  # from the beginning of the fall
+    force_n: Float  # the force on the tool
+    measured_n: Float  # behind the filters
+    predicted_n: Float  # as it rides in the program, with lead
+    blended_n: Float  # what is corrected for
+    measured_acts_n: Float  # force whose correction has taken effect, measured force alone
+    blended_acts_n: Float  # the same with pilot control
 
-    time_s: Float
-    force_n: Float
-    measured_n: Float
-    predicted_n: Float
-    blended_n: Float
-    measured_acts_n: Float
-    blended_acts_n: Float
+
+def _falling(time_s: Float) -> Float:
+    """Force that falls from 0 to :data:`FALL_S`, N."""
+    return np.asarray(FORCE_N * np.clip(1.0 - time_s / FALL_S, 0.0, 1.0))
 
 
 def exit_signals(lead_s: float = LEAD_S) -> ExitSignals:
@@ -162,31 +157,24 @@ def exit_signals(lead_s: float = LEAD_S) -> ExitSignals:
     """
     settings = _settings()
     time = np.arange(0.0, _RUN_S, PERIOD_S) - _EXIT_S
-
-    def force(at: Float) -> Float:
-        return np.asarray(FORCE_N * np.clip(1.0 - at / FALL_S, 0.0, 1.0))
-
+    force = _falling(time)
     smoother, share = Smoother(settings.smoothing, 6), 0.0
     value, out = np.zeros(6), np.zeros(6)
     value[0] = FORCE_N
     smoother.reset(value)
-    measured, blended, predicted = np.zeros_like(time), np.zeros_like(time), force(time + lead_s)
+    measured, blended, predicted = np.zeros_like(time), np.zeros_like(time), _falling(time + lead_s)
     ahead = np.zeros(6)
-    for k, now in enumerate(force(time)):
+    for k, now in enumerate(force):
         value[0], ahead[0] = now, predicted[k]
         smoother(value, out)
         share = blend(out, ahead, share, THRESHOLD_N, PERIOD_S / BLEND_S)
         measured[k], blended[k] = out[0], (1.0 - share) * out[0] + share * ahead[0]
-    late = settings.delays.correction_s
-
-    def acts(signal: Float) -> Float:
-        return np.asarray(np.interp(time - late, time, signal))
-
-    return ExitSignals(time, force(time), measured, predicted, blended, acts(measured), acts(blended))
+    acting = (np.interp(time - settings.delays.correction_s, time, signal) for signal in (measured, blended))
+    return ExitSignals(time, force, measured, predicted, blended, *acting)
 
 
 def _half_way_s(time: Float, falling: Float) -> float:
-    """When a signal first falls below half of :data:`FORCE_N`."""
+    """Time at which a signal first falls below half of :data:`FORCE_N`."""
     k = int(np.argmax(falling < 0.5 * FORCE_N))
     above, below = falling[k - 1], falling[k]
     return float(time[k - 1] + (time[k] - time[k - 1]) * (above - 0.5 * FORCE_N) / (above - below))

@@ -56,7 +56,7 @@ def _eq_1() -> float:
 
 
 def _eq_2_mm() -> float:
-    """How far the tool is from where it is when the product is taken in the printed order, mm."""
+    """Distance of the tool from its place when the product is taken in the printed order, mm."""
     T_base_tracker = pose.make(rotation.about_z(30.0 * DEG), np.array([0.0, -3.0, 1.0]))
     T_base_tcp = pose.make(rotation.about_y(180.0 * DEG), np.array([1.45, 0.0, 1.0]))
     T_tracker_tcp = pose.inverse(T_base_tracker) @ T_base_tcp

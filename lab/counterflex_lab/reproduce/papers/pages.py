@@ -45,12 +45,7 @@ def page(paper: Paper, summary: Mapping[str, Any], stills: Sequence[Still]) -> s
         "| where | figure | printed | ours | unit | verdict | rule | assumed |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for row in rows:
-        value = shown(row["ours"]) + (f" ({row['stored']})" if row["stored"] and row["ours"] is not None else "")
-        marks = " ".join(letters[key] for key in row["assumed"])
-        verdict = f"**{row['verdict']}**" if row["verdict"] == "differs" else row["verdict"]
-        texts = (row["place"], row["what"], row["printed"], value, row["unit"], verdict, row["rule"], marks)
-        lines.append(f"| {' | '.join(texts)} |")
+    lines += [_line(row, letters) for row in rows]
     for verdict, title in (
         ("differs", "Why figures differ"),
         ("cannot be checked", "What cannot be checked"),
@@ -70,6 +65,15 @@ def page(paper: Paper, summary: Mapping[str, Any], stills: Sequence[Still]) -> s
     lines += ["", "## What the paper left undone", "", "| left undone | counterflex |", "|---|---|"]
     lines += [f"| {what} | {here} |" for what, here in paper.left_open]
     return "\n".join([*lines, ""])
+
+
+def _line(row: Mapping[str, Any], letters: Mapping[str, str]) -> str:
+    """Line of a figure in the table."""
+    value = shown(row["ours"]) + (f" ({row['stored']})" if row["stored"] and row["ours"] is not None else "")
+    marks = " ".join(letters[key] for key in row["assumed"])
+    verdict = f"**{row['verdict']}**" if row["verdict"] == "differs" else row["verdict"]
+    texts = (row["place"], row["what"], row["printed"], value, row["unit"], verdict, row["rule"], marks)
+    return f"| {' | '.join(texts)} |"
 
 
 def _experiments(paper: Paper, summary: Mapping[str, Any]) -> list[str]:

@@ -145,7 +145,7 @@ def _groove(run: Mapping[str, Any]) -> list[Still]:
     out = []
     if table := run.get("table"):
         names = [name for name in _GROOVES if name in table]
-        printed = np.array([np.nan if _GROOVES[n][1] is None else _GROOVES[n][1] for n in names], dtype=np.float64)
+        printed = np.array([_GROOVES[name][1] for name in names], dtype=np.float64)  # None: nan
         edges = [edge for edge in ("straight", "oblique") if all(edge in table[name] for name in names)]
         ours = [
             Curve(
@@ -190,14 +190,13 @@ def _points(curve: list[list[float | None]]) -> tuple[Float, Float]:
 
 
 def _berger(_: Results) -> list[Still]:
-    def widths(cut: berger2013.Cut) -> Float:
-        return np.array([berger2013.zero_normal_width(cut, tooth * MM) for tooth in _TEETH_MM])
-
     marks = [(cut.tooth_m / MM, berger2013.zero_normal_width(cut)) for cut in (berger2013.ALUMINIUM, berger2013.STEEL)]
     x, y = np.array(marks).T
-    gaps = [
-        Curve(name, *berger2013.circle_gap(cut))
-        for name, cut in (("EN AW-7075", berger2013.ALUMINIUM), ("X37CrMoV5-1", berger2013.STEEL))
+    cuts = (("EN AW-7075", berger2013.ALUMINIUM), ("X37CrMoV5-1", berger2013.STEEL))
+    gaps = [Curve(name, *berger2013.circle_gap(cut)) for name, cut in cuts]
+    widths = [
+        Curve(name, _TEETH_MM, np.array([berger2013.zero_normal_width(cut, tooth * MM) for tooth in _TEETH_MM]))
+        for name, cut in cuts
     ]
     return [
         Still(
@@ -207,11 +206,7 @@ def _berger(_: Results) -> list[Still]:
             "give or take a tenth. Points: cuts of table 1.",
             "feed per tooth, mm",
             "width of cut / diameter",
-            (
-                Curve("EN AW-7075", _TEETH_MM, widths(berger2013.ALUMINIUM)),
-                Curve("X37CrMoV5-1", _TEETH_MM, widths(berger2013.STEEL)),
-                Curve("table 1", x, y, "points", "#111827"),
-            ),
+            (*widths, Curve("table 1", x, y, "points", "#111827")),
             (Level("printed: half the diameter", 0.45, 0.55),),
         ),
         Still(

@@ -20,27 +20,16 @@ _KEYS: Final = {"name", "place", "what", "printed", "shown", "unit", "rule", "ca
 
 @dataclass(frozen=True)
 class Paper:
-    """One paper.
+    """One paper."""
 
-    Attributes:
-        name: Of :data:`PAPERS`.
-        title: Authors and year.
-        source: Full reference.
-        subject: What it is about.
-        assumptions: What the paper does not say and what was assumed, by key.
-        experiments: What each experiment is whose results its rows are taken from, by name.
-        rows: Its figures.
-        left_open: What it left undone, and what counterflex does about it.
-    """
-
-    name: str
-    title: str
-    source: str
-    subject: str
-    assumptions: Mapping[str, str]
-    experiments: Mapping[str, str]
-    rows: tuple[Row, ...]
-    left_open: tuple[tuple[str, str], ...]
+    name: str  # of PAPERS
+    title: str  # authors and year
+    source: str  # full reference
+    subject: str  # what it is about
+    assumptions: Mapping[str, str]  # what the paper does not say and what was assumed, by key
+    experiments: Mapping[str, str]  # what each experiment is whose results its rows are taken from, by name
+    rows: tuple[Row, ...]  # its figures
+    left_open: tuple[tuple[str, str], ...]  # what it left undone, and what counterflex does about it
 
 
 @cache
@@ -96,7 +85,7 @@ def _row(table: Mapping[str, Any], data: Mapping[str, Any], name: str) -> Row:
 
 
 def stored(name: str) -> dict[str, Any] | None:
-    """What was stored of an experiment: command, commit, version and results; None where nothing is.
+    """Stored results of an experiment: command, commit, version and results; None where nothing is.
 
     Args:
         name: Of the experiment.

@@ -26,50 +26,31 @@ _EXACT: Final = 1e-9
 
 @dataclass(frozen=True)
 class Rule:
-    """Which values count as reproduced.
+    """Rule by which a value counts as reproduced."""
 
-    Attributes:
-        least: Smallest one, in the unit of the row; -inf where there is no limit.
-        most: Largest one; inf where there is none.
-        text: Limits and where they come from.
-    """
-
-    least: float
-    most: float
-    text: str
+    least: float  # smallest one, in the unit of the row; -inf where there is no limit
+    most: float  # largest one; inf where there is none
+    text: str  # limits and where they come from
 
     def holds(self, value: float) -> bool:
-        """Whether a value counts as reproduced."""
+        """Return whether a value counts as reproduced."""
         return self.least <= value <= self.most
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of a paper.
+    """One figure of a paper."""
 
-    Attributes:
-        name: Key, unique in its paper; the function that computes ours has the same.
-        place: Where it stands in the paper.
-        what: What it is.
-        printed: As printed.
-        unit: Of the printed value, ours and the rule; empty for ratios and counts.
-        rule: Of the verdict; None where nothing can be computed.
-        reason: Why it differs where it does, or why it cannot be checked.
-        note: What a reader should know in any case.
-        assumed: Keys of the paper's assumptions that ours rests on.
-        stored: Experiment whose results ours is taken from; empty where it is computed at once.
-    """
-
-    name: str
-    place: str
-    what: str
-    printed: str
-    unit: str
-    rule: Rule | None
-    reason: str
-    note: str = ""
-    assumed: tuple[str, ...] = ()
-    stored: str = ""
+    name: str  # key, unique in its paper; the function that computes ours has the same
+    place: str  # where it stands in the paper
+    what: str  # what it is
+    printed: str  # as printed
+    unit: str  # of the printed value, ours and the rule; empty for ratios and counts
+    rule: Rule | None  # of the verdict; None where nothing can be computed
+    reason: str  # why it differs where it does, or why it cannot be checked
+    note: str = ""  # what a reader should know in any case
+    assumed: tuple[str, ...] = ()  # keys of the paper's assumptions that ours rests on
+    stored: str = ""  # experiment whose results ours is taken from; empty where it is computed at once
 
     def verdict(self, value: float | None) -> Verdict:
         """The verdict on ours; None is a value that could not be computed."""

@@ -197,7 +197,7 @@ def title(name: str) -> str:
 
 
 def assumed(name: str) -> list[str]:
-    """What was assumed because a paper does not say it."""
+    """Assumptions that a paper leaves open."""
     return list(paper(name).assumptions.values())
 
 

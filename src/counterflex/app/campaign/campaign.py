@@ -22,7 +22,7 @@ from counterflex.app.campaign.plan import Measurement, campaign_of
 from counterflex.app.campaign.step import CELL, RESULT
 from counterflex.app.campaign.tasks import Layout, Place, machined_name, tasks_of
 from counterflex.app.compensation.cell_facts import robot_name
-from counterflex.app.inputs import in_working_plane, read_job
+from counterflex.app.inputs import read_in_plane
 from counterflex.app.long_jobs.cluster import cluster
 from counterflex.app.long_jobs.executors import Start, here
 from counterflex.app.long_jobs.scheduler import require_scheduler
@@ -173,7 +173,7 @@ def run(
     require_stiffness(cell)
     steps = campaign_of(cell, recipes)
     for program in grid.programs:
-        read_job(program, in_working_plane(program, cell))
+        read_in_plane(program, cell)
     truth = None if truth_file is None else read_truth(truth_file)
     if truth is not None:
         check_same_cell(cell, truth, str(truth_file))

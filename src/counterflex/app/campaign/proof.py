@@ -14,7 +14,7 @@ from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.feed_limits import limited_feed
 from counterflex.app.compensation.languages import own_language, write
-from counterflex.app.inputs import faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import faults_in, in_working_plane, read_in_plane, read_job, setting_of
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
@@ -86,8 +86,7 @@ def compensated(
 
 def compensated_exact(program: str, cell_file: str, truth_file: str, folder: str) -> dict[str, Any]:
     """Compensate a program with the truth's exact constants."""
-    cell = in_working_plane(program, read_cell(cell_file))
-    job = read_job(program, cell)
+    cell, job = read_in_plane(program, read_cell(cell_file))
     setting = exact_setting(job, cell, read_truth(truth_file))
     with faults_in(job):
         limited = limited_feed(job, cell, setting_of(cell, job, part_may_be_held=True))

@@ -19,16 +19,7 @@ from counterflex.app.compensation.prediction import calm_feed, prediction, summa
 from counterflex.app.compensation.robot_program import check_machine
 from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
-from counterflex.app.inputs import (
-    AS_IT_IS,
-    Job,
-    Reading,
-    faults_in,
-    in_plane_of,
-    in_working_plane,
-    read_job,
-    setting_of,
-)
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
@@ -145,8 +136,7 @@ def compensate(
         raise InputError("without a prediction no feed can be found for a tolerance", where="--no-predict")
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading, may_move=True)
+    cell, job = read_in_plane(program, cell, reading=reading, may_move=True)
     refuse_compensated(job.program)
     own = own_language(job.program)
     language = own if language is None else language

@@ -22,16 +22,7 @@ from counterflex.app.correction.causes import causes_of, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
 from counterflex.app.correction.result import Corrected, Measured
 from counterflex.app.correction.scans import in_part_axes, read_scan
-from counterflex.app.inputs import (
-    AS_IT_IS,
-    Job,
-    Reading,
-    faults_in,
-    in_plane_of,
-    in_working_plane,
-    read_job,
-    setting_of,
-)
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.core import atomic, file_content
@@ -147,8 +138,7 @@ def correct(
         raise InputError("no measured part is given", where="--scan")
     begin, parts = time.perf_counter(), in_parts(progress, WORK)
     parts[READING](0.0)
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    cell, job = read_in_plane(program, cell, reading=reading)
     fed = job.path.kind == FEED
     if np.any(job.path.axis_part[fed, 2] < np.cos(cell.tables.limits.limits.rotation_rad)):
         raise InputError(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import Job, in_working_plane, read_job
+from counterflex.app.inputs import Job, read_in_plane
 from counterflex.app.inspection.summary import Inspected, summary_of
 from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
@@ -84,8 +84,7 @@ def inspect(
     progress: Progress = silent,
 ) -> Inspection:
     """Judge scans of one or two parts, or logs of the tool; see :func:`counterflex.app.inspection.inspect.run`."""
-    cell = in_working_plane(program, read_cell(cell_file))
-    job = read_job(program, cell)
+    cell, job = read_in_plane(program, read_cell(cell_file))
     files = {"part": measured} if before is None else {"before": before, "after": measured}
     read: dict[str, Scan | ToolLog] = {
         name: read_scan(file) if isinstance(how, How) else read_tool_log(file, how, cell, job.path)

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.placement.candidates_table import table_of, values_of
 from counterflex.app.placement.frame import Frame, Stand
 from counterflex.app.placement.region import Wish, region_of, shown
@@ -79,8 +79,7 @@ def task_of(
     """A program with its load on its cell. Raises CounterflexError: the program cannot be cut so, or cuts nothing."""
     if any(axis.moves for axis in cell.tables.external_axes):
         cell = cell.at_external({})  # places are chosen anew
-    cell = in_working_plane(program, cell, reading)
-    job = read_job(program, cell, reading=reading)
+    cell, job = read_in_plane(program, cell, reading=reading)
     setting, path = setting_of(cell, job, part_may_be_held=True), job.machined
     line: Int = job.line_of_motion[path.motion]
     with faults_in(job):

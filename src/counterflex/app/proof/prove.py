@@ -26,6 +26,7 @@ from counterflex.app.inputs import (
     faults_in,
     in_plane_of,
     in_working_plane,
+    read_in_plane,
     read_job,
     setting_of,
 )
@@ -92,9 +93,8 @@ def prove(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
-    cell = in_working_plane(program, read_cell(cell_file, assume_class=assume_class), reading)
+    cell, job = read_in_plane(program, read_cell(cell_file, assume_class=assume_class), reading=reading)
     simulate.require_simulated(cell)
-    job = read_job(program, cell, reading=reading)
     require_stiffness_for(job, cell)
     begin = time.perf_counter()
     count = len(seeds) * (3 if exact else 2)

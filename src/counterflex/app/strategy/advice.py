@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.inputs import AS_IT_IS, Reading, in_working_plane, read_job, setting_of
+from counterflex.app.inputs import AS_IT_IS, Reading, read_in_plane, setting_of
 from counterflex.app.lowest_mode import STATED
 from counterflex.app.strategy.own_cut import Along, OwnCut, own_cut
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
@@ -98,8 +98,8 @@ def advise(
     cell.require_milling()
     own = None
     if program is not None:
-        cell = in_working_plane(program, cell, reading)
-        own = own_cut(read_job(program, cell, reading=reading), cell, operation.tool, progress)
+        cell, job = read_in_plane(program, cell, reading=reading)
+        own = own_cut(job, cell, operation.tool, progress)
     law, setting = _law(cell, operation), setting_of(cell, part_may_be_held=True)
     cutter, tool = _cutter(cell, operation, own)
     place = _place(cell, setting, operation, own)

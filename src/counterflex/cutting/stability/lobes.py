@@ -19,12 +19,13 @@ Source: Altintas and Budak 1995, Analytical prediction of stability lobes in mil
 
 from __future__ import annotations
 
+import functools
 import itertools
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Complex, Float, as_float, batches
+from counterflex.core.arrays import Complex, Float, Int, as_float, batches
 from counterflex.core.errors import InputError
 from counterflex.cutting.stability.modes import Modes
 
@@ -123,16 +124,20 @@ def _lowest(factor: Float, phase: Float, omega: Float, T: Float) -> tuple[Float,
 
 def _tracked(values: Complex) -> Complex:
     """Order the eigenvalues of each frequency so that each column is continuous."""
-    n, count = values.shape
-    orders = np.array(list(itertools.permutations(range(count))))
+    count = values.shape[1]
+    orders, behind = _orders(count)
     steps = np.abs(values[1:, orders][:, :, :] - values[:-1, None, :])  # where the columns of the row before go
     # relative: small eigenvalues are tracked as well as large ones
     scale = np.abs(values[:-1, None, :]) + np.abs(values[1:, orders]) + 1e-300
-    best = orders[np.argmin((steps / scale).sum(axis=2), axis=1)]
-    order = np.arange(count)
-    out = np.empty_like(values)
-    out[0] = values[0]
-    for row in range(1, n):
-        order = best[row - 1][order]
-        out[row] = values[row, order]
+    best = np.argmin((steps / scale).sum(axis=2), axis=1).tolist()
+    order = list(itertools.accumulate(best, lambda before, step: behind[step][before], initial=0))
+    out: Complex = np.take_along_axis(values, orders[order], axis=1)
     return out
+
+
+@functools.cache
+def _orders(count: int) -> tuple[Int, list[list[int]]]:
+    """All orders of so many columns, as they are first; the number of each of them taken of each other."""
+    orders = list(itertools.permutations(range(count)))
+    number = {order: k for k, order in enumerate(orders)}
+    return np.array(orders), [[number[tuple(step[k] for k in before)] for before in orders] for step in orders]

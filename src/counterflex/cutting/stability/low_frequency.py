@@ -35,25 +35,6 @@ _STEPS: Final = 24
 _PER_DECADE: Final = 10
 
 
-def separate_limits(modes: Modes, A: Float, period_s: float) -> Float:
-    """Limit of each mode by itself, (n,): ``2 zeta omega / (T |u'Au|)`` with mass-normalised u; inf where u'Au >= 0.
-
-    Args:
-        modes: Modes in the axes of A.
-        A: (3, 3) mean directional matrix, N/m.
-        period_s: Tooth period T, s.
-
-    Raises:
-        InputError: Shapes or the period.
-    """
-    A, T = as_float("A", A, (3, 3)), as_positive("period_s", period_s)
-    along = np.einsum("in,ij,jn->n", modes.shape, A, modes.shape)
-    feeding = along < 0.0
-    damping = 2.0 * modes.damping_ratio * modes.omega_rad_s
-    out: Float = np.where(feeding, damping / (T * np.where(feeding, -along, 1.0)), np.inf)
-    return out
-
-
 def valid_factor(modes: Modes, A: Float, period_s: float) -> float:
     """Largest factor on the depth that the criterion is good for: ``s T^2/2 |U'AU| <= 0.05``; inf without coupling."""
     coupling = float(np.linalg.norm(modes.shape.T @ A @ modes.shape, 2)) if len(modes) else 0.0

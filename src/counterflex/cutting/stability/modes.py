@@ -26,18 +26,13 @@ DIMENSIONS = 3
 class Modes:
     """Modes seen at the tool tip.
 
-    Attributes:
-        omega_rad_s: (n,) natural angular frequencies, > 0.
-        damping_ratio: (n,) in (0, 1).
-        shape: (3, n) 1/sqrt(kg), displacement of the tip per unit of the modal coordinate (modal mass 1 kg).
-
     Raises:
         InputError: Shapes do not match, or a frequency or a damping ratio is out of range.
     """
 
-    omega_rad_s: Float
-    damping_ratio: Float
-    shape: Float
+    omega_rad_s: Float  # (n,) natural angular frequencies, > 0
+    damping_ratio: Float  # (n,) in (0, 1)
+    shape: Float  # (3, n) 1/sqrt(kg), displacement of the tip per unit of the modal coordinate (modal mass 1 kg)
 
     def __post_init__(self) -> None:
         """Check every number."""

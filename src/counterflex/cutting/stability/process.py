@@ -35,18 +35,13 @@ _SAME_RAD = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Process:
-    """An engagement with the slopes of its force.
+    """An engagement with the slopes of its force."""
 
-    Attributes:
-        arcs: (m, 4) rows of start angle, end angle (rad, 0 <= start < end <= pi), axial depth (m) and inclination
-            kappa (rad, 90 deg on the cylinder).
-        slopes_pa: (3,) Kt, Kr, Ka.
-        teeth: Number of teeth N.
-    """
-
+    # (m, 4) rows of start angle, end angle (rad, 0 <= start < end <= pi), axial depth (m) and inclination kappa (rad,
+    # 90 deg on the cylinder)
     arcs: Float
-    slopes_pa: Float
-    teeth: int
+    slopes_pa: Float  # (3,) Kt, Kr, Ka
+    teeth: int  # number of teeth N
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -146,7 +141,6 @@ def process_of_side_cut(
     """The process of a constant depth over one arc, the slopes taken at the mean chip thickness of its edge.
 
     Args:
-        cutter: The cutter.
         law: The force law.
         entry_rad: Immersion angle at which a tooth enters: 0 in up-milling.
         exit_rad: Where it leaves: pi in down-milling.
@@ -190,7 +184,6 @@ def arcs_of_engagement(depth: Float, cutter: Cutter, least_m: float = 1e-6) -> F
 
     Args:
         depth: (n_levels, n_bins) engaged axial length, m, see :mod:`counterflex.cutting.removal`.
-        cutter: The cutter.
         least_m: Bins with less engaged length are taken as empty, m.
     """
     edges = np.linspace(0.0, np.pi, depth.shape[1] + 1)

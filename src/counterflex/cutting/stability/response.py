@@ -32,15 +32,12 @@ _DAMPING = (1e-3, 0.5)
 class Response:
     """Frequency response at the tool tip.
 
-    Attributes:
-        omega_rad_s: (n,) angular frequencies, rising.
-        receptance: (n, 3, 3) displacement over force, m/N, in the TCP frame; imaginary part negative at a resonance.
-
     Raises:
         InputError: Shapes do not match, or the frequencies do not rise.
     """
 
-    omega_rad_s: Float
+    omega_rad_s: Float  # (n,) angular frequencies, rising
+    # (n, 3, 3) displacement over force, m/N, in the TCP frame; imaginary part negative at a resonance
     receptance: Complex
 
     def __post_init__(self) -> None:

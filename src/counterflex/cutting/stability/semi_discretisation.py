@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -121,10 +122,8 @@ def _add_delayed(x: Float, R: Float, at: int, n: int, U: Float) -> None:
 def _interval_maps(
     modes: Modes, a: Float, used: Int, step_s: Float
 ) -> tuple[list[tuple[Float, Float, Float]], list[int]]:
-    """Maps of an interval for each different coefficient matrix and duration, and which of them each interval has.
-
-    ``x(1) = P x(0) + R0 y(0 - T) + R1 y(1 - T)`` from one matrix exponential of the state with y and its slope.
-    """
+    """Maps of an interval for each different coefficient matrix and duration, and which of them each interval has."""
+    # `x(1) = P x(0) + R0 y(0 - T) + R1 y(1 - T)` from one matrix exponential of the state with y and its slope.
     n, d = len(modes), len(used)
     rows = np.column_stack([a.reshape(len(a), -1), step_s])
     distinct, which = np.unique(rows, axis=0, return_inverse=True)
@@ -145,10 +144,8 @@ def _interval_maps(
 
 
 def _exponentials(generators: Float, n: int, fastest: float) -> Float:
-    """Exponentials of many small matrices: Taylor series with scaling and squaring, all at once.
-
-    Velocities are measured in units of the fastest frequency, so that the norm is the angle that it turns by.
-    """
+    """Exponentials of many small matrices: Taylor series with scaling and squaring, all at once."""
+    # Velocities are measured in units of the fastest frequency, so that the norm is the angle that it turns by.
     scale = np.ones(generators.shape[1])
     scale[n : 2 * n] = 1.0 / fastest
     balanced = generators * (scale[:, None] / scale)
@@ -205,11 +202,7 @@ def limit(
         InputError: A number is out of range.
     """
     most = as_positive("most", most)
-    T = as_positive("period_s", period_s)
-
-    def growth(factor: float) -> float:
-        return math.log(max(largest_multiplier(modes, process, T, factor, intervals), 1e-300))
-
+    growth = partial(_growth, modes, process, as_positive("period_s", period_s), intervals)
     low = most * 1.2**-_SEARCH if least is None else min(as_positive("least", least), most)
     g_low = growth(low)
     high, g_high = low, g_low
@@ -226,6 +219,10 @@ def limit(
         high = min(high * 1.2, most)
         g_high = growth(high)
     return _refined(growth, (low, g_low), (high, g_high), tolerance)
+
+
+def _growth(modes: Modes, process: Process, period_s: float, intervals: int | None, factor: float) -> float:
+    return math.log(max(largest_multiplier(modes, process, period_s, factor, intervals), 1e-300))
 
 
 def _refined(

@@ -173,7 +173,7 @@ def mark(columns: Columns, block_row: Whole, block: Whole) -> None:
 
 @kernel()
 def free(columns: Columns, path: Float, first: Whole, count: Whole, radius: float, top: float) -> bool:
-    """Whether all blocks under a run of an upright tool are plain and no material reaches over its top."""
+    """Return whether all blocks under a run of an upright tool are plain and no material reaches over its top."""
     last = first + count
     x_low, x_high = min(path[first, 0], path[last, 0]) - radius, max(path[first, 0], path[last, 0]) + radius
     y_low, y_high = min(path[first, 1], path[last, 1]) - radius, max(path[first, 1], path[last, 1]) + radius

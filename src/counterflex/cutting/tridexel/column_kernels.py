@@ -99,11 +99,9 @@ def _lay_lines(frame: Float, lane: Float32, x: Real, y: Real, line: Float32) -> 
 @kernel()
 def _cut_row(columns: Columns, j: Whole, i_low: Whole, plain: bool, m: Sweep, tool: Float, begins: bool, tilt: Real,
              desk: Desk, gathered: Whole) -> Whole:  # fmt: skip
-    """Cut sixteen columns of a row; returns how many events there are now, -1 where a column has no room.
-
-    The first number of ``desk.point`` tells whether anything was taken, the second whether the block stays plain, the
-    last whether a column is full now.
-    """
+    """Cut sixteen columns of a row; returns how many events there are now, -1 where a column has no room."""
+    # The first number of `desk.point` tells whether anything was taken, the second whether the block stays plain, the
+    # last whether a column is full now.
     line, work, row, piece = desk.line, desk.work, desk.row, desk.piece
     z_tip = desk.frame[TIP + 2]
     if plain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,27 +11,12 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Float32, Int, as_float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import DEG, MM, UM
+from counterflex.cutting import removal
 from counterflex.cutting.booking_kernels import BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.envelope_kernels import LANES
-from counterflex.cutting.removal import (
-    Engagement,
-    RemovalResult,
-    UInt16,
-    compress,
-    runs_of,
-    stamp_workspace,
-    unit_widths,
-)
 from counterflex.cutting.stock import BLOCK_COLUMNS, BLOCK_ROWS, HeightMap
-from counterflex.cutting.tridexel.column_block_kernels import (
-    MOST_STRETCHES,
-    STRETCHES,
-    Columns,
-    UInt8,
-    fell_ridges,
-    survey,
-)
+from counterflex.cutting.tridexel import column_block_kernels
 from counterflex.cutting.tridexel.column_kernels import Desk, cut_motions
 from counterflex.cutting.tridexel.row_kernels import ROWS_OF_WORK
 from counterflex.cutting.tridexel.sweep_bounds_kernels import BOUNDS, FRAME
@@ -51,42 +37,38 @@ _UPRIGHT: Final = 1.0 - 1e-15
 
 @dataclass
 class ColumnStock:
-    """Material over a grid of columns in the part frame.
+    """Material over a grid of columns in the part frame."""
 
-    Attributes:
-        x0_m: x of the centre of column [0, 0], m, part frame.
-        y0_m: y of that centre, m.
-        cell_m: Side of a column, m.
-        low: (layers, ny, nx) float32 lower ends of the stretches of material, m, rising.
-        high: (layers, ny, nx) float32 their upper ends.
-        count: (ny, nx) how many stretches there are.
-    """
-
-    x0_m: float
-    y0_m: float
-    cell_m: float
-    low: Float32
-    high: Float32
-    count: UInt8
+    x0_m: float  # x of the centre of column [0, 0], m, part frame
+    y0_m: float  # y of that centre, m
+    cell_m: float  # side of a column, m
+    low: Float32  # (layers, ny, nx) float32 lower ends of the stretches of material, m, rising
+    high: Float32  # (layers, ny, nx) float32 their upper ends
+    count: column_block_kernels.UInt8  # (ny, nx) how many stretches there are
 
     @classmethod
     def of(cls, stock: HeightMap) -> ColumnStock:
         """The columns of a height map."""
         ny, nx = stock.z.shape
-        low, high = np.zeros((STRETCHES, ny, nx), np.float32), np.zeros((STRETCHES, ny, nx), np.float32)
+        low, high = (
+            np.zeros((column_block_kernels.STRETCHES, ny, nx), np.float32),
+            np.zeros((column_block_kernels.STRETCHES, ny, nx), np.float32),
+        )
         low[0], high[0] = stock.bottom_m, stock.z
         count = (stock.z > stock.bottom_m + 1e-9).astype(np.uint8)
         return cls(stock.x0_m, stock.y0_m, stock.cell_m, low, high, count)
 
     @property
-    def columns(self) -> Columns:
+    def columns(self) -> column_block_kernels.Columns:
         """As the kernels take it; it shares the arrays. What is known of the blocks is as of now."""
         ny, nx = self.count.shape
         blocks = (-(-ny // BLOCK_ROWS), -(-nx // BLOCK_COLUMNS))
         tops, plain = np.empty(blocks, np.float32), np.empty(blocks, np.uint8)
         floor = float(self.low[0].min())
-        out = Columns(self.low, self.high, self.count, tops, plain, self.x0_m, self.y0_m, self.cell_m, floor)
-        survey(out)
+        out = column_block_kernels.Columns(
+            self.low, self.high, self.count, tops, plain, self.x0_m, self.y0_m, self.cell_m, floor
+        )
+        column_block_kernels.survey(out)
         return out
 
     def make_room(self, where: str, spare: int = 1, ridge_m: float = RIDGE_M) -> None:
@@ -102,14 +84,14 @@ class ColumnStock:
         """
         if int(self.count.max(initial=0)) + spare <= len(self.low):
             return
-        most = fell_ridges(self.columns, ridge_m)
+        most = column_block_kernels.fell_ridges(self.columns, ridge_m)
         while most + spare > len(self.low):
-            if 2 * len(self.low) > MOST_STRETCHES:
+            if 2 * len(self.low) > column_block_kernels.MOST_STRETCHES:
                 raise ModelError(
                     "a column of the stock holds too many stretches of material",
                     where=where,
                     value=most,
-                    limit=f"at most {MOST_STRETCHES - spare}",
+                    limit=f"at most {column_block_kernels.MOST_STRETCHES - spare}",
                     hint="Turn the part frame so that z looks along most cuts",
                 )
             self.low, self.high = (np.concatenate([ends, np.zeros_like(ends)]) for ends in (self.low, self.high))
@@ -188,11 +170,9 @@ def motions_of(p_part_tcp: Float, axis_part: Float, engaged_m: float = ENGAGED_M
 
 
 def _waists(tips: Float, axes: Float, theta: Float, engaged_m: float) -> Float:
-    """How deep columns may lie in the waist of each segment's sweep, m: of its flank, or amid its end face.
-
-    Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower
-    by ``l h / (l + h)``.
-    """
+    """Largest depth of columns in the waist of each segment's sweep, m: of its flank, or amid its end face."""
+    # Points at either end of a length of the tool move by l and h to opposite sides; between them the sweep is narrower
+    # by `l h / (l + h)`.
     a, b, step = axes[:-1], axes[1:], np.diff(tips, axis=0)
     turn = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-300)
     aside, along = np.sum(step * turn, axis=1), 0.5 * np.sum(step * (a + b), axis=1)
@@ -225,7 +205,7 @@ def _desk() -> Desk:
         line=np.zeros((4, LANES), np.float32),
         work=np.zeros((ROWS_OF_WORK + 3, LANES), np.float32),
         row=np.zeros(LANES, np.float32),
-        piece=np.empty((MOST_STRETCHES, 2)),
+        piece=np.empty((column_block_kernels.MOST_STRETCHES, 2)),
         frame=np.zeros(FRAME),
         bounds=np.zeros(BOUNDS),
         motion=np.zeros(MOTION),
@@ -239,7 +219,7 @@ def _upright_runs(path: Float, axis: Float, kinds: Int, cutter: Cutter, motions:
     out = np.zeros(len(motions), np.int64)
     if not upright.any():
         return out
-    runs = runs_of(path, kinds, cutter)
+    runs = removal.runs_of(path, kinds, cutter)
     whole = np.logical_and.reduceat(upright, runs[:, 0])
     count = upright.astype(np.int64)
     for first, n in runs[whole & (runs[:, 1] > 1)]:
@@ -257,6 +237,11 @@ def _engaged(path: Float, axis: Float, tool: Float, ceiling: float) -> float:
     return float(np.clip(max(reach, tool[0]), 1e-6, tool[2]))
 
 
+def _booked(levels: int, parts: Sequence[tuple[Int, Float32, removal.UInt16]]) -> removal.Engagement:
+    counts, depth, cell = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    return removal.Engagement(levels, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), cell, depth)
+
+
 def remove_turning(
     stock: ColumnStock,
     p_part_tcp: Float,
@@ -266,7 +251,7 @@ def remove_turning(
     *,
     top_m: float,
     engagement: bool = True,
-) -> RemovalResult:
+) -> removal.RemovalResult:
     """Cut a path whose tool axis may point anywhere and turn.
 
     Args:
@@ -274,7 +259,6 @@ def remove_turning(
         p_part_tcp: (n + 1, 3) tool tip, m, part frame.
         axis_part: (n + 1, 3) unit vectors from the tip to the spindle.
         kind: (n,) kind of each segment, see :func:`counterflex.cutting.removal.remove_path`.
-        cutter: The cutter.
         top_m: Height above the tip up to which the tool takes material away: flutes, or all that is as thick.
         engagement: Book what feed segments remove by level and immersion angle about the tool axis; the feed is the
             motion square to it.
@@ -300,7 +284,7 @@ def remove_turning(
     corners, columns, desk = cutter.kernel_parameters(), stock.columns, _desk()
     tool, book = tool_shape(corners[0], corners[1], top_m), (kinds == FEED) & engagement
     totals = np.zeros((n, 4), np.int64)
-    parts: list[tuple[Int, Float32, UInt16]] = []
+    parts: list[tuple[Int, Float32, removal.UInt16]] = []
     side = np.zeros(n, np.int64)
     for first in range(0, n, CHUNK):
         last = min(first + CHUNK, n)
@@ -308,7 +292,7 @@ def remove_turning(
         ceiling = float(columns.tops.max())
         motions, owner = motions_of(part, turned, _engaged(part, turned, tool, ceiling))
         upright = _upright_runs(part, turned, kinds[first:last], cutter, motions, owner)
-        scratch = stamp_workspace(cutter, int(upright.max(initial=1))).scratch
+        scratch = removal.stamp_workspace(cutter, int(upright.max(initial=1))).scratch
         booked = np.zeros((1, last - first, levels if engagement else 0, BINS), np.int64)
         done = 0
         while done < len(motions):
@@ -325,25 +309,18 @@ def remove_turning(
         cell, depth = np.empty(count, np.uint16), np.empty(count, np.float32)
         offsets = np.zeros(last - first + 1, np.int64)
         free = np.maximum(length[first:last], 1e-12)
-        compress(booked, free, unit, cutter.level_radii(), unit_widths(), cell, depth, offsets, side[first:last])
+        removal.compress(
+            booked, free, unit, cutter.level_radii(), removal.unit_widths(), cell, depth, offsets, side[first:last]
+        )
         parts.append((np.diff(offsets), depth, cell))
     quanta = totals[:, VOLUME] + totals[:, BOTTOM] + side
     volume = quanta * unit
-    booked_engagement = None
-    if engagement:
-        counts = np.concatenate([part[0] for part in parts])
-        booked_engagement = Engagement(
-            levels,
-            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-            np.concatenate([part[2] for part in parts]),
-            np.concatenate([part[1] for part in parts]),
-        )
-    return RemovalResult(
+    return removal.RemovalResult(
         as_float("volume", volume, (n,)),
         as_float("bottom volume", totals[:, BOTTOM] * unit, (n,)),
         np.zeros(n),
         length,
-        booked_engagement,
+        _booked(levels, parts) if engagement else None,
         np.flatnonzero((kinds == RAPID) & (volume > 0.0)),
         int(totals[:, VISITED].sum()),
         int(np.count_nonzero(quanta)),

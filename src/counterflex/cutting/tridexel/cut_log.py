@@ -13,15 +13,8 @@ from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.tridexel import lattice_kernels
 from counterflex.cutting.tridexel.columns import ENGAGED_M, motions_of
-from counterflex.cutting.tridexel.lattice_kernels import (
-    GROUP,
-    Tiles,
-    count_members,
-    distances,
-    ends_on_lines,
-    fill_members,
-)
 from counterflex.cutting.tridexel.swept_solid import tool_shape
 
 REACH_M: Final = 5.0 * MM
@@ -32,15 +25,10 @@ _STRAIGHT: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class CutLog:
-    """Motions that took material away.
+    """Motions that took material away."""
 
-    Attributes:
-        motions: (k, 12) start of the tip in the part frame, displacement (m), tool axis in the middle, its turn.
-        shapes: (k, 3) radius, corner radius, top of the tool of each, m.
-    """
-
-    motions: Float
-    shapes: Float
+    motions: Float  # (k, 12) start of the tip in the part frame, displacement (m), tool axis in the middle, its turn
+    shapes: Float  # (k, 3) radius, corner radius, top of the tool of each, m
 
     @classmethod
     def of(
@@ -57,7 +45,6 @@ class CutLog:
         Args:
             p_part_tcp: (n + 1, 3) tool tip, m, part frame.
             axis_part: (n + 1, 3) unit vectors from the tip to the spindle.
-            cutter: The cutter.
             top_m: Height above the tip up to which the tool takes material away.
             engaged_m: See :func:`counterflex.cutting.tridexel.columns.motions_of`.
         """
@@ -105,9 +92,9 @@ class CutLog:
         out: Float = np.concatenate([ends.min(axis=0) - side, ends.max(axis=0) + side], axis=1)
         return out
 
-    def tiles(self, reach_m: float) -> Tiles:
+    def tiles(self, reach_m: float) -> lattice_kernels.Tiles:
         """The motions listed by tiles from which their sweeps are within reach."""
-        boxes, starts = self.boxes, np.arange(0, len(self.motions), GROUP)
+        boxes, starts = self.boxes, np.arange(0, len(self.motions), lattice_kernels.GROUP)
         tip = np.stack([self.motions[:, :3], self.motions[:, :3] + self.motions[:, 3:6]])
         corners = [boxes[:, :3], boxes[:, 3:], tip.min(axis=0), tip.max(axis=0)]
         groups = np.concatenate(
@@ -121,24 +108,28 @@ class CutLog:
         ranges: Int = np.ascontiguousarray(np.stack([first[:, 0], last[:, 0], first[:, 1], last[:, 1]], axis=1))
         columns = int(shape[0])
         count = np.zeros(int(shape.prod()), np.int64)
-        count_members(ranges, columns, count)
+        lattice_kernels.count_members(ranges, columns, count)
         begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         members = np.empty(int(begin[-1]), np.int64)
-        fill_members(ranges, columns, begin[:-1].copy(), members)
+        lattice_kernels.fill_members(ranges, columns, begin[:-1].copy(), members)
         upright = bool(np.all((self.motions[:, 8] >= 1.0 - 1e-12) & ~np.any(self.motions[:, 9:], axis=1)))
         ceiling = float((tip[:, :, 2].min(axis=0) + self.shapes[:, 2]).min()) if upright else -np.inf
         x0, y0 = float(low[0]), float(low[1])
-        return Tiles(self.motions, self.shapes, boxes, groups, begin, members, x0, y0, side, columns, ceiling)
+        return lattice_kernels.Tiles(
+            self.motions, self.shapes, boxes, groups, begin, members, x0, y0, side, columns, ceiling
+        )
 
     @cached_property
-    def _within_reach(self) -> Tiles:
+    def _within_reach(self) -> lattice_kernels.Tiles:
         return self.tiles(REACH_M)
 
     def ends(self, along: int, start: Float, length_m: float, filled: Bool) -> Float:
         """Exact ends of material on lines; see :func:`~counterflex.cutting.tridexel.lattice_kernels.ends_on_lines`."""
         out = np.empty(len(start))
         tiles = self.tiles(length_m)
-        ends_on_lines(tiles, along, np.ascontiguousarray(start), length_m, np.ascontiguousarray(filled), out)
+        lattice_kernels.ends_on_lines(
+            tiles, along, np.ascontiguousarray(start), length_m, np.ascontiguousarray(filled), out
+        )
         return out
 
     def distance(self, points_part: Float) -> Float:
@@ -149,15 +140,13 @@ class CutLog:
         inside. nan beyond :data:`REACH_M`.
         """
         out = np.empty(len(points_part))
-        distances(self._within_reach, as_float("points_part", points_part, (None, 3)), REACH_M, out)
+        lattice_kernels.distances(self._within_reach, as_float("points_part", points_part, (None, 3)), REACH_M, out)
         return out
 
 
 def _joined(motions: Float) -> tuple[Float, Int]:
-    """Motions of one axis that follow one another in one straight line as one, and where each of these begins.
-
-    Motions that stand still are left out.
-    """
+    """Motions of one axis that follow one another in one straight line as one, and where each of these begins."""
+    # Motions that stand still are left out.
     turns = np.any(motions[:, 9:] != 0.0, axis=1)
     moves = np.any(motions[:, 3:6] != 0.0, axis=1) | turns
     moves |= np.any(np.diff(motions[:, 6:9], axis=0, prepend=np.nan) != 0.0, axis=1)

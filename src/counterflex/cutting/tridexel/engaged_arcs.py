@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -32,19 +33,12 @@ _CHANGE: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class EngagedArcs:
-    """A program and its blank, as arcs of engagement need them. Made by :meth:`of`.
+    """A program and its blank, as arcs of engagement need them. Made by :meth:`of`."""
 
-    Attributes:
-        tiles: Motions of the whole program.
-        blank: The blank.
-        motion_of: (n,) the motion in which each segment of the path lies.
-        top_m: (n,) height above the tip up to which its tool cuts.
-    """
-
-    tiles: Tiles
+    tiles: Tiles  # motions of the whole program
     blank: BlankBox
-    motion_of: Int
-    top_m: Float
+    motion_of: Int  # (n,) the motion in which each segment of the path lies
+    top_m: Float  # (n,) height above the tip up to which its tool cuts
 
     @classmethod
     def of(
@@ -60,7 +54,6 @@ class EngagedArcs:
             p_part_tcp: (n, 3) m, tool tips.
             axis_part: (n, 3) unit vectors from the tip to the spindle.
             runs: First and last row of each, its cutter, and the height up to which that cuts.
-            blank: The blank.
         """
         logs, motion_of, top = [], np.zeros(len(p_part_tcp), dtype=np.int64), np.zeros(len(p_part_tcp))
         count = 0
@@ -80,26 +73,12 @@ class EngagedArcs:
             tip: (3,) m.
             axis: (3,) unit vector from the tip to the spindle.
             direction: (3,) unit vector of the feed, square to the axis.
-            cutter: The cutter.
 
         Returns:
             (m, 4) start and end of the immersion angle, rad, axial length, m, and inclination kappa, rad.
         """
-        left = np.cross(axis, direction)
-        bounds = np.minimum(cutter.levels(), self.top_m[row])
-        radii, kappa = cutter.level_radii(), cutter.level_inclinations()
-
-        def lengths(level: Int, phi: Float) -> Float:
-            aside = np.sin(phi)[:, None] * direction + np.cos(phi)[:, None] * left
-            n, out = len(phi), np.empty(len(phi))
-            engaged_lengths(
-                self.tiles, np.stack([self.blank.low_m, self.blank.high_m]), self.blank.turn,
-                np.ascontiguousarray(tip + radii[level][:, None] * aside), np.tile(axis, (n, 1)),
-                np.ascontiguousarray(np.stack([bounds[level], bounds[level + 1]], axis=1)),
-                np.full(n, self.motion_of[row]), out,
-            )  # fmt: skip
-            return np.where(out > _ENGAGED_M, out, 0.0)
-
+        bounds, kappa = np.minimum(cutter.levels(), self.top_m[row]), cutter.level_inclinations()
+        lengths = partial(self._lengths, row, tip, axis, direction, bounds, cutter.level_radii())
         levels = np.flatnonzero(bounds[1:] > bounds[:-1])
         step = np.pi / ANGLES
         phi = (np.arange(ANGLES) + 0.5) * step
@@ -121,6 +100,20 @@ class EngagedArcs:
             [edges[:, :-1], edges[:, 1:], grid, np.broadcast_to(kappa[levels][:, None], grid.shape)], axis=2
         ).reshape(-1, 4)
         return _merged(out[(out[:, 2] > 0.0) & (out[:, 1] > out[:, 0] + 1e-9)])
+
+    def _lengths(
+        self, row: int, tip: Float, axis: Float, direction: Float, bounds: Float, radii: Float, level: Int, phi: Float
+    ) -> Float:
+        """Length (n,) of material on the cutter's surface at levels and immersion angles."""
+        aside = np.sin(phi)[:, None] * direction + np.cos(phi)[:, None] * np.cross(axis, direction)
+        n, out = len(phi), np.empty(len(phi))
+        engaged_lengths(
+            self.tiles, np.stack([self.blank.low_m, self.blank.high_m]), self.blank.turn,
+            np.ascontiguousarray(tip + radii[level][:, None] * aside), np.tile(axis, (n, 1)),
+            np.ascontiguousarray(np.stack([bounds[level], bounds[level + 1]], axis=1)),
+            np.full(n, self.motion_of[row]), out,
+        )  # fmt: skip
+        return np.where(out > _ENGAGED_M, out, 0.0)
 
 
 def _merged(arcs: Float) -> Float:

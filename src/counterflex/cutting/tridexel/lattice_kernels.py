@@ -75,7 +75,7 @@ def fill_members(ranges: Int, columns: Whole, place: Int, members: Int) -> None:
 
 @kernel()
 def _gap(box: Float, x: float, y: float, z: float) -> float:
-    """How far a point is outside a box along the axis on which it is farthest; negative inside."""
+    """Distance of a point from a box along the axis on which it is farthest; negative inside."""
     return float(max(box[0] - x, x - box[3], box[1] - y, y - box[4], box[2] - z, z - box[5]))
 
 
@@ -110,7 +110,7 @@ def _runs(columns: Columns, j: Whole, i: Whole, z0: float, pitch: float, runs: I
 
 @kernel()
 def _alike(columns: Columns, j: Whole, i: Whole, j2: Whole, i2: Whole) -> bool:
-    """Whether two columns hold the same single stretch or nothing."""
+    """Return whether two columns hold the same single stretch or nothing."""
     n = columns.held[j, i]
     if n > 1 or n != columns.held[j2, i2]:
         return False
@@ -212,7 +212,7 @@ def _section(shape: Float, height: float) -> float:
 
 @kernel()
 def _clear_of(x: float, y: float, z: float, half: float, motion: Float, shape: Float) -> bool:
-    """Whether the sweep of a motion certainly misses all within half of a point (from the start of the tip)."""
+    """Return whether the sweep of a motion certainly misses all within half of a point (from the start of the tip)."""
     ux, uy, uz = motion[6], motion[7], motion[8]
     vx, vy, vz = motion[3], motion[4], motion[5]
     h, climb = x * ux + y * uy + z * uz, vx * ux + vy * uy + vz * uz
@@ -234,7 +234,7 @@ def _clear_of(x: float, y: float, z: float, half: float, motion: Float, shape: F
 
 @kernel()
 def _group_clear_of(x: float, y: float, z: float, half: float, tiles: Tiles, group: int) -> bool:
-    """Whether all motions of a group certainly miss a line of length 2 half about a point along x or y."""
+    """Return whether all motions of a group certainly miss a line of length 2 half about a point along x or y."""
     box = tiles.groups[group]
     if x - half > box[3] or x + half < box[0] or y - half > box[4] or y + half < box[1] or z > box[5] or z < box[2]:
         return True
@@ -293,7 +293,7 @@ def _run_of_levels(tiles: Tiles, start: Float, filled: Bool, first: int) -> int:
 
 @kernel("void(Tiles, int64, float64[:, ::1], float64, boolean[::1], float64[::1])", entry=True, Tiles=TILES)
 def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, filled: Bool, ends: Float) -> None:
-    """Where material ends between two nodes of the lattice, one in material and one out of it.
+    """Ends of material between two nodes of the lattice, one in material and one out of it.
 
     Where sections only grow with height an end moves one way only from level to level: between two levels with the same
     end, all have it. So a wall is worked out at its foot and its top, however many levels it has.
@@ -336,10 +336,8 @@ def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, fille
 
 @kernel()
 def _least_possible(x: float, y: float, z: float, motion: Float, shape: Float) -> float:
-    """What the distance of a point (from the tip's start) to a sweep is at least: that in the middle, less the way.
-
-    In the tool's frame a point goes by at most ``(|v| + turn |p - tip|) / 2`` from there to either end.
-    """
+    """Lower bound of the distance of a point (from the tip's start) to a sweep: that in the middle, less the way."""
+    # In the tool's frame a point goes by at most `(|v| + turn |p - tip|) / 2` from there to either end.
     way = math.sqrt(motion[3] * motion[3] + motion[4] * motion[4] + motion[5] * motion[5])
     turn = math.sqrt(motion[9] * motion[9] + motion[10] * motion[10] + motion[11] * motion[11])
     away = math.sqrt(x * x + y * y + z * z) + way

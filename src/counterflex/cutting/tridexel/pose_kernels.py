@@ -76,7 +76,7 @@ def posed(aw: Real, ae: Real, ah: Real, sigma: Real, m: Sweep) -> tuple[Real, Re
 
 @kernel(inline=True)
 def cylinder(aw: Real, ae: Real, dw: Real, de: Real, radius: Real) -> tuple[bool, Real, Real]:
-    """Whether a line meets the endless cylinder, and between which t."""
+    """Return whether a line meets the endless cylinder, and between which t."""
     alpha = dw * dw + de * de
     cross = aw * de - ae * dw
     rest = alpha * radius * radius - cross * cross

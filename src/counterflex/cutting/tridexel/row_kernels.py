@@ -153,11 +153,9 @@ def _ball(m: Sweep, begins: bool, line: Float32, work: Float32) -> None:
 
 @kernel()
 def _at_bull(m: Sweep, line: Float32, work: Float32) -> None:
-    """Stretches of sixteen columns in a bull nose at their sigma, and two derivatives of their lower ends by it.
-
-    Where a column misses the tool, the rate has the sign that leads to it: that of the velocity along the normal of the
-    tool at the point of the column that is nearest to it.
-    """
+    """Stretches of sixteen columns in a bull nose at their sigma, and two derivatives of their lower ends by it."""
+    # Where a column misses the tool, the rate has the sign that leads to it: that of the velocity along the normal of
+    # the tool at the point of the column that is nearest to it.
     w_of, e_of, h_of, sigma_of = line[0], line[1], line[2], work[_SIGMA]
     one, two, rate_of, bend_of = work[_ONE_END], work[_TWO_END], work[_RATE], work[_BEND]
     aw, ae, ah, dw = work[_POSED], work[_POSED + 1], work[_POSED + 2], work[_POSED + 3]
@@ -223,11 +221,9 @@ def _take_lower(work: Float32) -> None:
 
 @kernel()
 def _bracket(m: Sweep, line: Float32, work: Float32) -> None:
-    """Shares at which sixteen columns pass the rim of a bull nose: only between them its rounded end meets a column.
-
-    Where a column crosses the heights from 0 to r, it moves sideways by at most ``r tan(tilt)``, so the rim is that of
-    the tool widened by as much.
-    """
+    """Shares at which sixteen columns pass the rim of a bull nose: only between them its rounded end meets a column."""
+    # Where a column crosses the heights from 0 to r, it moves sideways by at most `r tan(tilt)`, so the rim is that of
+    # the tool widened by as much.
     w_of, e_of, h_of, near = line[0], line[1], line[2], line[3]
     enters, leaves, touches = work[_ENTERS], work[_LEAVES], work[_TOUCHES]
     aside = math.sqrt(m.d_w * m.d_w + m.d_e * m.d_e) + abs(m.omega * m.d_h)

@@ -22,24 +22,16 @@ LIMIT_POINTS: Final = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Where the lines of the lattice leave the material, and a closed mesh between them.
+    """Points where the lines of the lattice leave the material, and a closed mesh between them."""
 
-    Attributes:
-        points: (c, 3) m, part frame: exact ends of material on the lines.
-        along: (c,) 0, 1 or 2: along which axis the line of each runs.
-        cut: (c,) whether a motion made it; the others are faces of the blank.
-        vertices: (v, 3) m of the mesh: in each cube of the lattice, for each piece of the surface in it, the mean of
-            the points on its edges.
-        triangles: (t, 3) vertices, counterclockwise seen from outside.
-        around: (c, 4) vertices about the line of each point.
-    """
-
-    points: Float
-    along: Int
-    cut: Bool
+    points: Float  # (c, 3) m, part frame: exact ends of material on the lines
+    along: Int  # (c,) 0, 1 or 2: along which axis the line of each runs
+    cut: Bool  # (c,) whether a motion made it; the others are faces of the blank
+    # (v, 3) m of the mesh: in each cube of the lattice, for each piece of the surface in it, the mean of the points on
+    # its edges
     vertices: Float
-    triangles: Int
-    around: Int
+    triangles: Int  # (t, 3) vertices, counterclockwise seen from outside
+    around: Int  # (c, 4) vertices about the line of each point
 
     def at_vertices(self, values: Float) -> Float:
         """Values (c,) of points as those (v,) of the vertices about them: their mean; nan where there is none."""

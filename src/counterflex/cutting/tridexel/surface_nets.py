@@ -10,7 +10,7 @@ edge has two triangles.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -92,25 +92,31 @@ def _edges() -> tuple[tuple[int, int], ...]:
     return tuple(out)
 
 
+def _joined_on_faces(crossed: Sequence[int], inside: Sequence[bool]) -> Iterator[tuple[int, int]]:
+    """Pairs of crossed edges that one piece of the surface joins across a face of the cube."""
+    # A face with four crossed edges is ambiguous: the pairs about its filled corners are joined, in both cubes alike.
+    edges = _edges()
+    for axis, side in itertools.product(range(3), (0, 1)):
+        face = [c for c, corner in enumerate(_CORNERS) if corner[axis] == side]
+        here = [e for e in crossed if edges[e][0] in face and edges[e][1] in face]
+        about = [here] if len(here) == 2 else [[e for e in here if c in edges[e]] for c in face if inside[c]]
+        for pair in about:
+            if len(pair) == 2:
+                yield pair[0], pair[1]
+
+
 @cache
 def _pieces() -> Int:
-    """(8192, 12) which piece of the surface crosses each edge of a cube.
-
-    By twice the crossed edges (bits), plus one where the lower end of the first of them is filled.
-    """
+    """(8192, 12) which piece of the surface crosses each edge of a cube."""
+    # By twice the crossed edges (bits), plus one where the lower end of the first of them is filled.
     edges, out = _edges(), np.zeros((2 << 12, 12), np.int64)
-    faces = [[c for c, corner in enumerate(_CORNERS) if corner[axis] == side] for axis in range(3) for side in (0, 1)]
     for filled in range(1, 255):
         inside = [bool(filled >> c & 1) for c in range(8)]
         crossed = [e for e, (a, b) in enumerate(edges) if inside[a] != inside[b]]
         piece = {e: e for e in crossed}
-        for face in faces:
-            here = [e for e in crossed if edges[e][0] in face and edges[e][1] in face]
-            about = [here] if len(here) == 2 else [[e for e in here if c in edges[e]] for c in face if inside[c]]
-            for pair in about:
-                if len(here) >= 2 and len(pair) == 2:
-                    one, two = piece[pair[0]], piece[pair[1]]
-                    piece = {e: one if p == two else p for e, p in piece.items()}
+        for first, second in _joined_on_faces(crossed, inside):
+            one, two = piece[first], piece[second]
+            piece = {e: one if p == two else p for e, p in piece.items()}
         names = sorted(set(piece.values()))
         key = 2 * sum(1 << e for e in crossed) + inside[edges[crossed[0]][0]]
         for e in crossed:

@@ -109,7 +109,7 @@ def bounds_of(motion: Float, tool: Float, ceiling: float, steep: float, bounds: 
 
 @kernel()
 def _aside(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: Real) -> bool:
-    """Whether the part of a sweep below a height certainly misses a rectangle, seen along z."""
+    """Return whether the part of a sweep below a height certainly misses a rectangle, seen along z."""
     radius, slack = bounds[_RADIUS], bounds[_SLACK]
     high0 = (z_top - bounds[_TIPS + 2] + radius * bounds[_SINE]) / bounds[_AXES + 2]
     high1 = (z_top - bounds[_TIPS + 5] + radius * bounds[_SINE + 1]) / bounds[_AXES + 5]
@@ -154,7 +154,7 @@ def _least_height(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real) -
 
 @kernel()
 def missed(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: Real, slowly: bool) -> bool:
-    """Whether a motion certainly takes nothing out of the columns of a rectangle about (x, y) m.
+    """Return whether a motion certainly takes nothing out of the columns of a rectangle about (x, y) m.
 
     Args:
         bounds: Of the motion.
@@ -178,7 +178,7 @@ def missed(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: R
 def already_cut(
     bounds: Float, turn: Float, corner: float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: Real
 ) -> bool:
-    """Whether the pose in which a motion begins has cut all columns of a rectangle as deep as the motion will.
+    """Return whether the pose in which a motion begins has cut all columns of a rectangle as deep as the motion will.
 
     So it is where every column meets the end face, or the ball, as the motion begins, and the face does not go down
     from there; what lies above it was taken then.

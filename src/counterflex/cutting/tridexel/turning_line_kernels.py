@@ -60,10 +60,8 @@ def _offset(point: Float, t: Real, sigma: Real, m: Sweep, top: Real) -> tuple[Re
 
 @kernel()
 def _least(point: Float, t: Real, m: Sweep, top: Real) -> tuple[Real, Real]:
-    """Least of the distance over the motion at t, and how it changes with t.
-
-    At an edge the distance has two slopes; that of the least is their mean for which it does not change with sigma.
-    """
+    """Least of the distance over the motion at t, and how it changes with t."""
+    # At an edge the distance has two slopes; that of the least is their mean for which it does not change with sigma.
     low, high = -0.5, 0.5
     best, slope, grows_low = _offset(point, t, low, m, top)
     off, slope_high, grows_high = _offset(point, t, high, m, top)
@@ -96,7 +94,7 @@ def _least(point: Float, t: Real, m: Sweep, top: Real) -> tuple[Real, Real]:
 
 @kernel()
 def _between(point: Float, out: Real, within: Real, m: Sweep, top: Real) -> Real:
-    """Where the sweep begins between a t outside of it and one within, by halving."""
+    """Beginning of the sweep between a t outside of it and one within, by halving."""
     for _ in range(_STEPS):
         middle = 0.5 * (out + within)
         size, _ = _least(point, middle, m, top)
@@ -106,7 +104,7 @@ def _between(point: Float, out: Real, within: Real, m: Sweep, top: Real) -> Real
 
 @kernel()
 def _entry_in_piece(point: Float, begin: Real, end: Real, m: Sweep, top: Real) -> tuple[Real, Real]:
-    """Where the sweep begins between two t, :data:`MISSED` where it does not; and how near it came, m."""
+    """Beginning of the sweep between two t, :data:`MISSED` where there is none; and the least distance, m."""
     way = 1.0 if end >= begin else -1.0
     t = begin
     size, slope = _least(point, t, m, top)
@@ -126,7 +124,7 @@ def _entry_in_piece(point: Float, begin: Real, end: Real, m: Sweep, top: Real) -
 
 @kernel()
 def _entry(point: Float, begin: Real, end: Real, m: Sweep, top: Real) -> Real:
-    """Where the sweep begins on the way from one t to another; :data:`MISSED` where it does not."""
+    """Beginning of the sweep on the way from one t to another; :data:`MISSED` where there is none."""
     size, _ = _least(point, begin, m, top)
     if size <= 0.0:
         return begin
@@ -191,7 +189,7 @@ def turning_stretch(q: Float, along: Whole, motion: Float, shape: Float) -> tupl
 
 @kernel()
 def turning_end(q: Float, along: Whole, motion: Float, shape: Float, length: Real, filled: bool) -> Real:
-    """Where material ends between two nodes, one in it and one not: the first of a sweep seen from the material.
+    """End of material between two nodes, one in it and one not: the first of a sweep seen from the material.
 
     Args:
         q: See :func:`turning_stretch`: the lower node.

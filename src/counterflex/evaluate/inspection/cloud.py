@@ -22,21 +22,13 @@ _ROWS: Final = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of a part, some thousand to some million.
+    """Points of a part, some thousand to some million."""
 
-    Attributes:
-        points: (n, 3) m, means of the measured points in cubes of side ``pitch_m``.
-        count: (n,) how many measured points each stands for.
-        normals: (n, 3) unit normals of the surface by the neighbours, of either sign; nan where there are too few.
-        pitch_m: Side of the cubes.
-        outliers: How many measured points were left out as lone ones.
-    """
-
-    points: Float
-    count: Int
-    normals: Float
-    pitch_m: float
-    outliers: int
+    points: Float  # (n, 3) m, means of the measured points in cubes of side `pitch_m`
+    count: Int  # (n,) how many measured points each stands for
+    normals: Float  # (n, 3) unit normals of the surface by the neighbours, of either sign; nan where there are too few
+    pitch_m: float  # side of the cubes
+    outliers: int  # how many measured points were left out as lone ones
 
     def __len__(self) -> int:
         """Number of points."""
@@ -98,7 +90,7 @@ def _merged(key: Int, value: Float) -> tuple[Int, Float]:
 
 
 def crowded(points: Float, pitch: float) -> Bool:
-    """Which points (n, 3) have neighbours like the others; all of a cloud too thin to tell.
+    """Mark points (n, 3) that have neighbours like the others; all of a cloud too thin to tell.
 
     The neighbours of a point are the points in its cube and in the 26 about it; the side of the cubes is five times
     the distance of the points, or the pitch if that is larger. Any unit.
@@ -125,10 +117,8 @@ def crowded(points: Float, pitch: float) -> Bool:
 
 
 def _on_surface(neighbours: Int) -> float:
-    """Neighbours of a point of the surface: the median, each point weighing as the square of how many it has.
-
-    Where a million outliers fill the space about four hundred thousand points of a part, the plain median is theirs.
-    """
+    """Neighbours of a point of the surface: the median, each point weighing as the square of how many it has."""
+    # Where a million outliers fill the space about four hundred thousand points of a part, the plain median is theirs.
     number = np.sort(neighbours)
     weight = np.cumsum(number.astype(np.float64) ** 2)
     return float(number[np.searchsorted(weight, 0.5 * weight[-1])])

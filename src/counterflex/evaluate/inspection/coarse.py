@@ -37,15 +37,10 @@ class NoPose(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A pose that a scan may have.
+    """A pose that a scan may have."""
 
-    Attributes:
-        T_part_scan: (4, 4) of the scan's frame in the part; its determinant is negative where the scan is mirrored.
-        score_m: Trimmed mean distance of the scan's points to the nominal part.
-    """
-
-    T_part_scan: Float
-    score_m: float
+    T_part_scan: Float  # (4, 4) of the scan's frame in the part; its determinant is negative where the scan is mirrored
+    score_m: float  # trimmed mean distance of the scan's points to the nominal part
 
 
 class Reference:
@@ -136,7 +131,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: floa
 
 
 def _extent(points: Float, axes: Float) -> str:
-    """What all but a few points (n, 3) take up along their main axes."""
+    """Extent of all but a few points (n, 3) along their main axes."""
     ends = np.percentile(points @ axes.T, [0.3, 99.7], axis=0)
     return " x ".join(f"{v / MM:.0f}" for v in sorted(ends[1] - ends[0], reverse=True)) + " mm"
 

@@ -36,19 +36,12 @@ _WIDEST_M: Final = 2.0 * MM
 
 @dataclass(frozen=True)
 class Coverage:
-    """Machined area by what is known about it, m2.
+    """Machined area by what is known about it, m2."""
 
-    Attributes:
-        machined_m2: Whole.
-        judged_m2: With a measured deviation beside it.
-        unjudged_m2: Points were measured over it, and count for no face.
-        unseen_m2: No point was measured within 3 mm of it.
-    """
-
-    machined_m2: float
-    judged_m2: float
-    unjudged_m2: float
-    unseen_m2: float
+    machined_m2: float  # whole
+    judged_m2: float  # with a measured deviation beside it
+    unjudged_m2: float  # points were measured over it, and count for no face
+    unseen_m2: float  # no point was measured within 3 mm of it
 
     @property
     def judged_share(self) -> float:
@@ -63,17 +56,11 @@ class Coverage:
 
 @dataclass(frozen=True, eq=False)
 class MachinedPlaces:
-    """Samples of the machined surface.
+    """Samples of the machined surface."""
 
-    Attributes:
-        points: (n, 3) m, part frame.
-        normals: (n, 3) outward unit normals.
-        area_m2: (n,) that each stands for.
-    """
-
-    points: Float
-    normals: Float
-    area_m2: Float
+    points: Float  # (n, 3) m, part frame
+    normals: Float  # (n, 3) outward unit normals
+    area_m2: Float  # (n,) that each stands for
 
 
 def machined_places(surface: NominalSurface, pitch_m: float) -> MachinedPlaces:

@@ -22,22 +22,15 @@ LEAST_AREA_M2: Final = 25.0 * MM * MM
 
 @dataclass(frozen=True, eq=False)
 class DatumFaces:
-    """Planes about the blank.
+    """Planes about the blank."""
 
-    Attributes:
-        low: (3,) m, lowest corner of the blank, part frame.
-        high: (3,) m, highest corner.
-        whole: By name (rows, columns): where on its grid of cells the face is not machined. Sides: cells along the
-            side by cells in height; bottom and top: the cells of the height map.
-        masks: The same without a strip along the edges.
-        cell_m: Side of a cell.
-    """
-
-    low: Float
-    high: Float
+    low: Float  # (3,) m, lowest corner of the blank, part frame
+    high: Float  # (3,) m, highest corner
+    # by name (rows, columns): where on its grid of cells the face is not machined. Sides: cells along the side by cells
+    # in height; bottom and top: the cells of the height map
     whole: dict[str, Bool]
-    masks: dict[str, Bool]
-    cell_m: float
+    masks: dict[str, Bool]  # the same without a strip along the edges
+    cell_m: float  # side of a cell
 
     def plane(self, name: str) -> tuple[Float, float]:
         """Outward unit normal (3,) and distance ``n . p`` of a face, m."""
@@ -48,7 +41,7 @@ class DatumFaces:
         return normal, float(normal @ corner)
 
     def on(self, name: str, points: Float, *, edges: bool = False) -> Bool:
-        """Whether the feet of points lie on the free part of a face.
+        """Return whether the feet of points lie on the free part of a face.
 
         Args:
             name: Of the face.

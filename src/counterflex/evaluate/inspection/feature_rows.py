@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -48,37 +49,58 @@ def inspected_features(
     outline = first.nominal_outline
     rows = list(measure_features(surface, path, features, dict(parts), outline=outline, tolerances_m=tolerances_m))
     square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
+    measure = partial(measure_features, surface, path, features, outline=outline)
     for name, part in parts.items():
-        values, vectors = np.linalg.eigh(part.registration.covariance)
-        changed = [part.shifted(np.sqrt(values[k]) * vectors[:, k]) for k in np.flatnonzero(values > 0.0)]
-        scale = (scales or {}).get(name)
-        if scale is not None and scale.common and isinstance(part, ScannedPart):
-            changed.append(part.scaled(float(np.hypot(scale.scale, scale.sigma))))
-        for one in changed:
-            moved = measure_features(surface, path, features, {name: one}, outline=outline)
-            other = {(row.feature, row.quantity): row.mean_m[name] for row in moved if name in row.mean_m}
-            for row, sums in zip(rows, square, strict=True):
-                if name in sums and (row.feature, row.quantity) in other:
-                    sums[name] += (other[row.feature, row.quantity] - row.mean_m[name]) ** 2
+        for one in _changed(part, (scales or {}).get(name)):
+            other = {_key(row): row.mean_m[name] for row in measure({name: one}) if name in row.mean_m}
+            _add_change(rows, square, name, other)
     for name, part in parts.items():
-        draws = [part.redrawn(np.random.default_rng(seed)) for seed in range(_DRAWS)]
-        more = {str(k): draw for k, draw in enumerate(draws) if draw is not None}
-        noisier = measure_features(surface, path, features, more, outline=outline) if more else ()
-        drawn = {(row.feature, row.quantity): np.array(list(row.worst_m.values())) for row in noisier}
+        drawn = _drawn(part, measure)
         for j, row in enumerate(rows):
-            if row.quantity not in ZONES or name not in row.worst_m:
-                continue
-            again = drawn.get((row.feature, row.quantity))
-            if again is None or len(again) == 0:
-                square[j][name] += part.place_sigma_m() ** 2  # two extremes
-                continue
-            value = noiseless(row.worst_m[name], again)
-            rows[j] = replace(row, worst_m={**row.worst_m, name: value}, mean_m={**row.mean_m, name: value})
-            square[j][name] += float(np.var(again)) - part.place_sigma_m() ** 2
+            if row.quantity in ZONES and name in row.worst_m:
+                rows[j], more_square = _without_noise(row, name, drawn.get(_key(row)), part.place_sigma_m() ** 2)
+                square[j][name] += more_square
     return tuple(
         replace(row, standard_deviation_m={name: float(np.sqrt(value)) for name, value in sums.items()})
         for row, sums in zip(rows, square, strict=True)
     )
+
+
+def _key(row: FeatureRow) -> tuple[str, str]:
+    return row.feature, row.quantity
+
+
+def _changed(part: InspectedPart, scale: ScaleEstimate | None) -> list[InspectedPart]:
+    """A part moved by each principal direction of its pose, and scaled, one standard deviation each."""
+    values, vectors = np.linalg.eigh(part.registration.covariance)
+    changed = [part.shifted(np.sqrt(values[k]) * vectors[:, k]) for k in np.flatnonzero(values > 0.0)]
+    if scale is not None and scale.common and isinstance(part, ScannedPart):
+        changed.append(part.scaled(float(np.hypot(scale.scale, scale.sigma))))
+    return changed
+
+
+def _add_change(
+    rows: Sequence[FeatureRow], square: Sequence[dict[str, float]], name: str, other: Mapping[tuple[str, str], float]
+) -> None:
+    for row, sums in zip(rows, square, strict=True):
+        if name in sums and _key(row) in other:
+            sums[name] += (other[_key(row)] - row.mean_m[name]) ** 2
+
+
+def _drawn(part: InspectedPart, measure: Callable[..., tuple[FeatureRow, ...]]) -> dict[tuple[str, str], Float]:
+    """Values of features with the noise of a part drawn again."""
+    draws = [part.redrawn(np.random.default_rng(seed)) for seed in range(_DRAWS)]
+    more = {str(k): draw for k, draw in enumerate(draws) if draw is not None}
+    return {_key(row): np.array(list(row.worst_m.values())) for row in (measure(more) if more else ())}
+
+
+def _without_noise(row: FeatureRow, name: str, again: Float | None, place: float) -> tuple[FeatureRow, float]:
+    """A zone extrapolated to no noise where it was drawn again, and what its variance grows by, m2."""
+    if again is None or len(again) == 0:
+        return row, place  # two extremes
+    value = noiseless(row.worst_m[name], again)
+    made = replace(row, worst_m={**row.worst_m, name: value}, mean_m={**row.mean_m, name: value})
+    return made, float(np.var(again)) - place
 
 
 def features_of_part(part: InspectedPart, candidates: Sequence[Feature]) -> tuple[Feature | PrismaticFeature, ...]:

@@ -18,11 +18,11 @@ class InspectedPart(Protocol):
 
     @property
     def part(self) -> NominalPart:
-        """What was to be made."""
+        """Nominal part."""
 
     @property
     def registration(self) -> Registration:
-        """How it was laid on it."""
+        """Registration on the nominal part."""
 
     @property
     def rows(self) -> PartDeviations:

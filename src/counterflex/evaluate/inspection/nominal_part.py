@@ -29,24 +29,18 @@ _STEP_M: Final = 1.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Nearest:
-    """Points against the nominal surface, row by row.
+    """Points against the nominal surface, row by row."""
 
-    Attributes:
-        deviation_m: (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of
-            no nominal surface within reach that looks its way.
-        normals: (n, 3) outward unit normals of the nominal surface.
-        face: (n,) floor, wall or free (:data:`~counterflex.evaluate.inspection.inspected_part.FACES`).
-        near: (n,) whether a nominal surface is within reach at all, whichever way it looks.
-    """
-
+    # (n,) along the nominal normal, positive = outside of the nominal part; nan where the point is of no nominal
+    # surface within reach that looks its way
     deviation_m: Float
-    normals: Float
-    face: Int
-    near: Bool
+    normals: Float  # (n, 3) outward unit normals of the nominal surface
+    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.inspected_part.FACES)
+    near: Bool  # (n,) whether a nominal surface is within reach at all, whichever way it looks
 
 
 class Shape(Protocol):
-    """What was to be made: distances to the machined surface."""
+    """Machined surface of the nominal part: distances to it."""
 
     def distance(self, points_part: Float) -> Float:
         """(n,) m, signed distance of points (n, 3) to it, positive inside the material; nan out of reach."""
@@ -54,17 +48,11 @@ class Shape(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class NominalPart:
-    """What a program makes of a blank.
+    """Part that a program makes of a blank."""
 
-    Attributes:
-        surface: Floors and walls of the undisturbed part.
-        shape: Exact distances to the surface that the program makes.
-        faces: Planes of the blank.
-    """
-
-    surface: NominalSurface
-    shape: Shape
-    faces: DatumFaces
+    surface: NominalSurface  # floors and walls of the undisturbed part
+    shape: Shape  # exact distances to the surface that the program makes
+    faces: DatumFaces  # planes of the blank
 
     @property
     def stock(self) -> HeightMap:
@@ -136,7 +124,7 @@ class NominalPart:
         return deviation, normals
 
     def _was_material(self, foot: Float) -> Bool:
-        """Whether feet of points lie in the blank, off its edges."""
+        """Return whether feet of points lie in the blank, off its edges."""
         margin = 0.3 * MM
         inset = np.array([margin, margin, 0.0])
         low, high = self.faces.low + inset, self.faces.high - inset
@@ -172,7 +160,7 @@ class NominalPart:
 
 
 def _agree(measured_normals: Float, normals: Float) -> Bool:
-    """Whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
+    """Return whether measured normals (n, 3), of either sign, are those of surfaces (n, 3)."""
     out: Bool = np.abs(np.einsum("nk,nk->n", measured_normals, normals)) > FACING  # nan agrees with nothing
     return out
 

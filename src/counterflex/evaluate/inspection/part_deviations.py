@@ -19,24 +19,18 @@ FLOOR, WALL, FREE = range(3)
 class PartDeviations:
     """Deviation of a measured part from its nominal surface, part frame.
 
-    Attributes:
-        points: (n, 3) m, points on the nominal surface.
-        normals: (n, 3) unit normals of the nominal surface there, out of the material.
-        deviation_m: (n,) m, actual minus nominal along the normal: positive = material left.
-        standard_deviation_m: (n,) m, of each deviation: noise of the measurement and uncertainty of the pose in which
-            it was placed on the nominal part.
-        face: (n,) number in :data:`FACES`.
-
     Raises:
         InputError: Lengths differ, a value is not finite, a normal has no unit length, a standard deviation is negative
             or a face has no such number.
     """
 
-    points: Float
-    normals: Float
-    deviation_m: Float
+    points: Float  # (n, 3) m, points on the nominal surface
+    normals: Float  # (n, 3) unit normals of the nominal surface there, out of the material
+    deviation_m: Float  # (n,) m, actual minus nominal along the normal: positive = material left
+    # (n,) m, of each deviation: noise of the measurement and uncertainty of the pose in which it was placed on the
+    # nominal part
     standard_deviation_m: Float
-    face: Int
+    face: Int  # (n,) number in FACES
 
     def __post_init__(self) -> None:
         """Check the rows."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -32,27 +33,17 @@ _LIMITS_M: Final = (3.0 * MM, 1.5 * MM, 1.0 * MM)
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """The pose of a scan on the nominal part.
+    """The pose of a scan on the nominal part."""
 
-    Attributes:
-        T_part_scan: (4, 4) of the scan's frame in the part.
-        covariance: (6, 6) of small shifts (m) and turns (rad) of the scan about ``centre``, part axes.
-        centre: (3,) m, part frame, about which turns are counted.
-        faces: Names of the datum faces.
-        points: By face, how many points placed it.
-        offset_m: By face, mean distance of its points from the plane, m, positive = outside.
-        residual_m: Root mean square distance of all of them.
-        condition: Largest by smallest eigenvalue of the information on the six freedoms, turns at half the diagonal
-            of the blank; 1 is best.
-    """
-
-    T_part_scan: Float
-    covariance: Float
-    centre: Float
-    faces: tuple[str, ...]
-    points: dict[str, int]
-    offset_m: dict[str, float]
-    residual_m: float
+    T_part_scan: Float  # (4, 4) of the scan's frame in the part
+    covariance: Float  # (6, 6) of small shifts (m) and turns (rad) of the scan about `centre`, part axes
+    centre: Float  # (3,) m, part frame, about which turns are counted
+    faces: tuple[str, ...]  # names of the datum faces
+    points: dict[str, int]  # by face, how many points placed it
+    offset_m: dict[str, float]  # by face, mean distance of its points from the plane, m, positive = outside
+    residual_m: float  # root mean square distance of all of them
+    # largest by smallest eigenvalue of the information on the six freedoms, turns at half the diagonal of the blank; 1
+    # is best
     condition: float
 
     def sensitivity(self, points: Float, normals: Float) -> Float:
@@ -105,21 +96,12 @@ def register(
         gate = np.full(len(names), limit or 6.0 * scale + 20.0 * UM)
         face, off = _on_faces(p, n, part, names, gate, middle if not limit else np.zeros(len(names)), ball)
         rows = np.flatnonzero(face >= 0)
-        if len(rows) < LEAST_POINTS:
-            raise InputError(
-                "hardly a point of the scan lies on the datum faces",
-                where=where,
-                value=f"{len(rows)} on {', '.join(names)}",
-                limit=f">= {LEAST_POINTS}",
-                hint="Scan the faces that the program does not machine too, or choose others: --datum",
-            )
+        _check_count(len(rows), names, where)
         r = off[rows]
         planes = np.stack([part.faces.plane(name)[0] for name in names])[face[rows]]
         J = np.concatenate([planes, np.cross(p[rows] - centre, planes)], axis=1)
         # faces of a blank of another size are off as a whole: what is an outlier is judged on each by itself
-        middle = np.array(
-            [np.median(r[face[rows] == k]) if np.any(face[rows] == k) else 0.0 for k in range(len(names))]
-        )
+        middle = _medians(r, face[rows], len(names))
         scatter = r - middle[face[rows]]
         scale = max(1.4826 * float(np.median(np.abs(scatter))), 1.0 * UM)
         weight = np.maximum(0.0, 1.0 - (scatter / max(_TUKEY * scale, 2.0 * limit)) ** 2) ** 2
@@ -138,6 +120,22 @@ def register(
     if ball_radius_m is None:
         _check_ball(offset, where)
     _check_scale(offset, part, where)
+    _check_residual(residual, offset, where)
+    return Registration(T, covariance, centre, names, count, offset, residual, condition)
+
+
+def _check_count(points: int, names: Sequence[str], where: str) -> None:
+    if points < LEAST_POINTS:
+        raise InputError(
+            "hardly a point of the scan lies on the datum faces",
+            where=where,
+            value=f"{points} on {', '.join(names)}",
+            limit=f">= {LEAST_POINTS}",
+            hint="Scan the faces that the program does not machine too, or choose others: --datum",
+        )
+
+
+def _check_residual(residual: float, offset: Mapping[str, float], where: str) -> None:
     if residual > LARGEST_RESIDUAL_M:
         raise InputError(
             "the datum faces of the scan do not fit those of the blank",
@@ -146,7 +144,6 @@ def register(
             limit=f"<= {LARGEST_RESIDUAL_M / MM:g} mm",
             hint="Is the blank of the cell file this one? Choose faces that fit with --datum",
         )
-    return Registration(T, covariance, centre, names, count, offset, residual, condition)
 
 
 def _icp(points: Float, part: NominalPart, T_start: Float, names: tuple[str, ...]) -> Float:
@@ -197,10 +194,8 @@ def _on_faces(
     middle: Float,
     ball_radius_m: float,
 ) -> tuple[Int, Float]:
-    """Which of the faces each point is on, -1 for none, and how far it is off that plane.
-
-    On a face are points within its ``gate`` of its ``middle``, the distance that its points have from the plane.
-    """
+    """Face that each point is on, -1 for none, and its distance from that plane."""
+    # On a face are points within its `gate` of its `middle`, the distance that its points have from the plane.
     face = np.full(len(p), -1)
     nearest = np.full(len(p), np.inf)
     for k, name in enumerate(names):
@@ -275,3 +270,8 @@ def _check_scale(offset: dict[str, float], part: NominalPart, where: str) -> Non
             limit=f"1 within {SCALE:g}",
             hint="Calibrate the scanner, or export without a shrinkage factor",
         )
+
+
+def _medians(r: Float, face: Int, count: int) -> Float:
+    """Median (count,) of the residuals on each face, 0 where it has none."""
+    return np.array([np.median(r[face == k]) if np.any(face == k) else 0.0 for k in range(count)])

@@ -42,16 +42,12 @@ def diagonal(sample: Float, where: str) -> float:
 
 @dataclass(frozen=True)
 class ScanUnit:
-    """Units that a scan may be in.
+    """Units that a scan may be in."""
 
-    Attributes:
-        choices: Names with SI values: one where the extent of the scan is that of the blank; where the scan is larger
-            in all units, those in which much may have been scanned beside the part.
-        fault: Raised where the part lies in the scan in none of them; None: its extent fits.
-    """
-
+    # names with SI values: one where the extent of the scan is that of the blank; where the scan is larger in all
+    # units, those in which much may have been scanned beside the part
     choices: tuple[tuple[str, float], ...]
-    fault: InputError | None = None
+    fault: InputError | None = None  # raised where the part lies in the scan in none of them; None: its extent fits
 
 
 def scan_unit(sample: Float, blank_m: float, units_m: Mapping[str, float], stated: str | None, where: str) -> ScanUnit:

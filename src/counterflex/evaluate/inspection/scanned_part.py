@@ -37,30 +37,19 @@ _SCANNED: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class ScannedPart:
-    """A scan against the nominal part.
+    """A scan against the nominal part."""
 
-    Attributes:
-        part: What was to be made.
-        registration: Where the scan lies on it.
-        rows: Deviations, one for each point of the thinned scan that lies on a face.
-        p_part_tcp: (n, 3) m, the undisturbed path of the tool, part frame.
-        count: (n,) of each row, how many measured points it is the mean of.
-        noise_m: Standard deviation of one measured point.
-        unmatched_share: Points of the scan that are of no surface of the part within reach.
-        left_out: (k, 3) m, points of the thinned scan that count for no face, part frame.
-        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the path; None: one tool.
-        fits: Weights of places that were asked for before.
-    """
-
-    part: NominalPart
-    registration: Registration
-    rows: PartDeviations
-    p_part_tcp: Float
-    count: Int
-    noise_m: float
-    unmatched_share: float
-    left_out: Float
+    part: NominalPart  # what was to be made
+    registration: Registration  # where the scan lies on it
+    rows: PartDeviations  # deviations, one for each point of the thinned scan that lies on a face
+    p_part_tcp: Float  # (n, 3) m, the undisturbed path of the tool, part frame
+    count: Int  # (n,) of each row, how many measured points it is the mean of
+    noise_m: float  # standard deviation of one measured point
+    unmatched_share: float  # points of the scan that are of no surface of the part within reach
+    left_out: Float  # (k, 3) m, points of the thinned scan that count for no face, part frame
+    # (n, 2) m, radius and corner radius of the tool at each row of the path; None: one tool
     nominal_outline: Float | None = None
+    # weights of places that were asked for before
     fits: dict[bytes, LocalFit] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -268,7 +257,7 @@ def scanned_part(
 
 
 def _agreeing(foot: Float, deviation: Float, noise: float) -> Bool:
-    """Which points agree with their neighbours: off from the median of eight by at most eight times the noise."""
+    """Mark points that agree with their neighbours: off from the median of eight by at most eight times the noise."""
     if len(foot) < 50 or noise == 0.0:
         return np.ones(len(foot), np.bool_)
     _, near = scipy.spatial.cKDTree(foot).query(foot, k=_NEAR + 1)

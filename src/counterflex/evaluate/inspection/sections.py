@@ -22,38 +22,23 @@ BESIDE_M: Final = 5.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Measured points of one part in a section, in the plane of the section.
+    """Measured points of one part in a section, in the plane of the section."""
 
-    Attributes:
-        across_m: (n,) m, foot on the nominal surface, to the left of the programmed motion.
-        height_m: (n,) m, part z.
-        normal: (n, 2) outward normals, across and up.
-        deviation_m: (n,) m, positive = material left.
-    """
-
-    across_m: Float
-    height_m: Float
-    normal: Float
-    deviation_m: Float
+    across_m: Float  # (n,) m, foot on the nominal surface, to the left of the programmed motion
+    height_m: Float  # (n,) m, part z
+    normal: Float  # (n, 2) outward normals, across and up
+    deviation_m: Float  # (n,) m, positive = material left
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A section square to a groove.
+    """A section square to a groove."""
 
-    Attributes:
-        feature: Name of the groove.
-        place_m: From its start, m.
-        across_m: (k,) of the nominal profile, m, to the left of the programmed motion.
-        height_m: (k,) of the nominal profile, m, part z; nan beside the blank.
-        profiles: By part.
-    """
-
-    feature: str
-    place_m: float
-    across_m: Float
-    height_m: Float
-    profiles: Mapping[str, Profile]
+    feature: str  # name of the groove
+    place_m: float  # from its start, m
+    across_m: Float  # (k,) of the nominal profile, m, to the left of the programmed motion
+    height_m: Float  # (k,) of the nominal profile, m, part z; nan beside the blank
+    profiles: Mapping[str, Profile]  # by part
 
 
 def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[Section, ...]:

@@ -32,21 +32,15 @@ _EXPLAINS: Final = 0.35
 
 @dataclass(frozen=True)
 class ScaleEstimate:
-    """Scale of a scan against the blank of the cell file.
+    """Scale of a scan against the blank of the cell file."""
 
-    Attributes:
-        directions: By axis, size of the scan by that of the blank, less 1; axes of which both faces were measured.
-        sigmas: Standard deviation of each.
-        scale: Weighted mean of the directions that agree, or of all, less 1; nan where no direction is known.
-        sigma: Standard deviation of it; the scatter of the directions is in it.
-        agreeing: Axes, two or three, in which the scale is the same: a scale of the scan. One alone, or directions that
-            differ, may as well be the blank, which is sawn or cast.
-    """
-
+    # by axis, size of the scan by that of the blank, less 1; axes of which both faces were measured
     directions: dict[str, float]
-    sigmas: dict[str, float]
-    scale: float
-    sigma: float
+    sigmas: dict[str, float]  # standard deviation of each
+    scale: float  # weighted mean of the directions that agree, or of all, less 1; nan where no direction is known
+    sigma: float  # standard deviation of it; the scatter of the directions is in it
+    # axes, two or three, in which the scale is the same: a scale of the scan. One alone, or directions that differ, may
+    # as well be the blank, which is sawn or cast
     agreeing: tuple[str, ...] = ()
 
     @property
@@ -157,10 +151,11 @@ def common_offset(rows: PartDeviations, centre: Float, fitted: Bool | bool) -> f
     solution, after = _left(np.column_stack([pose, np.ones(len(mean))]), mean, weight)
     offset = float(solution[-1])
     free = rows.face[first] == FREE
-    if free.any() and not fitted and abs(float(np.median(mean[free])) - offset) > 0.25 * abs(offset):
-        return None
-    if not free.any() and not fitted and not opposite:
-        return None
+    if not fitted:
+        if free.any() and abs(float(np.median(mean[free])) - offset) > 0.25 * abs(offset):
+            return None
+        if not free.any() and not opposite:
+            return None
     return offset if abs(offset) > BALL_M and after < _EXPLAINS * before else None
 
 

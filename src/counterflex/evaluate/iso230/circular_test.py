@@ -23,16 +23,10 @@ COUNTER_CLOCKWISE: Final = "ccw"
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    """A circle in space.
+    """A circle in space."""
 
-    Attributes:
-        centre: (3,) m.
-        normal: (3,) unit vector; counter-clockwise is right-handed about it.
-        radius_m: Radius.
-    """
-
-    centre: Float
-    normal: Float
+    centre: Float  # (3,) m
+    normal: Float  # (3,) unit vector; counter-clockwise is right-handed about it
     radius_m: float
 
     @property
@@ -82,17 +76,11 @@ def least_squares_circle(points: Float) -> tuple[Float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """One whole turn in one direction.
+    """One whole turn in one direction."""
 
-    Attributes:
-        direction: :data:`CLOCKWISE` or :data:`COUNTER_CLOCKWISE`, seen against the normal.
-        points: (n, 2) m, in the plane of the circle about its centre.
-        axial_m: Range of the path along the normal.
-    """
-
-    direction: str
-    points: Float
-    axial_m: float
+    direction: str  # CLOCKWISE or COUNTER_CLOCKWISE, seen against the normal
+    points: Float  # (n, 2) m, in the plane of the circle about its centre
+    axial_m: float  # range of the path along the normal
 
 
 def turns(p: Float, circle: Circle) -> list[Turn]:
@@ -157,31 +145,18 @@ def _one_way(angle: Float) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class TurnFigures:
-    """Figures of one turn, m.
+    """Figures of one turn, m."""
 
-    Attributes:
-        direction: Of the turn.
-        g_m: Circular deviation G: minimum radial separation of two concentric circles that hold the path.
-        g_lsc_m: The same about the least-squares centre.
-        f_max_m: Largest radial deviation F about the least-squares centre; None without a nominal radius.
-        f_min_m: Smallest.
-        f_nominal_max_m: Largest F about the nominal centre; None where that is not known.
-        f_nominal_min_m: Smallest.
-        radius_m: Of the least-squares circle.
-        centre_m: (2,) of it, minus that of the circle the turns were counted about.
-        axial_m: Range out of the plane.
-    """
-
-    direction: str
-    g_m: float
-    g_lsc_m: float
-    f_max_m: float | None
-    f_min_m: float | None
-    f_nominal_max_m: float | None
-    f_nominal_min_m: float | None
-    radius_m: float
-    centre_m: tuple[float, float]
-    axial_m: float
+    direction: str  # of the turn
+    g_m: float  # circular deviation G: minimum radial separation of two concentric circles that hold the path
+    g_lsc_m: float  # the same about the least-squares centre
+    f_max_m: float | None  # largest radial deviation F about the least-squares centre; None without a nominal radius
+    f_min_m: float | None  # smallest
+    f_nominal_max_m: float | None  # largest F about the nominal centre; None where that is not known
+    f_nominal_min_m: float | None  # smallest
+    radius_m: float  # of the least-squares circle
+    centre_m: tuple[float, float]  # (2,) of it, minus that of the circle the turns were counted about
+    axial_m: float  # range out of the plane
 
 
 def turn_figures(turn: Turn, nominal_radius_m: float | None, *, nominal_centre: bool) -> TurnFigures:
@@ -213,21 +188,16 @@ def turn_figures(turn: Turn, nominal_radius_m: float | None, *, nominal_centre: 
 
 @dataclass(frozen=True)
 class BiDirectional:
-    """Figures of a clockwise and a counter-clockwise turn together, m.
+    """Figures of a clockwise and a counter-clockwise turn together, m."""
 
-    Attributes:
-        g_b_m: Bi-directional circular deviation G(b): minimum radial separation of two concentric circles that hold
-            both paths.
-        g_b_lsc_m: The same about the least-squares centre of both.
-        d_m: Mean bi-directional radial deviation D: radius of the least-squares circle of both minus the nominal
-            radius; None without that.
-        h_m: Circular hysteresis H of the first edition (1996): largest difference of the radii of both paths at one
-            angle, about their common least-squares centre.
-    """
-
+    # bi-directional circular deviation G(b): minimum radial separation of two concentric circles that hold both paths
     g_b_m: float
-    g_b_lsc_m: float
+    g_b_lsc_m: float  # the same about the least-squares centre of both
+    # mean bi-directional radial deviation D: radius of the least-squares circle of both minus the nominal radius; None
+    # without that
     d_m: float | None
+    # circular hysteresis H of the first edition (1996): largest difference of the radii of both paths at one angle,
+    # about their common least-squares centre
     h_m: float
 
 

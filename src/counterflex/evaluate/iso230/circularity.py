@@ -13,21 +13,13 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Circularity:
-    """Figures of one measured circle, m.
+    """Figures of one measured circle, m."""
 
-    Attributes:
-        g_m: Circular deviation G: least radial distance between two concentric circles that hold the path.
-        f_max_m: Largest radial deviation F from the nominal circle about its nominal centre; positive = outside.
-        f_min_m: Smallest (most inward) radial deviation F.
-        centre_offset_m: (2,) centre of the two circles minus the nominal centre, in the axes given.
-        radius_m: Mean of the two circles' radii.
-    """
-
-    g_m: float
-    f_max_m: float
-    f_min_m: float
-    centre_offset_m: tuple[float, float]
-    radius_m: float
+    g_m: float  # circular deviation G: least radial distance between two concentric circles that hold the path
+    f_max_m: float  # largest radial deviation F from the nominal circle about its nominal centre; positive = outside
+    f_min_m: float  # smallest (most inward) radial deviation F
+    centre_offset_m: tuple[float, float]  # (2,) centre of the two circles minus the nominal centre, in the axes given
+    radius_m: float  # mean of the two circles' radii
 
 
 def circularity(points: Float, centre: Float, radius_m: float) -> Circularity:

@@ -36,79 +36,45 @@ LONG_M: Final = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Approaches:
-    """Approaches to targets along an axis.
-
-    Attributes:
-        target_m: (n,) m.
-        deviation_m: (n,) attained minus target, m.
-        direction: (n,) 1 towards larger targets, -1 towards smaller ones.
-    """
+    """Approaches to targets along an axis."""
 
     target_m: Float
-    deviation_m: Float
-    direction: Int
+    deviation_m: Float  # (n,) attained minus target, m
+    direction: Int  # (n,) 1 towards larger targets, -1 towards smaller ones
 
 
 @dataclass(frozen=True)
 class TargetFigures:
-    """Figures of one target, m; nan where a direction has too few approaches.
+    """Figures of one target, m; nan where a direction has too few approaches."""
 
-    Attributes:
-        target_m: Place.
-        mean_up_m: Mean deviation from below, and from above.
-        mean_down_m: See mean_up_m.
-        s_up_m: Standard deviation from below, and from above.
-        s_down_m: See s_up_m.
-        reversal_m: B_i.
-        repeatability_m: R_i; of the one direction where there is only one.
-        runs: Approaches from below and from above.
-    """
-
-    target_m: float
-    mean_up_m: float
-    mean_down_m: float
-    s_up_m: float
-    s_down_m: float
-    reversal_m: float
-    repeatability_m: float
-    runs: tuple[int, int]
+    target_m: float  # place
+    mean_up_m: float  # mean deviation from below, and from above
+    mean_down_m: float  # see mean_up_m
+    s_up_m: float  # standard deviation from below, and from above
+    s_down_m: float  # see s_up_m
+    reversal_m: float  # b_i
+    repeatability_m: float  # r_i; of the one direction where there is only one
+    runs: tuple[int, int]  # approaches from below and from above
 
 
 @dataclass(frozen=True)
 class Positioning:
-    """Figures of an axis, m; None where the approaches do not give them.
+    """Figures of an axis, m; None where the approaches do not give them."""
 
-    Attributes:
-        targets: Each target, in order.
-        accuracy_m: A, of both directions.
-        accuracy_up_m: A of the direction from below, and from above.
-        accuracy_down_m: See accuracy_up_m.
-        repeatability_m: R.
-        repeatability_up_m: R from below, and from above.
-        repeatability_down_m: See repeatability_up_m.
-        systematic_m: E.
-        systematic_up_m: E from below, and from above.
-        systematic_down_m: See systematic_up_m.
-        mean_deviation_m: M.
-        reversal_m: B, the largest.
-        mean_reversal_m: Mean of B_i.
-        not_by_standard: What the standard asks for and the test does not have.
-    """
-
-    targets: tuple[TargetFigures, ...]
-    accuracy_m: float | None
-    accuracy_up_m: float | None
-    accuracy_down_m: float | None
-    repeatability_m: float | None
-    repeatability_up_m: float | None
-    repeatability_down_m: float | None
-    systematic_m: float | None
-    systematic_up_m: float | None
-    systematic_down_m: float | None
+    targets: tuple[TargetFigures, ...]  # each target, in order
+    accuracy_m: float | None  # A, of both directions
+    accuracy_up_m: float | None  # A of the direction from below, and from above
+    accuracy_down_m: float | None  # see accuracy_up_m
+    repeatability_m: float | None  # R
+    repeatability_up_m: float | None  # R from below, and from above
+    repeatability_down_m: float | None  # see repeatability_up_m
+    systematic_m: float | None  # E
+    systematic_up_m: float | None  # E from below, and from above
+    systematic_down_m: float | None  # see systematic_up_m
     mean_deviation_m: float | None
-    reversal_m: float | None
-    mean_reversal_m: float | None
-    not_by_standard: tuple[str, ...]
+    reversal_m: float | None  # B, the largest
+    mean_reversal_m: float | None  # mean of B_i
+    not_by_standard: tuple[str, ...]  # what the standard asks for and the test does not have
 
 
 def positioning(approaches: Approaches) -> Positioning:

@@ -17,25 +17,16 @@ _CLOSE: Final = 1e-6
 
 @dataclass(frozen=True)
 class Straightness:
-    """Straightness deviations of one straight path, m.
+    """Straightness deviations of one straight path, m."""
 
-    Attributes:
-        length_m: Of the path.
-        horizontal_m: Distance of two parallel lines that hold the path seen along the up direction, the least possible.
-        vertical_m: The same seen from the side.
-        horizontal_ls_m: Range of the path about the least-squares line seen along the up direction.
-        vertical_ls_m: From the side.
-        cylinder_m: Diameter of the narrowest cylinder that holds the path (ISO 1101).
-        cylinder_ls_m: Twice the largest distance from the least-squares line in space.
-    """
-
-    length_m: float
+    length_m: float  # of the path
+    # distance of two parallel lines that hold the path seen along the up direction, the least possible
     horizontal_m: float
-    vertical_m: float
-    horizontal_ls_m: float
-    vertical_ls_m: float
-    cylinder_m: float
-    cylinder_ls_m: float
+    vertical_m: float  # the same seen from the side
+    horizontal_ls_m: float  # range of the path about the least-squares line seen along the up direction
+    vertical_ls_m: float  # from the side
+    cylinder_m: float  # diameter of the narrowest cylinder that holds the path (ISO 1101)
+    cylinder_ls_m: float  # twice the largest distance from the least-squares line in space
 
 
 def straightness(p: Float) -> Straightness:
@@ -76,7 +67,7 @@ def straightness(p: Float) -> Straightness:
 
 
 def _rest(x: Float, y: Float) -> Float:
-    """What a least-squares line leaves."""
+    """Residuals of a least-squares line."""
     a = np.column_stack([np.ones(len(x)), x - x.mean()])
     out: Float = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
     return out

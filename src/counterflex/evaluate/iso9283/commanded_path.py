@@ -22,17 +22,11 @@ PLACES: Final = 100
 
 @dataclass(frozen=True, eq=False)
 class CommandedPath:
-    """A polyline.
+    """A polyline."""
 
-    Attributes:
-        p: (k, 3) m, k >= 2, in the frame of the commands, no two successive ones equal.
-        R: (k, 3, 3) commanded orientation at them, or None.
-        speed_m_s: Commanded speed along the path, or None.
-    """
-
-    p: Float
-    R: Float | None = None
-    speed_m_s: float | None = None
+    p: Float  # (k, 3) m, k >= 2, in the frame of the commands, no two successive ones equal
+    R: Float | None = None  # (k, 3, 3) commanded orientation at them, or None
+    speed_m_s: float | None = None  # commanded speed along the path, or None
 
     def __post_init__(self) -> None:
         """Check it.

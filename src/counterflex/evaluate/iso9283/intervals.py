@@ -24,19 +24,12 @@ _GRID: Final = np.linspace(-18.0, 18.0, 289)
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure and the interval that holds the true one with :data:`CONFIDENCE`.
+    """A figure and the interval that holds the true one with :data:`CONFIDENCE`."""
 
-    Attributes:
-        value: SI.
-        low: None where too few cycles were measured for an interval.
-        high: Likewise.
-        count: Cycles that it stands on.
-    """
-
-    value: float
-    low: float | None
-    high: float | None
-    count: int
+    value: float  # SI
+    low: float | None  # None where too few cycles were measured for an interval
+    high: float | None  # likewise
+    count: int  # cycles that it stands on
 
     def over(self, unit: float, digits: int = 4) -> dict[str, float | int | None]:
         """In a shop unit: ``value``, ``low``, ``high``, ``cycles``."""

@@ -24,21 +24,13 @@ _SAME_WAY: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Cycle:
-    """One run along the commanded path.
+    """One run along the commanded path."""
 
-    Attributes:
-        first: Reading of the log that it begins with.
-        p: (r, 3) m, readings in the frame of the commands.
-        length_m: (r,) where on the commanded path each lies, not decreasing.
-        R: (r, 3, 3) orientations, or None.
-        time_s: (r,) s, or None where the log has no usable times.
-    """
-
-    first: int
-    p: Float
-    length_m: Float
-    R: Float | None = None
-    time_s: Float | None = None
+    first: int  # reading of the log that it begins with
+    p: Float  # (r, 3) m, readings in the frame of the commands
+    length_m: Float  # (r,) where on the commanded path each lies, not decreasing
+    R: Float | None = None  # (r, 3, 3) orientations, or None
+    time_s: Float | None = None  # (r,) s, or None where the log has no usable times
 
     @cached_property
     def longest_step_m(self) -> float:

@@ -11,35 +11,21 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
+from counterflex.evaluate.iso9283 import intervals
 from counterflex.evaluate.iso9283.commanded_path import ZONE, CommandedPath
-from counterflex.evaluate.iso9283.intervals import (
-    Figure,
-    largest_repeatability,
-    length_figure,
-    mean_figure,
-    three_sigma,
-)
 from counterflex.evaluate.iso9283.path_cycles import REACH_M, Cycle
 from counterflex.geometry import rotation
 
 
 @dataclass(frozen=True, eq=False)
 class Corner:
-    """Cornering deviations at one corner.
+    """Cornering deviations at one corner."""
 
-    Attributes:
-        point: Of the commanded path, index.
-        length_m: Along the path.
-        turn_rad: How much the path turns there.
-        cr_m: (n,) least distance of each attained path from the corner.
-        co_m: (n,) largest deviation of each from the second path, outward; 0 where there is none.
-    """
-
-    point: int
-    length_m: float
-    turn_rad: float
-    cr_m: Float
-    co_m: Float
+    point: int  # of the commanded path, index
+    length_m: float  # along the path
+    turn_rad: float  # how much the path turns there
+    cr_m: Float  # (n,) least distance of each attained path from the corner
+    co_m: Float  # (n,) largest deviation of each from the second path, outward; 0 where there is none
 
 
 def corners(path: CommandedPath, cycles: Sequence[Cycle]) -> list[Corner]:
@@ -96,37 +82,21 @@ _WINDOW_M: Final = 4.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class PathFigures:
-    """Figures of a path and what they come from.
+    """Figures of a path and what they come from."""
 
-    Attributes:
-        length_m: (m,) places along the commanded path.
-        command: (m, 3) m, commanded points there.
-        direction: (m, 3) of the commanded path.
-        p_attained: (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one.
-        turned_rad: (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None.
-        at_p: ``AT_P = max_i |mean_i - c_i|``, m.
-        rt_p: ``RT_P = max_i (mean(l_i) + 3 S_li)``, m; None with one cycle.
-        at_abc: ``max_i |mean a_i|``, rad.
-        rt_abc: ``max_i 3 S_ai``, rad.
-        at_place: Place of the largest ``AT``.
-        rt_place: Of the largest ``RT``, or None.
-        by_place_at_m: (m,) distance of the barycentres.
-        by_place_rt_m: (m,) radius of the tube ``mean(l) + 3 S``; zero with one cycle.
-    """
-
-    length_m: Float
-    command: Float
-    direction: Float
-    p_attained: Float
-    turned_rad: Float | None
-    at_p: Figure
-    rt_p: Figure | None
-    at_abc: tuple[Figure, ...]
-    rt_abc: tuple[Figure, ...]
-    at_place: int
-    rt_place: int | None
-    by_place_at_m: Float
-    by_place_rt_m: Float
+    length_m: Float  # (m,) places along the commanded path
+    command: Float  # (m, 3) m, commanded points there
+    direction: Float  # (m, 3) of the commanded path
+    p_attained: Float  # (m, n, 3) m, where each of n attained paths crosses the plane normal to the commanded one
+    turned_rad: Float | None  # (m, n, 3) rad, rotation vectors from commanded to attained orientation there; or None
+    at_p: intervals.Figure  # `AT_P = max_i |mean_i - c_i|`, m
+    rt_p: intervals.Figure | None  # `RT_P = max_i (mean(l_i) + 3 S_li)`, m; None with one cycle
+    at_abc: tuple[intervals.Figure, ...]  # `max_i |mean a_i|`, rad
+    rt_abc: tuple[intervals.Figure, ...]  # `max_i 3 S_ai`, rad
+    at_place: int  # place of the largest `AT`
+    rt_place: int | None  # of the largest `RT`, or None
+    by_place_at_m: Float  # (m,) distance of the barycentres
+    by_place_rt_m: Float  # (m,) radius of the tube `mean(l) + 3 S`; zero with one cycle
 
 
 def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | None = None) -> PathFigures:
@@ -170,10 +140,12 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
         direction=t,
         p_attained=attained,
         turned_rad=turned,
-        at_p=length_figure(centre[i] - c[i], scatter, n),
-        rt_p=largest_repeatability(attained) if n > 1 else None,
-        at_abc=tuple(_size(mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
-        rt_abc=tuple(max((three_sigma(row) for row in a), key=lambda f: f.value) for a in angles) if n > 1 else (),
+        at_p=intervals.length_figure(centre[i] - c[i], scatter, n),
+        rt_p=intervals.largest_repeatability(attained) if n > 1 else None,
+        at_abc=tuple(_size(intervals.mean_figure(a[int(np.argmax(np.abs(a.mean(axis=1))))])) for a in angles),
+        rt_abc=tuple(max((intervals.three_sigma(row) for row in a), key=lambda f: f.value) for a in angles)
+        if n > 1
+        else (),
         at_place=i,
         rt_place=int(np.argmax(by_rt)) if n > 1 else None,
         by_place_at_m=by_at,
@@ -182,7 +154,7 @@ def path_figures(path: CommandedPath, cycles: Sequence[Cycle], places: Float | N
 
 
 def crossings(cycle: Cycle, s: Float, p_plane: Float, normal: Float) -> Float:
-    """Where an attained path crosses planes: (m, 3) m, NaN where it does not.
+    """Points where an attained path crosses planes: (m, 3) m, NaN where it does not.
 
     Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
 
@@ -225,8 +197,8 @@ def _turned(path: CommandedPath, cycles: Sequence[Cycle], s: Float) -> Float | N
     return out
 
 
-def _size(figure: Figure) -> Figure:
+def _size(figure: intervals.Figure) -> intervals.Figure:
     """The figure as a magnitude: turned round where it is negative."""
     if figure.value >= 0.0 or figure.low is None or figure.high is None:
-        return Figure(abs(figure.value), figure.low, figure.high, figure.count)
-    return Figure(-figure.value, -figure.high, -figure.low, figure.count)
+        return intervals.Figure(abs(figure.value), figure.low, figure.high, figure.count)
+    return intervals.Figure(-figure.value, -figure.high, -figure.low, figure.count)

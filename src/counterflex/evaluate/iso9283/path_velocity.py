@@ -25,27 +25,16 @@ _PLACES: Final = 50
 
 @dataclass(frozen=True, eq=False)
 class PathVelocity:
-    """Velocity figures.
+    """Velocity figures."""
 
-    Attributes:
-        commanded_m_s: Commanded velocity.
-        av: ``AV = mean(v) - v_c``, m/s; the standard gives it in % of ``v_c``.
-        rv: ``RV = 3 S_v`` of the cycles' means, m/s; None with one cycle.
-        fv_m_s: ``FV = max_j (max_i v_ij - min_i v_ij)``, m/s.
-        mean_m_s: (n,) mean of each cycle.
-        length_m: (m,) places.
-        v: (n, m) m/s.
-        noise_m_s: Standard deviation of one velocity that the noise of the readings alone gives.
-    """
-
-    commanded_m_s: float
-    av: Figure
-    rv: Figure | None
-    fv_m_s: float
-    mean_m_s: Float
-    length_m: Float
+    commanded_m_s: float  # commanded velocity
+    av: Figure  # `AV = mean(v) - v_c`, m/s; the standard gives it in % of `v_c`
+    rv: Figure | None  # `RV = 3 S_v` of the cycles' means, m/s; None with one cycle
+    fv_m_s: float  # `FV = max_j (max_i v_ij - min_i v_ij)`, m/s
+    mean_m_s: Float  # (n,) mean of each cycle
+    length_m: Float  # (m,) places
     v: Float
-    noise_m_s: float
+    noise_m_s: float  # standard deviation of one velocity that the noise of the readings alone gives
 
 
 def path_velocity(path: CommandedPath, cycles: Sequence[Cycle], window_s: float = WINDOW_S) -> PathVelocity:

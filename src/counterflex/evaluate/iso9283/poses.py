@@ -15,31 +15,18 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.evaluate.iso9283.intervals import (
-    Figure,
-    largest_repeatability,
-    length_figure,
-    mean_figure,
-    three_sigma,
-)
+from counterflex.evaluate.iso9283 import intervals
 from counterflex.geometry import rotation
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCycles:
-    """One commanded pose, attained n times from the same direction; in the frame of the commands.
+    """One commanded pose, attained n times from the same direction; in the frame of the commands."""
 
-    Attributes:
-        command: (4, 4) commanded pose.
-        p: (n, 3) m, attained positions.
-        R: (n, 3, 3) attained orientations, or None where only positions were measured.
-        time_s: (n,) when, or None.
-    """
-
-    command: Float
-    p: Float
-    R: Float | None = None
-    time_s: Float | None = None
+    command: Float  # (4, 4) commanded pose
+    p: Float  # (n, 3) m, attained positions
+    R: Float | None = None  # (n, 3, 3) attained orientations, or None where only positions were measured
+    time_s: Float | None = None  # (n,) when, or None
 
     def __post_init__(self) -> None:
         """Check shapes.
@@ -67,21 +54,13 @@ class PoseCycles:
 
 @dataclass(frozen=True)
 class PoseFigures:
-    """Figures of one pose.
+    """Figures of one pose."""
 
-    Attributes:
-        ap: Positioning accuracy ``AP_P = |mean - command|``, m.
-        ap_xyz: Its components ``mean - command``, m.
-        ap_abc: Orientation accuracy, rad; empty without orientation.
-        rp: Positioning repeatability ``RP_l = mean(l) + 3 S_l``, m; None with one cycle.
-        rp_abc: Orientation repeatability ``3 S``, rad.
-    """
-
-    ap: Figure
-    ap_xyz: tuple[Figure, ...]
-    ap_abc: tuple[Figure, ...]
-    rp: Figure | None
-    rp_abc: tuple[Figure, ...]
+    ap: intervals.Figure  # positioning accuracy `AP_P = |mean - command|`, m
+    ap_xyz: tuple[intervals.Figure, ...]  # its components `mean - command`, m
+    ap_abc: tuple[intervals.Figure, ...]  # orientation accuracy, rad; empty without orientation
+    rp: intervals.Figure | None  # positioning repeatability `RP_l = mean(l) + 3 S_l`, m; None with one cycle
+    rp_abc: tuple[intervals.Figure, ...]  # orientation repeatability `3 S`, rad
 
 
 def pose_figures(cycles: PoseCycles) -> PoseFigures:
@@ -98,15 +77,24 @@ def pose_figures(cycles: PoseCycles) -> PoseFigures:
     turned = cycles.turned
     angles = () if turned is None else tuple(turned.T)
     return PoseFigures(
-        ap=length_figure(d.mean(axis=0), scatter, n),
-        ap_xyz=tuple(mean_figure(x) for x in d.T),
-        ap_abc=tuple(mean_figure(x) for x in angles),
-        rp=largest_repeatability(cycles.p[None]) if n > 1 else None,
-        rp_abc=tuple(three_sigma(x) for x in angles) if n > 1 else (),
+        ap=intervals.length_figure(d.mean(axis=0), scatter, n),
+        ap_xyz=tuple(intervals.mean_figure(x) for x in d.T),
+        ap_abc=tuple(intervals.mean_figure(x) for x in angles),
+        rp=intervals.largest_repeatability(cycles.p[None]) if n > 1 else None,
+        rp_abc=tuple(intervals.three_sigma(x) for x in angles) if n > 1 else (),
     )
 
 
-def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[Figure, ...]]:
+def _difference(one: Float, other: Float) -> intervals.Figure:
+    """Distance of two means with its uncertainty."""
+    scatter = np.zeros((3, 3))
+    for x in (one, other):
+        if len(x) > 1:
+            scatter += np.diag(np.var(x, axis=0, ddof=1)) / len(x) if x.shape[1] == 1 else np.cov(x.T) / len(x)
+    return intervals.length_figure(one.mean(axis=0) - other.mean(axis=0), scatter, min(len(one), len(other)))
+
+
+def multi_directional(directions: Sequence[PoseCycles]) -> tuple[intervals.Figure, tuple[intervals.Figure, ...]]:
     """Variation vAP of the accuracy of one pose attained from several directions: position m, angles a, b, c rad.
 
     ``vAP_P = max |mean_h - mean_k|`` over pairs of directions; ``vAP_a = max |a_h - a_k|``.
@@ -118,16 +106,8 @@ def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[F
     """
     if len(directions) < 2:
         raise InputError("a variation needs two directions of approach", value=len(directions), limit=">= 2")
-
-    def difference(one: Float, other: Float) -> Figure:
-        scatter = np.zeros((3, 3))
-        for x in (one, other):
-            if len(x) > 1:
-                scatter += np.diag(np.var(x, axis=0, ddof=1)) / len(x) if x.shape[1] == 1 else np.cov(x.T) / len(x)
-        return length_figure(one.mean(axis=0) - other.mean(axis=0), scatter, min(len(one), len(other)))
-
     pairs = list(itertools.combinations(directions, 2))
-    position = max((difference(h.p, k.p) for h, k in pairs), key=lambda f: f.value)
+    position = max((_difference(h.p, k.p) for h, k in pairs), key=lambda f: f.value)
     if any(one.turned is None for one in directions):
         return position, ()
     angles = []
@@ -135,27 +115,19 @@ def multi_directional(directions: Sequence[PoseCycles]) -> tuple[Figure, tuple[F
         only = np.zeros(3)
         only[axis] = 1.0
         turned = [(h.turned * only, k.turned * only) for h, k in pairs if h.turned is not None and k.turned is not None]
-        angles.append(max((difference(h, k) for h, k in turned), key=lambda f: f.value))
+        angles.append(max((_difference(h, k) for h, k in turned), key=lambda f: f.value))
     return position, tuple(angles)
 
 
 @dataclass(frozen=True)
 class DistanceFigures:
-    """Figures of the distance between two commanded poses.
+    """Figures of the distance between two commanded poses."""
 
-    Attributes:
-        commanded_m: Commanded distance.
-        ad: ``AD_P = mean(D) - D_c``, m, signed.
-        rd: ``RD = 3 S_D``, m; None with one cycle.
-        ad_xyz: Components ``mean |x1 - x2| - |x1c - x2c|``, m.
-        rd_xyz: Their ``3 S``, m.
-    """
-
-    commanded_m: float
-    ad: Figure
-    rd: Figure | None
-    ad_xyz: tuple[Figure, ...]
-    rd_xyz: tuple[Figure, ...]
+    commanded_m: float  # commanded distance
+    ad: intervals.Figure  # `AD_P = mean(D) - D_c`, m, signed
+    rd: intervals.Figure | None  # `RD = 3 S_D`, m; None with one cycle
+    ad_xyz: tuple[intervals.Figure, ...]  # components `mean |x1 - x2| - |x1c - x2c|`, m
+    rd_xyz: tuple[intervals.Figure, ...]  # their `3 S`, m
 
 
 def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
@@ -178,32 +150,24 @@ def distance_figures(one: PoseCycles, other: PoseCycles) -> DistanceFigures:
     repeated = len(d) > 1
     return DistanceFigures(
         commanded_m=size,
-        ad=mean_figure(d),
-        rd=three_sigma(d) if repeated else None,
-        ad_xyz=tuple(mean_figure(x) for x in by_axis),
-        rd_xyz=tuple(three_sigma(x) for x in by_axis) if repeated else (),
+        ad=intervals.mean_figure(d),
+        rd=intervals.three_sigma(d) if repeated else None,
+        ad_xyz=tuple(intervals.mean_figure(x) for x in by_axis),
+        rd_xyz=tuple(intervals.three_sigma(x) for x in by_axis) if repeated else (),
     )
 
 
 @dataclass(frozen=True)
 class Drift:
-    """Drift of one pose over blocks of cycles.
+    """Drift of one pose over blocks of cycles."""
 
-    Attributes:
-        time_s: (k,) mean time of each block.
-        ap_m: (k,) AP of each block.
-        rp_m: (k,) RP of each block.
-        dap_m: ``dAP_P = max |AP_0 - AP_T|``.
-        drp_m: ``dRP_l = max |RP_0 - RP_T|``.
-        moved_m: Farthest that a barycentre lies from the first one; not a figure of the standard, which cannot tell
-            a pose that drifts around its command from one that stays.
-    """
-
-    time_s: Float
-    ap_m: Float
-    rp_m: Float
-    dap_m: float
-    drp_m: float
+    time_s: Float  # (k,) mean time of each block
+    ap_m: Float  # (k,) AP of each block
+    rp_m: Float  # (k,) RP of each block
+    dap_m: float  # `dAP_P = max |AP_0 - AP_T|`
+    drp_m: float  # `dRP_l = max |RP_0 - RP_T|`
+    # farthest that a barycentre lies from the first one; not a figure of the standard, which cannot tell a pose that
+    # drifts around its command from one that stays
     moved_m: float
 
 
@@ -222,7 +186,7 @@ def drift(cycles: PoseCycles, block: int = 10) -> Drift | None:
     p = cycles.p[: blocks * block].reshape(blocks, block, 3)
     centre = p.mean(axis=1)
     ap = np.linalg.norm(centre - cycles.command[:3, 3], axis=1)
-    rp = np.array([largest_repeatability(x[None]).value for x in p])
+    rp = np.array([intervals.largest_repeatability(x[None]).value for x in p])
     return Drift(
         time_s=cycles.time_s[: blocks * block].reshape(blocks, block).mean(axis=1),
         ap_m=ap,

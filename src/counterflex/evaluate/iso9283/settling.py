@@ -20,14 +20,11 @@ _READINGS: Final = 10
 class Settled:
     """One approach.
 
-    Attributes:
-        time_s: From the first entry into the limit band until the pose stays in it.
-        overshoot_m: Largest distance from the attained pose after that first entry; 0 where it stays within the band.
-
     An excursion counts where it leaves the band by more than the readings at rest scatter: noise on the way in is none.
     """
 
-    time_s: float
+    time_s: float  # from the first entry into the limit band until the pose stays in it
+    # largest distance from the attained pose after that first entry; 0 where it stays within the band
     overshoot_m: float
 
 

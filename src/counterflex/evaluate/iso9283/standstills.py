@@ -24,21 +24,13 @@ NEAR_M: Final = 20.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class Standstill:
-    """A stretch of a log in which nothing moves.
+    """A stretch of a log in which nothing moves."""
 
-    Attributes:
-        first: Its first reading.
-        last: Its last reading.
-        p: (3,) m, mean of the second half of its readings, when the pose has settled.
-        R: (3, 3) mean orientation there, or None.
-        time_s: Middle of that half.
-    """
-
-    first: int
-    last: int
-    p: Float
-    R: Float | None
-    time_s: float
+    first: int  # its first reading
+    last: int  # its last reading
+    p: Float  # (3,) m, mean of the second half of its readings, when the pose has settled
+    R: Float | None  # (3, 3) mean orientation there, or None
+    time_s: float  # middle of that half
 
 
 def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[Standstill]:

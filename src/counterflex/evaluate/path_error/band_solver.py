@@ -33,18 +33,11 @@ NARROW_M: Final = (2.0 * MM, 12.0 * MM)
 
 @dataclass(frozen=True)
 class Prior:
-    """Sizes and lengths of the two processes.
+    """Sizes and lengths of the two processes."""
 
-    Attributes:
-        wide_m: Standard deviation of the wide one, m.
-        wide_length_m: Its length.
-        narrow_m: Standard deviation of the narrow one, m.
-        narrow_length_m: Its length.
-    """
-
-    wide_m: float
+    wide_m: float  # standard deviation of the wide one, m
     wide_length_m: float
-    narrow_m: float
+    narrow_m: float  # standard deviation of the narrow one, m
     narrow_length_m: float
 
     @property
@@ -94,21 +87,13 @@ _VALUES = (0, 2)
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Linear observations ``y = m . ((1 - t) d[node - 1] + t d[node]) + e``.
+    """Linear observations ``y = m . ((1 - t) d[node - 1] + t d[node]) + e``."""
 
-    Attributes:
-        node: (n,) node at the end of the stretch.
-        share: (n,) t.
-        normal: (n, 3) m.
-        y_m: (n,) m.
-        variance_m2: (n,) of e.
-    """
-
-    node: Int
-    share: Float
-    normal: Float
+    node: Int  # (n,) node at the end of the stretch
+    share: Float  # (n,) t
+    normal: Float  # (n, 3) m
     y_m: Float
-    variance_m2: Float
+    variance_m2: Float  # (n,) of e
 
     def columns(self) -> tuple[Int, Float]:
         """States (n, 12) that each observation sees, and with which weight."""

@@ -38,17 +38,11 @@ _BATCH: Final = 2000
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Points of the path at which its error is looked for; k of them.
+    """Points of the path at which its error is looked for; k of them."""
 
-    Attributes:
-        row: (k,) row of the path.
-        chain: (k,) number of the run of feed, from rapid to rapid, each begins with its start.
-        station_m: (k,) length along the run.
-    """
-
-    row: Int
-    chain: Int
-    station_m: Float
+    row: Int  # (k,) row of the path
+    chain: Int  # (k,) number of the run of feed, from rapid to rapid, each begins with its start
+    station_m: Float  # (k,) length along the run
 
     def __len__(self) -> int:
         """Number of nodes."""
@@ -79,23 +73,14 @@ class Nodes:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Pairs of a measured place and a stretch of path between two nodes that may have made it.
+    """Pairs of a measured place and a stretch of path between two nodes that may have made it."""
 
-    Attributes:
-        place: (p,) number of the place, not decreasing.
-        node: (p,) node that ends the stretch; it begins at the node before.
-        share: (p,) where on the stretch, 0 at its begin, 1 at its end.
-        gap_m: (p,) distance of the place to the undisturbed tool, along the normal of the surface.
-        normal: (p, 3) unit normal n of the surface at the place.
-        made: (n,) True for places that the program made.
-    """
-
-    place: Int
-    node: Int
-    share: Float
-    gap_m: Float
-    normal: Float
-    made: Bool
+    place: Int  # (p,) number of the place, not decreasing
+    node: Int  # (p,) node that ends the stretch; it begins at the node before
+    share: Float  # (p,) where on the stretch, 0 at its begin, 1 at its end
+    gap_m: Float  # (p,) distance of the place to the undisturbed tool, along the normal of the surface
+    normal: Float  # (p, 3) unit normal n of the surface at the place
+    made: Bool  # (n,) True for places that the program made
 
 
 def nodes_of(path: ToolPath) -> Nodes:

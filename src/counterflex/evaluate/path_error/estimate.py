@@ -19,17 +19,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
-from counterflex.evaluate.path_error.band_solver import (
-    NARROW_M,
-    WIDE_M,
-    WIDTH,
-    Gathered,
-    Observations,
-    Prior,
-    Solved,
-    solved,
-    values_of,
-)
+from counterflex.evaluate.path_error import band_solver
 from counterflex.evaluate.path_error.contacts import Contacts, Nodes
 
 PATCH_M: Final = 2.0 * MM
@@ -89,43 +79,25 @@ _SIGMA_M: Final = (0.3 * UM, 3.0 * MM)
 
 @dataclass(frozen=True, eq=False)
 class PathError:
-    """Error of the tool's path that a measured part shows; k nodes.
+    """Error of the tool's path that a measured part shows; k nodes."""
 
-    Attributes:
-        nodes: Where.
-        error_m: (k, 3) m, actual minus nominal tool tip, axes of the path; zero where nothing is believed.
-        sigma_m: (k, 3) m, standard deviations.
-        draws_m: (d, k, 3) m, draws from what is known, before anything was left out.
-        seen: (k, 3) True where the part shows the component.
-        believed: (k,) True on runs where an error is likelier than none.
-        noise_m: Standard deviation of a single place, from the data.
-        inflation: Factor of the variance of means, see :mod:`.noise`.
-        log_evidence: Logarithm of the evidence with the error over that without it.
-        places: Places that the program made.
-        others: Places that it did not make.
-        outliers: Share of places beyond four standard deviations.
-        explained: Share of the sum of squares of the deviations that the error explains, noise counted as unexplained.
-        prior: Sizes and lengths found.
-        observed: The places as assigned to stretches.
-        place: (n,) their numbers in the part's rows.
-    """
-
-    nodes: Nodes
-    error_m: Float
-    sigma_m: Float
-    draws_m: Float
-    seen: Bool
-    believed: Bool
-    noise_m: float
-    inflation: float
-    log_evidence: float
-    places: int
-    others: int
-    outliers: float
+    nodes: Nodes  # where
+    error_m: Float  # (k, 3) m, actual minus nominal tool tip, axes of the path; zero where nothing is believed
+    sigma_m: Float  # (k, 3) m, standard deviations
+    draws_m: Float  # (d, k, 3) m, draws from what is known, before anything was left out
+    seen: Bool  # (k, 3) True where the part shows the component
+    believed: Bool  # (k,) True on runs where an error is likelier than none
+    noise_m: float  # standard deviation of a single place, from the data
+    inflation: float  # factor of the variance of means, see noise
+    log_evidence: float  # logarithm of the evidence with the error over that without it
+    places: int  # places that the program made
+    others: int  # places that it did not make
+    outliers: float  # share of places beyond four standard deviations
+    # share of the sum of squares of the deviations that the error explains, noise counted as unexplained
     explained: float
-    prior: Prior
-    observed: Observations
-    place: Int
+    prior: band_solver.Prior  # sizes and lengths found
+    observed: band_solver.Observations  # the places as assigned to stretches
+    place: Int  # (n,) their numbers in the part's rows
 
 
 def path_error(part: PartDeviations, nodes: Nodes, contacts: Contacts, *, progress: Progress = silent) -> PathError:
@@ -154,41 +126,41 @@ def path_error(part: PartDeviations, nodes: Nodes, contacts: Contacts, *, progre
     noise, inflation, weight = _start_noise(y, stated), 1.0, np.ones(len(y))
     low, high = np.quantile(y, (0.01, 0.99))
     size = max(float(np.sqrt(np.mean(np.clip(y, low, high) ** 2))), 5.0 * UM)
-    prior = Prior(size, 60.0 * MM, 0.5 * size, 5.0 * MM)
+    prior = band_solver.Prior(size, 60.0 * MM, 0.5 * size, 5.0 * MM)
     d = np.zeros((len(nodes), 3))
     for turn in range(_ROUNDS):
         seen = _assigned(contacts, first, d, y, rng)
         for again in range(2):
             variance = (noise * stated) ** 2 * inflation / weight
-            gathered = Gathered.of(replace(seen, variance_m2=variance), WIDTH * len(nodes))
+            gathered = band_solver.Gathered.of(replace(seen, variance_m2=variance), band_solver.WIDTH * len(nodes))
             if again == 0 and turn in _SIZED:
                 prior = _likeliest(nodes, prior, gathered)
-            done = solved(nodes, prior, gathered)
+            done = band_solver.solved(nodes, prior, gathered)
             residual = seen.y_m - seen.seen(done.mean)
             noise = max(1.4826 * float(np.median(np.abs(residual / stated))), 1e-3)
             weight = (_FREEDOM + 1.0) / (_FREEDOM + (residual / (noise * stated)) ** 2)
             weight /= float(np.mean(weight))
             inflation = variance_inflation(residual, noise * stated, part.points[place], part.face[place])
-        d = values_of(done.mean)
+        d = band_solver.values_of(done.mean)
         progress((turn + 1.0) / _ROUNDS)
     seen = replace(seen, variance_m2=(noise * stated) ** 2 * inflation / weight)
     return _believed(seen, nodes, prior, done, part, place, noise * stated, inflation)
 
 
 def _believed(
-    seen: Observations,
+    seen: band_solver.Observations,
     nodes: Nodes,
-    prior: Prior,
-    done: Solved,
+    prior: band_solver.Prior,
+    done: band_solver.Solved,
     part: PartDeviations,
     place: Int,
     scatter: Float,
     inflation: float,
 ) -> PathError:
-    """What is likelier with an error than without, run by run."""
-    draws = values_of(done.draws(_DRAWS, _SEED))
+    """Mark runs that are likelier with an error than without."""
+    draws = band_solver.values_of(done.draws(_DRAWS, _SEED))
     sigma = np.hypot(np.std(draws, axis=0), _TIE_M)
-    mean = values_of(done.mean)
+    mean = band_solver.values_of(done.mean)
     residual = seen.y_m - seen.seen(done.mean)
     chain = nodes.chain[seen.node]
     gain = np.zeros(int(nodes.chain.max()) + 1)
@@ -220,12 +192,14 @@ def _believed(
     )
 
 
-def _gain(seen: Observations, own: Bool, nodes: Nodes, prior: Prior) -> float:
+def _gain(seen: band_solver.Observations, own: Bool, nodes: Nodes, prior: band_solver.Prior) -> float:
     """Logarithm of the evidence of some observations with an error of the path over that without one."""
-    some = Observations(seen.node[own], seen.share[own], seen.normal[own], seen.y_m[own], seen.variance_m2[own])
-    gathered = Gathered.of(some, WIDTH * len(nodes))
+    some = band_solver.Observations(
+        seen.node[own], seen.share[own], seen.normal[own], seen.y_m[own], seen.variance_m2[own]
+    )
+    gathered = band_solver.Gathered.of(some, band_solver.WIDTH * len(nodes))
     none = -0.5 * (gathered.square - gathered.log_weight + gathered.count * float(np.log(2.0 * np.pi)))
-    return solved(nodes, prior, gathered).log_evidence - none
+    return band_solver.solved(nodes, prior, gathered).log_evidence - none
 
 
 def _start_noise(y: Float, stated: Float) -> float:
@@ -234,7 +208,7 @@ def _start_noise(y: Float, stated: Float) -> float:
     return float(np.clip(1.4826 * np.median(np.abs(step)), 0.05, 20.0)) if len(step) else 1.0
 
 
-def _assigned(contacts: Contacts, first: Int, d: Float, y: Float, rng: np.random.Generator) -> Observations:
+def _assigned(contacts: Contacts, first: Int, d: Float, y: Float, rng: np.random.Generator) -> band_solver.Observations:
     """Each place with the stretch that leaves the least on it; ties are drawn (Gumbel), so that they are shared out."""
     begin = d[contacts.node - 1]
     own = begin + contacts.share[:, None] * (d[contacts.node] - begin)
@@ -243,24 +217,28 @@ def _assigned(contacts: Contacts, first: Int, d: Float, y: Float, rng: np.random
     group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(left))))
     order = np.lexsort((drawn, group))
     pick = order[first]
-    return Observations(
+    return band_solver.Observations(
         contacts.node[pick], contacts.share[pick], contacts.normal[pick], y - contacts.gap_m[pick], np.ones(len(y))
     )
 
 
-def _likeliest(nodes: Nodes, prior: Prior, gathered: Gathered) -> Prior:
+def _likeliest(nodes: Nodes, prior: band_solver.Prior, gathered: band_solver.Gathered) -> band_solver.Prior:
     """Sizes and lengths with the largest evidence."""
-    low = np.log([_SIGMA_M[0], WIDE_M[0], _SIGMA_M[0], NARROW_M[0]])
-    high = np.log([_SIGMA_M[1], WIDE_M[1], _SIGMA_M[1], NARROW_M[1]])
-
-    def cost(x: Float) -> float:
-        beyond = float(np.sum(np.maximum(0.0, low - x) + np.maximum(0.0, x - high)))
-        a, b, c, e = np.exp(np.clip(x, low, high)).tolist()
-        return -solved(nodes, Prior(a, b, c, e), gathered).log_evidence + 100.0 * beyond
-
+    low = np.log([_SIGMA_M[0], band_solver.WIDE_M[0], _SIGMA_M[0], band_solver.NARROW_M[0]])
+    high = np.log([_SIGMA_M[1], band_solver.WIDE_M[1], _SIGMA_M[1], band_solver.NARROW_M[1]])
     start = np.log([prior.wide_m, prior.wide_length_m, prior.narrow_m, prior.narrow_length_m])
     best = scipy.optimize.minimize(
-        cost, np.clip(start, low, high), method="Nelder-Mead", options={"maxfev": 70, "xatol": 0.05}
+        _improbability,
+        np.clip(start, low, high),
+        args=(low, high, nodes, gathered),
+        method="Nelder-Mead",
+        options={"maxfev": 70, "xatol": 0.05},
     )
-    a, b, c, e = np.exp(np.clip(best.x, low, high)).tolist()
-    return Prior(a, b, c, e)
+    return band_solver.Prior(*np.exp(np.clip(best.x, low, high)).tolist())
+
+
+def _improbability(x: Float, low: Float, high: Float, nodes: Nodes, gathered: band_solver.Gathered) -> float:
+    """Negative logarithm of the evidence of a prior (logarithms x), which rises outside of its bounds."""
+    beyond = float(np.sum(np.maximum(0.0, low - x) + np.maximum(0.0, x - high)))
+    prior = band_solver.Prior(*np.exp(np.clip(x, low, high)).tolist())
+    return -band_solver.solved(nodes, prior, gathered).log_evidence + 100.0 * beyond

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -33,42 +34,25 @@ _STEPS: Final = 16
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """Something that may be other than planned with.
+    """Something that may be other than planned with."""
 
-    Attributes:
-        name: What.
-        factors: (q,) names of its factors, the unit last.
-        pattern: (q, k, 3) displacement of the tool at the nodes by one of each, m.
-        sigma: (q,) what is known of each: standard deviation about 0.
-    """
-
-    name: str
-    factors: tuple[str, ...]
-    pattern: Float
-    sigma: Float
+    name: str  # what
+    factors: tuple[str, ...]  # (q,) names of its factors, the unit last
+    pattern: Float  # (q, k, 3) displacement of the tool at the nodes by one of each, m
+    sigma: Float  # (q,) what is known of each: standard deviation about 0
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """How well some causes together explain the deviations.
+    """Evidence that some causes together explain the deviations."""
 
-    Attributes:
-        name: The causes.
-        factors: (q,) names.
-        value: (q,) estimates.
-        sigma: (q,) their standard deviations.
-        correlation: (q, q) of the estimates.
-        log_evidence: Logarithm of the evidence over that of no cause at all.
-        explained: Share of the sum of squares of the deviations.
-    """
-
-    name: str
-    factors: tuple[str, ...]
-    value: Float
-    sigma: Float
-    correlation: Float
-    log_evidence: float
-    explained: float
+    name: str  # the causes
+    factors: tuple[str, ...]  # (q,) names
+    value: Float  # (q,) estimates
+    sigma: Float  # (q,) their standard deviations
+    correlation: Float  # (q, q) of the estimates
+    log_evidence: float  # logarithm of the evidence over that of no cause at all
+    explained: float  # share of the sum of squares of the deviations
 
 
 def explanations(
@@ -105,6 +89,20 @@ def explanations(
     return sorted(out, key=lambda e: -e.log_evidence)
 
 
+def _factors(
+    nodes: Nodes, prior: Prior, gathered: Gathered, gram: Float, right: Float, sizes: Float
+) -> tuple[float, Float, Float]:
+    """Evidence, factors of the causes and their covariance, with sizes (logarithms) of the rest."""
+    a, b = np.exp(sizes).tolist()
+    done = solved(nodes, Prior(a, prior.wide_length_m, b, prior.narrow_length_m), gathered)
+    S = gram - right.T @ done.solve(right)
+    M = np.eye(len(S) - 1) + S[1:, 1:]
+    covariance: Float = np.asarray(np.linalg.inv(M), dtype=np.float64)
+    factor = covariance @ S[1:, 0]
+    gain = 0.5 * (float(S[0, 1:] @ factor) - float(np.linalg.slogdet(M)[1]))
+    return done.log_evidence + gain, factor, covariance
+
+
 def _weighed(
     observed: Observations, nodes: Nodes, prior: Prior, gathered: Gathered, causes: tuple[Cause, ...]
 ) -> Explanation:
@@ -121,26 +119,16 @@ def _weighed(
     for i in range(index.shape[1]):
         for j in range(columns.shape[1]):
             right[:, j] += np.bincount(index[:, i], w * weight[:, i] * columns[:, j], minlength=states)
-    gram = columns.T @ (w[:, None] * columns)
-
-    def at(sizes: Float) -> tuple[float, Float, Float]:
-        a, b = np.exp(sizes).tolist()
-        done = solved(nodes, Prior(a, prior.wide_length_m, b, prior.narrow_length_m), gathered)
-        S = gram - right.T @ done.solve(right)
-        M = np.eye(len(before)) + S[1:, 1:]
-        covariance = np.linalg.inv(M)
-        factor = covariance @ S[1:, 0]
-        gain = 0.5 * (float(S[0, 1:] @ factor) - float(np.linalg.slogdet(M)[1]))
-        return done.log_evidence + gain, factor, covariance
-
+    at = partial(_factors, nodes, prior, gathered, columns.T @ (w[:, None] * columns), right)
     low, high = np.log(0.3 * UM), np.log(3.0 * MM)
     usual = np.clip(np.log([prior.wide_m, prior.narrow_m]), low, high)
-
-    def penalised(x: Float) -> float:
-        return -at(np.clip(x, low, high))[0] + 0.5 * float(np.sum(((x - usual) / np.log(FACTOR)) ** 2))
-
-    best = scipy.optimize.minimize(penalised, usual, method="Nelder-Mead", options={"maxfev": _STEPS, "xatol": 0.1})
-    evidence, factor, covariance = at(np.clip(best.x, low, high))
+    best = scipy.optimize.minimize(
+        lambda x: -at(np.clip(x, low, high))[0] + 0.5 * float(np.sum(((x - usual) / np.log(FACTOR)) ** 2)),
+        usual,
+        method="Nelder-Mead",
+        options={"maxfev": _STEPS, "xatol": 0.1},
+    )
+    _, factor, covariance = at(np.clip(best.x, low, high))
     evidence = -float(best.fun)
     sigma = np.sqrt(np.diag(covariance))
     left = observed.y_m - HB @ factor

@@ -23,19 +23,12 @@ _SEED: Final = 21
 
 @dataclass(frozen=True)
 class Expected:
-    """Deviation of the surface that 99.7 % of the places stay below, m, without the noise of the scan.
+    """Deviation of the surface that 99.7 % of the places stay below, m, without the noise of the scan."""
 
-    Attributes:
-        now_m: Of the measured part.
-        median_m: Of the next one.
-        low_m: 5 % of what may be are below.
-        high_m: 5 % are above.
-    """
-
-    now_m: float
-    median_m: float
-    low_m: float
-    high_m: float
+    now_m: float  # of the measured part
+    median_m: float  # of the next one
+    low_m: float  # 5 % of what may be are below
+    high_m: float  # 5 % are above
 
 
 def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: Float | None = None) -> Expected:
@@ -48,21 +41,21 @@ def expected(estimate: PathError, contacts: Contacts, taken_m: Float, unsure_m: 
         unsure_m: (j, k, 3) m, independent patterns of what the tool may do besides, one standard deviation each.
     """
     rng = np.random.default_rng(_SEED)
-
-    def figure(error: Float) -> float:
-        return float(np.quantile(np.abs(left_on(contacts, error)), _SHARE))
-
     factors = 1.0 + RESPONSE * rng.standard_normal(len(estimate.draws_m))
     patterns = np.zeros((0, *taken_m.shape)) if unsure_m is None else unsure_m
     scale = SPREAD ** rng.standard_normal((len(factors), 1))
     sizes = scale * rng.standard_normal((len(factors), len(patterns)))
     besides = np.einsum("dj,jkc->dkc", sizes, patterns)
     after = [
-        figure(draw - factor * taken_m + other)
+        _figure(contacts, draw - factor * taken_m + other)
         for draw, factor, other in zip(estimate.draws_m, factors, besides, strict=True)
     ]
     low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
-    return Expected(figure(np.mean(estimate.draws_m, axis=0)), median, low, high)
+    return Expected(_figure(contacts, np.mean(estimate.draws_m, axis=0)), median, low, high)
+
+
+def _figure(contacts: Contacts, error_m: Float) -> float:
+    return float(np.quantile(np.abs(left_on(contacts, error_m)), _SHARE))
 
 
 _FEW: Final = 30
@@ -71,34 +64,21 @@ _FEW: Final = 30
 
 @dataclass(frozen=True, eq=False)
 class MeasuredError:
-    """Error of the path of one part, at the n rows of the path.
+    """Error of the path of one part, at the n rows of the path."""
 
-    Attributes:
-        taken_m: (n, 3) m, displacement of the tool that its program took back because of earlier parts.
-        error_m: (n, 3) m, error that it left; zero where none is believed.
-        sigma_m: (n, 3) m, standard deviations of the error.
-        seen: (n, 3) True where the part shows the component.
-    """
-
-    taken_m: Float
-    error_m: Float
-    sigma_m: Float
-    seen: Bool
+    taken_m: Float  # (n, 3) m, displacement of the tool that its program took back because of earlier parts
+    error_m: Float  # (n, 3) m, error that it left; zero where none is believed
+    sigma_m: Float  # (n, 3) m, standard deviations of the error
+    seen: Bool  # (n, 3) True where the part shows the component
 
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """What all parts together say.
+    """Error that all parts together show."""
 
-    Attributes:
-        total_m: (n, 3) m, displacement that the next program has to take back.
-        sigma_m: (n, 3) m, its standard deviation.
-        between_m: Standard deviation of a part about what repeats, m; nan with one part of a program.
-    """
-
-    total_m: Float
-    sigma_m: Float
-    between_m: float
+    total_m: Float  # (n, 3) m, displacement that the next program has to take back
+    sigma_m: Float  # (n, 3) m, its standard deviation
+    between_m: float  # standard deviation of a part about what repeats, m; nan with one part of a program
 
 
 def repeated(parts: Sequence[MeasuredError]) -> Repeated:

@@ -45,17 +45,11 @@ _ORDER: Final = (
 
 @dataclass(frozen=True)
 class WallPair:
-    """Two parallel walls.
+    """Two parallel walls."""
 
-    Attributes:
-        walls: Both.
-        size_m: Distance, m.
-        facing: Cut between them; else material.
-    """
-
-    walls: tuple[WallSegment, WallSegment]
-    size_m: float
-    facing: bool
+    walls: tuple[WallSegment, WallSegment]  # both
+    size_m: float  # distance, m
+    facing: bool  # cut between them; else material
 
     @property
     def common_m(self) -> tuple[float, float]:
@@ -67,25 +61,15 @@ class WallPair:
 
 @dataclass(frozen=True, eq=False)
 class PrismaticFeature:
-    """A feature found on the surface.
+    """A feature found on the surface."""
 
-    Attributes:
-        name: For the table.
-        pairs: Its pairs of walls, the longer size first.
-        walls: Its single walls.
-        contour: Its curved walls.
-        circle_m: Centre and radius, m, where the contour is a circle.
-        floor: (n, 2) m, places on its floor, on a grid; empty where it has none.
-        floor_m: Height of the floor where it is level; nan else.
-    """
-
-    name: str
-    pairs: tuple[WallPair, ...] = ()
-    walls: tuple[WallSegment, ...] = ()
-    contour: tuple[WallSegment, ...] = ()
-    circle_m: tuple[float, float, float] | None = None
-    floor: Float | None = None
-    floor_m: float = float("nan")
+    name: str  # for the table
+    pairs: tuple[WallPair, ...] = ()  # its pairs of walls, the longer size first
+    walls: tuple[WallSegment, ...] = ()  # its single walls
+    contour: tuple[WallSegment, ...] = ()  # its curved walls
+    circle_m: tuple[float, float, float] | None = None  # centre and radius, m, where the contour is a circle
+    floor: Float | None = None  # (n, 2) m, places on its floor, on a grid; empty where it has none
+    floor_m: float = float("nan")  # height of the floor where it is level; nan else
 
     @property
     def kind(self) -> str:
@@ -177,11 +161,9 @@ def _foot(wall: WallSegment, surface: NominalSurface, labels: Int) -> int:
 def _pairs(
     walls: Sequence[WallSegment], region: Sequence[int], used: set[int], facing: bool
 ) -> list[tuple[int, WallPair]]:
-    """Pairs of parallel walls at one floor, with the floor.
-
-    Of several that face a wall the furthest counts, because islands stand between the walls of a pocket; of several
-    behind it the nearest.
-    """
+    """Pairs of parallel walls at one floor, with the floor."""
+    # Of several that face a wall the furthest counts, because islands stand between the walls of a pocket; of several
+    # behind it the nearest.
     sized = []
     for a, first in enumerate(walls):
         for b in range(a + 1, len(walls)):

@@ -25,21 +25,13 @@ _MIDDLE: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class WallSegment:
-    """A piece of wall.
+    """A piece of wall."""
 
-    Attributes:
-        points: (n, 3) m, half way up, part frame.
-        normals: (n, 2) horizontal unit normals, from the cut into the material.
-        low_m: Height of its foot, m.
-        high_m: Height of its top, m.
-        straight: Whether it is plane.
-    """
-
-    points: Float
-    normals: Float
-    low_m: float
-    high_m: float
-    straight: bool
+    points: Float  # (n, 3) m, half way up, part frame
+    normals: Float  # (n, 2) horizontal unit normals, from the cut into the material
+    low_m: float  # height of its foot, m
+    high_m: float  # height of its top, m
+    straight: bool  # whether it is plane
 
     @property
     def normal(self) -> Float:

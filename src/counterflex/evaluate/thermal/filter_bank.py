@@ -21,23 +21,14 @@ _HOUR: Final = 3600.0
 
 @dataclass(eq=False)
 class Bank:
-    """One filter for each time constant and drift.
+    """One filter for each time constant and drift."""
 
-    Attributes:
-        growth_walk_m: Standard deviation over an hour of what a single time constant leaves out of g.
-        tau_s: (m,) time constants.
-        walk_m: (m,) drifts of the arm over an hour.
-        x: (m, STATES) states.
-        P: (m, STATES, STATES) their covariances.
-        log_weight: (m,) logarithms of the weights, but for a constant.
-    """
-
-    growth_walk_m: float
-    tau_s: Float
-    walk_m: Float
-    x: Float
-    P: Float
-    log_weight: Float
+    growth_walk_m: float  # standard deviation over an hour of what a single time constant leaves out of g
+    tau_s: Float  # (m,) time constants
+    walk_m: Float  # (m,) drifts of the arm over an hour
+    x: Float  # (m, STATES) states
+    P: Float  # (m, STATES, STATES) their covariances
+    log_weight: Float  # (m,) logarithms of the weights, but for a constant
 
     def copy(self) -> Bank:
         """The same filters, apart from these."""

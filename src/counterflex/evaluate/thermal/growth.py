@@ -39,17 +39,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, UM
-from counterflex.evaluate.thermal.filter_bank import (
-    STATES,
-    TAUS,
-    WALKS,
-    Bank,
-    chance,
-    mean_of,
-    size_along,
-    squares,
-    step_over_two,
-)
+from counterflex.evaluate.thermal import filter_bank
 
 WINDOW: Final = 4
 """Touches whose innovations are judged together."""
@@ -64,21 +54,13 @@ SUSPECT: Final = 3e-3
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Touches of one place, in time.
+    """Touches of one place, in time."""
 
-    Attributes:
-        time_s: (n,) rising.
-        deviation_m: (n, 3) m, deviation from where the place was first, part axes.
-        speed_rad_s: (n,) of the spindle since the touch before; 0 stands.
-        sigma_m: (n,) standard deviation of each component.
-        warmer_k: (n,) temperature of the spindle above that of the first touch; NaN is none.
-    """
-
-    time_s: Float
-    deviation_m: Float
-    speed_rad_s: Float
-    sigma_m: Float
-    warmer_k: Float
+    time_s: Float  # (n,) rising
+    deviation_m: Float  # (n, 3) m, deviation from where the place was first, part axes
+    speed_rad_s: Float  # (n,) of the spindle since the touch before; 0 stands
+    sigma_m: Float  # (n,) standard deviation of each component
+    warmer_k: Float  # (n,) temperature of the spindle above that of the first touch; NaN is none
 
     def __post_init__(self) -> None:
         """Check shapes and ranges.
@@ -100,29 +82,21 @@ class Touches:
 
 @dataclass(frozen=True, eq=False)
 class GrowthModel:
-    """What is believed of a machine before the first touch.
+    """Prior of the thermal growth of a machine, before the first touch."""
 
-    Attributes:
-        reference_rad_s: Speed at which A holds.
-        end_m: Expected A.
-        end_sigma_m: Its standard deviation.
-        weights: Of :data:`TAUS`; sum 1.
-        walk_weights: Of :data:`WALKS`; sum 1.
-        arm_walk_m: Largest standard deviation of the arm's drift over an hour, each direction.
-        growth_walk_m: Likewise what the single time constant leaves out of g.
-        per_kelvin_m: Growth per kelvin, or None.
-        per_kelvin_ratio: Relative standard deviation of growth by temperature.
-    """
-
-    reference_rad_s: float = 12_000.0 * 2.0 * math.pi / 60.0
-    end_m: float = 0.0
-    end_sigma_m: float = 80.0 * UM
-    weights: Float = field(default_factory=lambda: np.full(len(TAUS), 1.0 / len(TAUS)))
-    walk_weights: Float = field(default_factory=lambda: np.full(len(WALKS), 1.0 / len(WALKS)))
-    arm_walk_m: float = 25.0 * UM
-    growth_walk_m: float = 4.0 * UM
-    per_kelvin_m: float | None = None
-    per_kelvin_ratio: float = 0.15
+    reference_rad_s: float = 12_000.0 * 2.0 * math.pi / 60.0  # speed at which A holds
+    end_m: float = 0.0  # expected A
+    end_sigma_m: float = 80.0 * UM  # its standard deviation
+    weights: Float = field(
+        default_factory=lambda: np.full(len(filter_bank.TAUS), 1.0 / len(filter_bank.TAUS))
+    )  # of TAUS; sum 1
+    walk_weights: Float = field(
+        default_factory=lambda: np.full(len(filter_bank.WALKS), 1.0 / len(filter_bank.WALKS))
+    )  # of WALKS; sum 1
+    arm_walk_m: float = 25.0 * UM  # largest standard deviation of the arm's drift over an hour, each direction
+    growth_walk_m: float = 4.0 * UM  # likewise what the single time constant leaves out of g
+    per_kelvin_m: float | None = None  # growth per kelvin, or None
+    per_kelvin_ratio: float = 0.15  # relative standard deviation of growth by temperature
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -133,8 +107,8 @@ class GrowthModel:
         for name in ("reference_rad_s", "end_sigma_m", "arm_walk_m", "growth_walk_m", "per_kelvin_ratio"):
             as_positive(f"thermal growth: {name}", getattr(self, name))
         for of, given, count in (
-            ("time constants", self.weights, len(TAUS)),
-            ("drifts of the arm", self.walk_weights, len(WALKS)),
+            ("time constants", self.weights, len(filter_bank.TAUS)),
+            ("drifts of the arm", self.walk_weights, len(filter_bank.WALKS)),
         ):
             w = as_float("thermal growth: weights", given, (count,))
             if np.any(w < 0.0) or not abs(float(w.sum()) - 1.0) < 1e-6:
@@ -143,37 +117,21 @@ class GrowthModel:
 
 @dataclass(frozen=True, eq=False)
 class GrowthCourse:
-    """What the touches say, one row per touch.
+    """Estimate of the growth, one row per touch."""
 
-    Attributes:
-        growth_m: (n,) of the spindle along the tool axis, longer is positive.
-        growth_sigma_m: (n,).
-        arm_m: (n, 3) drift of the tool point, part axes.
-        arm_sigma_m: (n, 3).
-        total_m: (n, 3) both together: where a cut would be off after the touch, part axes.
-        total_sigma_m: (n, 3).
-        surprise_ratio: (n,) squared normalised innovation by its degrees of freedom; NaN for the first touch.
-        holds: (n,) whether the model foretold the last touches.
-        jump_m: (n,) distance from where it was expected of a touch that jumped, or may have where it holds; else 0.
-        jump_sigma_m: (n,) standard deviation of that expectation and the touch, in the direction of the jump.
-        model: What is believed after the last touch.
-        tau_s: Mean time constant.
-        tau_sigma_s: Its standard deviation.
-    """
-
-    growth_m: Float
+    growth_m: Float  # (n,) of the spindle along the tool axis, longer is positive
     growth_sigma_m: Float
-    arm_m: Float
-    arm_sigma_m: Float
-    total_m: Float
-    total_sigma_m: Float
-    surprise_ratio: Float
-    holds: Bool
-    jump_m: Float
-    jump_sigma_m: Float
-    model: GrowthModel
-    tau_s: float
-    tau_sigma_s: float
+    arm_m: Float  # (n, 3) drift of the tool point, part axes
+    arm_sigma_m: Float  # (n, 3)
+    total_m: Float  # (n, 3) both together: where a cut would be off after the touch, part axes
+    total_sigma_m: Float  # (n, 3)
+    surprise_ratio: Float  # (n,) squared normalised innovation by its degrees of freedom; NaN for the first touch
+    holds: Bool  # (n,) whether the model foretold the last touches
+    jump_m: Float  # (n,) distance from where it was expected of a touch that jumped, or may have where it holds; else 0
+    jump_sigma_m: Float  # (n,) standard deviation of that expectation and the touch, in the direction of the jump
+    model: GrowthModel  # what is believed after the last touch
+    tau_s: float  # mean time constant
+    tau_sigma_s: float  # its standard deviation
 
 
 def follow(touches: Touches, axis_part: Float, model: GrowthModel | None = None) -> GrowthCourse:
@@ -193,35 +151,35 @@ def follow(touches: Touches, axis_part: Float, model: GrowthModel | None = None)
         raise InputError("direction of the tool", value=a.tolist(), limit="a length above 0")
     a = a / np.linalg.norm(a)
     n, bank = len(touches.time_s), _bank(believed, touches)
-    means, covariances = np.zeros((n, STATES)), np.zeros((n, STATES, STATES))
+    means, covariances = np.zeros((n, filter_bank.STATES)), np.zeros((n, filter_bank.STATES, filter_bank.STATES))
     means[0], covariances[0] = bank.mixed()
     surprise, freedom = np.full(n, np.nan), np.zeros(n)
     jump, jump_sigma, foreseen = np.zeros(n), np.zeros(n), np.ones(n, dtype=np.bool_)
-    last: tuple[Bank, Float, Float, Float] | None = None
+    last: tuple[filter_bank.Bank, Float, Float, Float] | None = None
     for k in range(1, n):
         dt, u = touches.time_s[k] - touches.time_s[k - 1], touches.speed_rad_s[k] / believed.reference_rad_s
         bank.move(dt, u)
         H, y, R = _measured(touches, k, a, believed)
         innovation, S = bank.expected(H, y, R)
-        probability = chance(bank.weights(), innovation, S)
-        off, spread = mean_of(bank.weights(), innovation, S)
+        probability = filter_bank.chance(bank.weights(), innovation, S)
+        off, spread = filter_bank.mean_of(bank.weights(), innovation, S)
         if probability >= CHANCE and last is not None:
-            over_two = step_over_two(*last, dt, u, (H, y, R))
+            over_two = filter_bank.step_over_two(*last, dt, u, (H, y, R))
             if over_two[0] < probability:
                 probability, off, spread = over_two
         foreseen[k] = probability >= CHANCE
         if probability < SUSPECT:
-            jump[k], jump_sigma[k] = size_along(off[:3], spread[:3, :3])
+            jump[k], jump_sigma[k] = filter_bank.size_along(off[:3], spread[:3, :3])
         last = (bank.copy(), H, y, R) if foreseen[k] else None
         if not foreseen[k]:
             bank.P[:, 2:5, 2:5] += jump[k] ** 2 * np.eye(3)
         bank.update(H, y, R)
         freedom[k] = len(y)
-        surprise[k] = squares(innovation, S)[int(np.argmax(bank.log_weight))] / freedom[k]
+        surprise[k] = filter_bank.squares(innovation, S)[int(np.argmax(bank.log_weight))] / freedom[k]
         means[k], covariances[k] = bank.mixed()
     tau_weights, walk_weights = bank.marginals()
-    tau = float(tau_weights @ TAUS)
-    spread_s = float(np.sqrt(tau_weights @ (TAUS - tau) ** 2))
+    tau = float(tau_weights @ filter_bank.TAUS)
+    spread_s = float(np.sqrt(tau_weights @ (filter_bank.TAUS - tau) ** 2))
     total = np.column_stack([a, np.zeros(3), np.eye(3), np.zeros((3, 3))])
     after = replace(
         believed,
@@ -248,18 +206,18 @@ def follow(touches: Touches, axis_part: Float, model: GrowthModel | None = None)
     )
 
 
-def _bank(believed: GrowthModel, touches: Touches) -> Bank:
+def _bank(believed: GrowthModel, touches: Touches) -> filter_bank.Bank:
     """The filters before the first touch, whose own error is part of every later one."""
-    count = len(WALKS) * len(TAUS)
-    x, P = np.zeros((count, STATES)), np.zeros((count, STATES, STATES))
+    count = len(filter_bank.WALKS) * len(filter_bank.TAUS)
+    x, P = np.zeros((count, filter_bank.STATES)), np.zeros((count, filter_bank.STATES, filter_bank.STATES))
     x[:, 1] = believed.end_m
     P[:, 1, 1] = believed.end_sigma_m**2
     P[:, 5:, 5:] = touches.sigma_m[0] ** 2 * np.eye(3)
     weights = np.outer(believed.walk_weights, believed.weights).ravel()
-    return Bank(
+    return filter_bank.Bank(
         believed.growth_walk_m,
-        np.tile(TAUS, len(WALKS)),
-        np.repeat(WALKS * believed.arm_walk_m, len(TAUS)),
+        np.tile(filter_bank.TAUS, len(filter_bank.WALKS)),
+        np.repeat(filter_bank.WALKS * believed.arm_walk_m, len(filter_bank.TAUS)),
         x,
         P,
         np.log(np.maximum(weights, 1e-300)),
@@ -275,7 +233,7 @@ def _measured(touches: Touches, k: int, axis: Float, model: GrowthModel) -> tupl
         return H, y, np.diag(variances)
     grown = model.per_kelvin_m * warmer
     spread = (model.per_kelvin_ratio * grown) ** 2 + (0.3 * model.per_kelvin_m) ** 2  # 0.3 K of the reading itself
-    return np.vstack([H, np.eye(1, STATES)]), np.append(y, grown), np.diag([*variances, spread])
+    return np.vstack([H, np.eye(1, filter_bank.STATES)]), np.append(y, grown), np.diag([*variances, spread])
 
 
 def _together(surprise: Float, freedom: Float, foreseen: Bool) -> Bool:

@@ -18,19 +18,12 @@ MOST: Final = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Stations at one pitch along a path.
+    """Stations at one pitch along a path."""
 
-    Attributes:
-        points: (m, 3) m.
-        directions: (m, 3) unit vectors of travel.
-        sample: (m,) place in the samples that it was made of, as index plus fraction.
-        pitch_m: Distance of neighbours.
-    """
-
-    points: Float
-    directions: Float
-    sample: Float
-    pitch_m: float
+    points: Float  # (m, 3) m
+    directions: Float  # (m, 3) unit vectors of travel
+    sample: Float  # (m,) place in the samples that it was made of, as index plus fraction
+    pitch_m: float  # distance of neighbours
 
     def __len__(self) -> int:
         """Number of stations."""

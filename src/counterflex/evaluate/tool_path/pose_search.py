@@ -41,17 +41,11 @@ _SAME: Final = (5.0 * MM, 3.0 * DEG)
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A pose that a log may have.
+    """A pose that a log may have."""
 
-    Attributes:
-        T_path_log: (4, 4) of the log's frame in the frame of the path.
-        score_m: Mean distance of the path's feed places from the log, each at most :data:`CAP_M`.
-        share: Of the feed places that the log passes within :data:`NEAR_M`.
-    """
-
-    T_path_log: Float
-    score_m: float
-    share: float
+    T_path_log: Float  # (4, 4) of the log's frame in the frame of the path
+    score_m: float  # mean distance of the path's feed places from the log, each at most CAP_M
+    share: float  # of the feed places that the log passes within NEAR_M
 
     @property
     def fits(self) -> bool:
@@ -60,7 +54,7 @@ class Place:
 
 
 def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> Place:
-    """How well a log in a given pose follows the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
+    """Score of a log in a given pose against the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
     rows = np.flatnonzero(feed > 0.5)
     distance, _ = _nearest(path, rows, log, _tree(log), T_path_log)
     capped = np.minimum(distance, CAP_M)
@@ -122,8 +116,19 @@ def searched(path: Curve, feed: Float, log: Curve, where: str) -> Place:
     raise diagnosed(path, feed, log, where, proper)
 
 
+def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
+    """Words for the unit in which a log would lie on the path, if there is one."""
+    for name, factor in UNITS.items():
+        for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
+            scaled = log.scaled(times)
+            fitting = places(path, feed, scaled) if _as_large(path, scaled) else []
+            if fitting and fitting[0].fits:
+                return text
+    return None
+
+
 def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Place] | None = None) -> InputError:
-    """What is wrong with a log that does not lie on the path, as an error of one line.
+    """Diagnose a log that does not lie on the path, as an error of one line.
 
     Args:
         path: Of the program.
@@ -148,18 +153,15 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
     mirrored = places(path, feed, log.mirrored())
     if mirrored and mirrored[0].fits:
         return _mirrored(proper[0] if proper else None, mirrored[0], where)
-    for name, factor in UNITS.items():
-        for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
-            scaled = log.scaled(times)
-            fitting = places(path, feed, scaled) if _as_large(path, scaled) else []
-            if fitting and fitting[0].fits:
-                return InputError(
-                    "the log is of another unit than it states",
-                    where=where,
-                    value=f"its path fits the program's if {text}",
-                    limit="lengths in mm",
-                    hint="Export it in mm",
-                )
+    text = _other_unit(path, feed, log)
+    if text is not None:
+        return InputError(
+            "the log is of another unit than it states",
+            where=where,
+            value=f"its path fits the program's if {text}",
+            limit="lengths in mm",
+            hint="Export it in mm",
+        )
     best = max(proper, key=lambda one: one.share, default=None)
     if best is not None and LEAST_SHARE <= best.share < COVERED:
         return InputError(
@@ -181,7 +183,7 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
 
 
 def _as_large(path: Curve, log: Curve) -> bool:
-    """Whether a log is about as large as the path, or larger: it may hold an approach."""
+    """Return whether a log is about as large as the path, or larger: it may hold an approach."""
     size, other = (float(np.linalg.norm(np.ptp(one.points, axis=0))) for one in (path, log))
     return 0.9 * size < other < 5.0 * size
 
@@ -251,7 +253,7 @@ def _cross(v: Float) -> Float:
 
 
 def _differs(a: Place, b: Place, middle: Float) -> bool:
-    """Whether two poses are not the same for a log about a point (3,)."""
+    """Return whether two poses are not the same for a log about a point (3,)."""
     shift = float(
         np.linalg.norm(pose.transform(a.T_path_log, middle[None]) - pose.transform(b.T_path_log, middle[None]))
     )

@@ -21,17 +21,13 @@ _NORMAL: Final = 0.67449
 class ToolReadings:
     """Positions of the tool along a program, in the order of time.
 
-    Attributes:
-        p: (n, 3) m, tool tip, in the frame of the log.
-        time_s: (n,) s, increasing; None where it is not known.
-        command_part: (n, 3) m, commanded tool tip at the same instants, part frame; None where it is not known.
-
     Raises:
         InputError: Too few readings, lengths differ, a value is not finite, or time does not go on.
     """
 
-    p: Float
-    time_s: Float | None = None
+    p: Float  # (n, 3) m, tool tip, in the frame of the log
+    time_s: Float | None = None  # (n,) s, increasing; None where it is not known
+    # (n, 3) m, commanded tool tip at the same instants, part frame; None where it is not known
     command_part: Float | None = None
 
     def __post_init__(self) -> None:

@@ -32,30 +32,18 @@ _PLACES_M: Final = 1.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class SweptPart:
-    """What a tool leaves of the blank along a measured path; the surface itself was not measured.
+    """Part that a tool leaves of the blank along a measured path; the surface itself was not measured."""
 
-    Attributes:
-        part: What was to be made.
-        registration: Where the log lies in the part frame.
-        track: The measured path on the program's.
-        p_part_tcp: (n, 3) m, the undisturbed path.
-        p_part_actual: (k, 3) m, the measured path, smoothed.
-        joined: (k,) stations that continue the one before.
-        outline: (k, 2) m, radius and corner radius of the tool at each station.
-        actual: What removal along it leaves.
-        hidden: (m, 3) m, places of the program's path that were not measured.
-        nominal_outline: (n, 2) m, radius and corner radius of the tool at each row of the undisturbed path.
-    """
-
-    part: NominalPart
-    registration: Registration
-    track: TrackedPath
-    p_part_tcp: Float
-    p_part_actual: Float
-    joined: Bool
-    outline: Float
-    actual: HeightMap
-    hidden: Float
+    part: NominalPart  # what was to be made
+    registration: Registration  # where the log lies in the part frame
+    track: TrackedPath  # the measured path on the program's
+    p_part_tcp: Float  # (n, 3) m, the undisturbed path
+    p_part_actual: Float  # (k, 3) m, the measured path, smoothed
+    joined: Bool  # (k,) stations that continue the one before
+    outline: Float  # (k, 2) m, radius and corner radius of the tool at each station
+    actual: HeightMap  # what removal along it leaves
+    hidden: Float  # (m, 3) m, places of the program's path that were not measured
+    # (n, 2) m, radius and corner radius of the tool at each row of the undisturbed path
     nominal_outline: Float | None = None
 
     @cached_property
@@ -73,7 +61,7 @@ class SweptPart:
         return scipy.spatial.cKDTree(self.hidden[:, :2]) if len(self.hidden) else None
 
     def _shown(self, xy: Float) -> Bool:
-        """Whether places (n, 2) are out of reach of what was not measured."""
+        """Return whether places (n, 2) are out of reach of what was not measured."""
         out = np.ones(len(xy), np.bool_)
         tree = self._hidden
         if tree is not None:
@@ -214,7 +202,7 @@ def swept_part(
 
 
 def surfaces_made(part: NominalPart, track: TrackedPath, radius_m: Float) -> tuple[Bool, Bool, Bool]:
-    """Which surfaces of the finished part each station makes: floor below it, wall on its left, wall on its right.
+    """Mark the surfaces of the finished part that each station makes: floor, wall on its left, wall on its right.
 
     Args:
         part: What was to be made.

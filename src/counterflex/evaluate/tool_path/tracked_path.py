@@ -102,12 +102,9 @@ def smoothed(
 
 
 def _windows(y: Float, noise: Float, spacing: float, n: int) -> tuple[Float, Float]:
-    """Mean and variance at the stations of windows (m, n), each with its own noise (m,), over all sizes and lengths.
-
-    With V = K + noise^2 I and Q orthogonal to every straight line, the best estimate is
-    ``y - noise^2 Q (Q' V Q)^-1 Q' y`` and its covariance ``noise^2 (I - noise^2 Q (Q' V Q)^-1 Q')``; the likelihood
-    is that of ``Q' y``.
-    """
+    """Mean and variance at the stations of windows (m, n), each with its own noise (m,), over all sizes and lengths."""
+    # With V = K + noise^2 I and Q orthogonal to every straight line, the best estimate is `y - noise^2 Q (Q' V Q)^-1 Q'
+    # y` and its covariance `noise^2 (I - noise^2 Q (Q' V Q)^-1 Q')`; the likelihood is that of `Q' y`.
     scale = noise[:, None]
     bases = [_basis(n, spacing, float(length)) for length in _LENGTHS]
     likely = np.empty((len(bases), len(_SIZES), len(y)))
@@ -158,33 +155,23 @@ _SEEN_M: Final = 2.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class TrackedPath:
-    """A measured path of the tool on the program's.
+    """A measured path of the tool on the program's."""
 
-    Attributes:
-        deviation: At stations of the measured path, smoothed; ``cutting`` is all feed motion where it is not known
-            where the tool cut, and there are no entries and exits then.
-        row: (k,) row of the program's path that ends the stretch on which each station lies.
-        sigma_m: (k,) standard deviation of the deviation across the path by the noise of the readings, the larger of
-            both components, m.
-        noise_m: Standard deviation of one reading along one axis, m.
-        window_m: Largest length over which deviations were smoothed, 0 where they were not.
-        covered: Share of the program's feed motion that was measured.
-        left_out: Share of the stations that lie further than 5 mm off the program's path.
-        hidden: (m, 3) m, places of the program's path that were not measured.
-        cut_known: Whether it is known where the tool cut.
-        clock: What ``along_m`` counts from: ``command`` (commanded positions of the log), ``program`` (the program's
-            own clock, its offset in each stretch of feed motion taken away) or empty: it is not known.
-    """
-
+    # at stations of the measured path, smoothed; `cutting` is all feed motion where it is not known where the tool cut,
+    # and there are no entries and exits then
     deviation: PathDeviation
-    row: Int
+    row: Int  # (k,) row of the program's path that ends the stretch on which each station lies
+    # (k,) standard deviation of the deviation across the path by the noise of the readings, the larger of both
+    # components, m
     sigma_m: Float
-    noise_m: float
-    window_m: float
-    covered: float
-    left_out: float
-    hidden: Float
-    cut_known: bool
+    noise_m: float  # standard deviation of one reading along one axis, m
+    window_m: float  # largest length over which deviations were smoothed, 0 where they were not
+    covered: float  # share of the program's feed motion that was measured
+    left_out: float  # share of the stations that lie further than 5 mm off the program's path
+    hidden: Float  # (m, 3) m, places of the program's path that were not measured
+    cut_known: bool  # whether it is known where the tool cut
+    # what `along_m` counts from: `command` (commanded positions of the log), `program` (the program's own clock, its
+    # offset in each stretch of feed motion taken away) or empty: it is not known
     clock: str
 
     @property
@@ -307,10 +294,8 @@ def _with(raw: PathDeviation, even: Float, readings: ToolReadings, feed: Bool) -
 
 
 def _ahead(path: ToolPath, raw: PathDeviation, S: Float, row: Int) -> Float:
-    """(k,) m, progress ahead of the program's clock; what the clocks differ by is taken away by stretch of feed motion.
-
-    The time by the program of the place, less the time of the log, times the programmed feed.
-    """
+    """(k,) m, progress ahead of the program's clock, less the difference of the clocks by stretch of feed motion."""
+    # The time by the program of the place, less the time of the log, times the programmed feed.
     feed = np.asarray(path.kind)[row] == FEED
     ahead = np.interp(raw.length_m, S, path.time_s) - raw.time_s
     edges = np.flatnonzero(raw.broken[1:] | (feed[1:] != feed[:-1])) + 1

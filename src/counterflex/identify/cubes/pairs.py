@@ -37,27 +37,16 @@ SCALE: Final = 0.005
 
 @dataclass(frozen=True, eq=False)
 class CubeMotions:
-    """Relative motions of n rows.
+    """Relative motions of n rows."""
 
-    Attributes:
-        pulls: Poses, loads and history; its displacement is the relative motion ``T_l*_l`` (n, 6) of cube b.
-        first: (n,) index of the first segment behind cube a.
-        last: (n,) index of the segment that cube b sits on.
-        p_base_after: (n, 3) m, centre of cube b.
-        pairs: Names of the pairs, by number of the channel ``pair``.
-        pair: (n,) which pair, from 0.
-        d_before: (n, 6) m, rad: how cube a moved, carried to the centre of cube b.
-        d_after: (n, 6) m, rad: how cube b moved.
-    """
-
-    pulls: Pulls
-    first: Int
-    last: Int
-    p_base_after: Float
-    pairs: tuple[str, ...]
-    pair: Int
-    d_before: Float
-    d_after: Float
+    pulls: Pulls  # poses, loads and history; its displacement is the relative motion `T_l*_l` (n, 6) of cube b
+    first: Int  # (n,) index of the first segment behind cube a
+    last: Int  # (n,) index of the segment that cube b sits on
+    p_base_after: Float  # (n, 3) m, centre of cube b
+    pairs: tuple[str, ...]  # names of the pairs, by number of the channel `pair`
+    pair: Int  # (n,) which pair, from 0
+    d_before: Float  # (n, 6) m, rad: how cube a moved, carried to the centre of cube b
+    d_after: Float  # (n, 6) m, rad: how cube b moved
 
 
 def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:

@@ -247,17 +247,17 @@ def _headline(held_out: HeldOut, measured: Sequence[Float]) -> tuple[Figure, ...
 
 def _remarks(chain: ElasticChain, plan: Layout, fit: Fit, motions: Sequence[CubeMotions]) -> tuple[str, ...]:
     out = []
-    for pair, first, last in sorted(
-        {(m.pairs[p], int(m.first[i]), int(m.last[i])) for m in motions for i, p in enumerate(m.pair)}
-    ):
-        elastic = [chain.names[i] for i in range(first, last + 1) if np.any(plan.springs.segment == i)]
+    spans = sorted({(m.pairs[p], int(m.first[i]), int(m.last[i])) for m in motions for i, p in enumerate(m.pair)})
+    soft = set(plan.springs.segment.tolist())
+    for pair, first, last in spans:
+        elastic = [chain.names[i] for i in sorted(soft & set(range(first, last + 1)))]
         if len(elastic) > 1:
             out.append(
                 f"Between the cubes {pair} lie {' and '.join(elastic)}: the data determine only the sum of their "
                 f"compliances, which is divided by the priors"
             )
-    covered = {i for m in motions for a, b in zip(m.first, m.last, strict=True) for i in range(int(a), int(b) + 1)}
-    missing = sorted({chain.names[int(i)] for i in plan.springs.segment if int(i) not in covered})
+    covered = {i for _, first, last in spans for i in range(first, last + 1)}
+    missing = sorted(chain.names[i] for i in soft - covered)
     if missing:
         out.append(f"No pair of cubes spans {', '.join(missing)}: their compliances stay as they were")
     weak = [

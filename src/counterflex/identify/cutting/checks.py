@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,7 @@ from counterflex.identify.cutting.record import contact, zero
 from counterflex.identify.cutting.residuals import SlotResiduals
 from counterflex.identify.cutting.steady_cuts import SteadyCuts, pieces_of
 from counterflex.identify.data.alternative_readings import Reading, sign_mistakes, swapped_columns, unit_mistakes
-from counterflex.identify.data.dataset import Channel, Dataset
+from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading
 from counterflex.identify.data.model import CellModel
 from counterflex.robot.elasticity.chain import forward
@@ -44,12 +45,12 @@ def check(cell: CellModel, data: Dataset, tool: int | None, *, as_stated: bool =
     change.
     """
     means = cut_means(data)
-
-    def score(sample: Dataset) -> Misfit:
-        cuts = pieces_of(cell, [sample], tool=tool)
-        return _misfit(cell, cuts)
-
-    return check_reading(means, readings(cell, means), score, as_stated=as_stated)
+    return check_reading(
+        means,
+        readings(cell, means),
+        lambda sample: _misfit(cell, pieces_of(cell, [sample], tool=tool)),
+        as_stated=as_stated,
+    )
 
 
 def _misfit(cell: CellModel, steady: SteadyCuts) -> Misfit:
@@ -136,29 +137,23 @@ def readings(cell: CellModel, data: Dataset) -> tuple[Reading, ...]:
 
 def _factor(channel: str, factor: float, large: str, small: str) -> tuple[Reading, ...]:
     """A channel whose unit ``large`` was taken for ``small`` (``factor`` times less), or the other way round."""
-
-    def times(by: float) -> Callable[[Dataset], Dataset]:
-        def change(data: Dataset) -> Dataset:
-            old: Channel = data.channel(channel)
-            return replace(data, channels={**data.channels, channel: replace(old, values=old.values * by)})
-
-        return change
-
-    text = f"'{channel}' is {factor:.3g} times too"
-    return (
+    return tuple(
         Reading(
             channel,
-            f"{text} small ({large} read as {small})",
-            f'write unit = "{large}" under [channels.{channel}]',
-            times(factor),
-        ),
-        Reading(
-            channel,
-            f"{text} large ({small} read as {large})",
-            f'write unit = "{small}" under [channels.{channel}]',
-            times(1.0 / factor),
-        ),
+            f"'{channel}' is {factor:.3g} times too {size} ({right} read as {wrong})",
+            f'write unit = "{right}" under [channels.{channel}]',
+            partial(_scaled, channel, by),
+        )
+        for size, right, wrong, by in (("small", large, small, factor), ("large", small, large, 1.0 / factor))
     )
+
+
+def _scaled(channel: str, by: float, data: Dataset) -> Dataset:
+    return _with(data, channel, data.channel(channel).values * by)
+
+
+def _with(data: Dataset, channel: str, values: Float) -> Dataset:
+    return replace(data, channels={**data.channels, channel: replace(data.channel(channel), values=values)})
 
 
 def _axes(cell: CellModel, data: Dataset, name: str) -> tuple[Reading, ...]:
@@ -170,26 +165,27 @@ def _axes(cell: CellModel, data: Dataset, name: str) -> tuple[Reading, ...]:
     if np.arccos(np.clip(0.5 * (np.trace(R_base_part) - 1.0), -1.0, 1.0)) > _TURNED:
         out.append(_turned(name, stated, other, lambda sample: np.tile(to, (len(sample), 1, 1))))
     if data.has("q"):
-
-        def from_tool(sample: Dataset) -> Float:
-            R_base_tcp: Float = forward(cell.chain, sample.values("q"))[:, :3, :3]
-            return R_base_part.T @ R_base_tcp if in_part else R_base_tcp
-
-        out.append(_turned(name, stated, "tool", from_tool))
+        out.append(_turned(name, stated, "tool", partial(_from_tool, cell, in_part)))
     return tuple(out)
 
 
-def _turned(name: str, stated: str, other: str, rotations: Callable[[Dataset], Float]) -> Reading:
-    def change(data: Dataset) -> Dataset:
-        old, R = data.channel(name), rotations(data)
-        values = np.array(old.values)
-        for begin in range(0, values.shape[1], 3):
-            values[:, begin : begin + 3] = np.einsum("nij,nj->ni", R, values[:, begin : begin + 3])
-        return replace(data, channels={**data.channels, name: replace(old, values=values)})
+def _from_tool(cell: CellModel, in_part: bool, sample: Dataset) -> Float:
+    R_base_tcp: Float = forward(cell.chain, sample.values("q"))[:, :3, :3]
+    return cell.T_base_part[:3, :3].T @ R_base_tcp if in_part else R_base_tcp
 
+
+def _turned(name: str, stated: str, other: str, rotations: Callable[[Dataset], Float]) -> Reading:
     return Reading(
         name,
         f"'{name}' is written in the axes of the {other}, stated as those of the {stated}",
         f"turn it into the axes of the {stated}, or map the channel that means the axes of the {other}",
-        change,
+        lambda data: _with(data, name, _rotated(data.channel(name).values, rotations(data))),
     )
+
+
+def _rotated(values: Float, R: Float) -> Float:
+    """Vectors (n, 3 k) turned by R (n, 3, 3)."""
+    out = np.array(values)
+    for begin in range(0, out.shape[1], 3):
+        out[:, begin : begin + 3] = np.einsum("nij,nj->ni", R, out[:, begin : begin + 3])
+    return out

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
@@ -144,18 +145,13 @@ _LARGEST: Final = 5.0  # feeds per tooth; the answer no longer grows beyond
 
 @dataclass(frozen=True)
 class TurnForce:
-    """Force that repeats once per turn in a settled piece of a cut.
+    """Force that repeats once per turn in a settled piece of a cut."""
 
-    Attributes:
-        amplitude_n: Length of the complex amplitude of the force across the tool axis.
-        feed_tooth_m: Feed per tooth.
-    """
-
-    amplitude_n: float
+    amplitude_n: float  # length of the complex amplitude of the force across the tool axis
     depth_m: float
     entry_rad: float
     exit_rad: float
-    feed_tooth_m: float
+    feed_tooth_m: float  # feed per tooth
 
 
 @dataclass(frozen=True)
@@ -168,7 +164,7 @@ class Runout:
 
 
 def fast_enough(time_s: Float, spindle_rad_s: float, flutes: int) -> bool:
-    """Whether a stretch shows single teeth: :data:`SAMPLES_PER_TOOTH` samples each, over :data:`LEAST_TURNS` turns."""
+    """Return whether single teeth show: :data:`SAMPLES_PER_TOOTH` samples of each over :data:`LEAST_TURNS` turns."""
     if len(time_s) < 2:
         return False
     turns = float(np.ptp(time_s)) * spindle_rad_s / (2.0 * math.pi)
@@ -210,10 +206,7 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
         return None
     for turn in turns:
         largest = min(_LARGEST * turn.feed_tooth_m, 0.5 * cutter.radius_m)
-
-        def excess(e: float, turn: TurnForce = turn) -> float:
-            return predicted_amplitude(turn, cutter, law, e) - turn.amplitude_n
-
+        excess = partial(_excess, turn, cutter, law)
         if excess(largest) > 0.0:
             amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)))
     if not amplitudes:
@@ -221,6 +214,10 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
     values = np.array(amplitudes)
     spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
     return Runout(float(np.median(values)), 1.2533 * spread / math.sqrt(len(values)), len(values))
+
+
+def _excess(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
+    return predicted_amplitude(turn, cutter, law, runout_m) - turn.amplitude_n
 
 
 SCALE: Final = 0.01
@@ -241,21 +238,14 @@ _STEPS: Final = 384
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """Accuracy of a force sensor, as standard deviations.
+    """Accuracy of a force sensor, as standard deviations."""
 
-    Attributes:
-        scale: Of the scale of each axis, share of the reading.
-        cross_talk: Of what an axis shows of the force along another, share of that force.
-        alignment_rad: Of its turn against the stated axes, about each axis.
-        accuracy_n: Uncertainty (95 %) of each axis anywhere in its range, N, in place of scale and cross-talk; or None.
-        stated: Keys of the manifest that it was read from.
-    """
-
-    scale: float = SCALE
-    cross_talk: float = CROSS_TALK
-    alignment_rad: float = ALIGNMENT_RAD
+    scale: float = SCALE  # of the scale of each axis, share of the reading
+    cross_talk: float = CROSS_TALK  # of what an axis shows of the force along another, share of that force
+    alignment_rad: float = ALIGNMENT_RAD  # of its turn against the stated axes, about each axis
+    # uncertainty (95 %) of each axis anywhere in its range, N, in place of scale and cross-talk; or None
     accuracy_n: float | None = None
-    stated: tuple[str, ...] = ()
+    stated: tuple[str, ...] = ()  # keys of the manifest that it was read from
 
     def shares(self, force_n: float) -> tuple[float, float]:
         """Standard deviations of scale and cross-talk as shares of the force.

@@ -40,18 +40,12 @@ _M_MOST: Final = 0.9
 
 @dataclass(frozen=True)
 class Form:
-    """A form of the law.
+    """A form of the law."""
 
-    Attributes:
-        name: As typed in settings.
-        exponents: Number of free exponents: 0 (the linear law), 1 for all directions together, or 3.
-        edge: Whether edge forces are free.
-    """
-
-    name: str
+    name: str  # as typed in settings
     text: str
-    exponents: int
-    edge: bool
+    exponents: int  # number of free exponents: 0 (the linear law), 1 for all directions together, or 3
+    edge: bool  # whether edge forces are free
 
     @property
     def count(self) -> int:

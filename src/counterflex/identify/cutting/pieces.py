@@ -9,53 +9,30 @@ from counterflex.core.arrays import Bool, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Mean forces of steady pieces of cuts, in the feed frame.
+    """Mean forces of steady pieces of cuts, in the feed frame."""
 
-    Attributes:
-        force: (n, 3) N on the tool: along the feed, to its left, up.
-        sigma: (n, 3) N standard deviation of these means.
-        depth_m: (n,) axial depth: measured where ``measured``, else commanded.
-        depth_sigma_m: (n,) its standard deviation where measured, else 0.
-        measured: (n,) whether the depth was measured.
-        left_m: (n,) left bound of the engaged strip from the tool axis, commanded, R at the cutter's edge.
-        right_m: (n,) right bound, -R at the cutter's edge.
-        left_wall: (n,) whether the left bound is the work's edge (down-milling), which does not move with the tool.
-        right_wall: (n,) whether the right bound is (up-milling).
-        feed_tooth_m: (n,) horizontal feed per tooth.
-        drop_tooth_m: (n,) descent per tooth; of the measured floor where the depth was measured.
-        drop_sigma_m: (n,) its standard deviation.
-        give_m: (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown.
-        elastic: (n,) whether it is known.
-        axes: (n, 3, 3) from the axes that the force was given in to the feed frame.
-        turn_n: (n,) amplitude of the force across the tool axis once per turn, NaN where the record does not show it.
-        cut: (n,) id of the cut, over all datasets.
-        blank: (n,) index of the blank.
-        run_m: (n,) length that the tool had cut before.
-        session: (n,) index of the dataset.
-        place: (n,) index into the places of :func:`steady_cuts.pieces_of`, for messages.
-    """
-
-    force: Float
-    sigma: Float
-    depth_m: Float
-    depth_sigma_m: Float
-    measured: Bool
-    left_m: Float
-    right_m: Float
-    left_wall: Bool
-    right_wall: Bool
-    feed_tooth_m: Float
-    drop_tooth_m: Float
-    drop_sigma_m: Float
-    give_m: Float
-    elastic: Bool
-    axes: Float
+    force: Float  # (n, 3) N on the tool: along the feed, to its left, up
+    sigma: Float  # (n, 3) N standard deviation of these means
+    depth_m: Float  # (n,) axial depth: measured where `measured`, else commanded
+    depth_sigma_m: Float  # (n,) its standard deviation where measured, else 0
+    measured: Bool  # (n,) whether the depth was measured
+    left_m: Float  # (n,) left bound of the engaged strip from the tool axis, commanded, R at the cutter's edge
+    right_m: Float  # (n,) right bound, -R at the cutter's edge
+    left_wall: Bool  # (n,) whether the left bound is the work's edge (down-milling), which does not move with the tool
+    right_wall: Bool  # (n,) whether the right bound is (up-milling)
+    feed_tooth_m: Float  # (n,) horizontal feed per tooth
+    drop_tooth_m: Float  # (n,) descent per tooth; of the measured floor where the depth was measured
+    drop_sigma_m: Float  # (n,) its standard deviation
+    give_m: Float  # (n, 3) displacement of the tool under the measured force by the elastic model; 0 where unknown
+    elastic: Bool  # (n,) whether it is known
+    axes: Float  # (n, 3, 3) from the axes that the force was given in to the feed frame
+    # (n,) amplitude of the force across the tool axis once per turn, NaN where the record does not show it
     turn_n: Float
-    cut: Int
-    blank: Int
-    run_m: Float
-    session: Int
-    place: Int
+    cut: Int  # (n,) id of the cut, over all datasets
+    blank: Int  # (n,) index of the blank
+    run_m: Float  # (n,) length that the tool had cut before
+    session: Int  # (n,) index of the dataset
+    place: Int  # (n,) index into the places of steady_cuts.pieces_of, for messages
 
     def __len__(self) -> int:
         """Number of pieces."""

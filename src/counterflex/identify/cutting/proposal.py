@@ -78,27 +78,16 @@ _STEADY_M = 12.0 * MM
 
 @dataclass(frozen=True)
 class Move:
-    """One straight feed motion in the plane of a blank: a test piece, or what joins two of them.
+    """One straight feed motion in the plane of a blank: a test piece, or what joins two of them."""
 
-    Attributes:
-        blank: Number of the blank.
-        cut: Number of the cut.
-        start: (x, y) m, part.
-        end: (x, y) m.
-        depth_m: Below the top of the blank.
-        width_m: Signed, see the channel ``width``.
-        feed_tooth_m: Feed per tooth.
-        piece: Whether it is a test piece.
-    """
-
-    blank: int
-    cut: int
-    start: tuple[float, float]
-    end: tuple[float, float]
-    depth_m: float
-    width_m: float
-    feed_tooth_m: float
-    piece: bool
+    blank: int  # number of the blank
+    cut: int  # number of the cut
+    start: tuple[float, float]  # (x, y) m, part
+    end: tuple[float, float]  # (x, y) m
+    depth_m: float  # below the top of the blank
+    width_m: float  # signed, see the channel `width`
+    feed_tooth_m: float  # feed per tooth
+    piece: bool  # whether it is a test piece
 
 
 def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:

@@ -135,16 +135,11 @@ def row_error(block: Residuals, x: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A form of the law, tried on cuts held out.
-
-    Attributes:
-        error: (n,) relative error of each training piece while it was held out.
-        held_out: The errors of both laws.
-    """
+    """A form of the law, tried on cuts held out."""
 
     form: Form
-    error: Float
-    held_out: HeldOut
+    error: Float  # (n,) relative error of each training piece while it was held out
+    held_out: HeldOut  # the errors of both laws
 
     @property
     def mean(self) -> float:
@@ -226,19 +221,18 @@ class _Problem:
         blanks = set(self.cuts.pieces.blank[self.mask].tolist())
         local = [f"top.{i}" for i in range(len(self.cuts.blanks)) if i not in blanks]
         local = [name for name in local if self.geometry.items[self.geometry.index(name)].free]
+        own = self._scores(best.form, local)
+        return own.identified, own.nominal if best.form is FORMS[-1] else self._scores(FORMS[-1], local).nominal
 
-        def scores(item: Form) -> HeldOut:
-            return score_separate(
-                self.parameters(item),
-                [self.train(item)],
-                [self.unseen(item)],
-                needed=[name for name in self.needed() if name not in local],
-                local=local,
-                error=row_error,
-            )
-
-        own = scores(best.form)
-        return own.identified, own.nominal if best.form is FORMS[-1] else scores(FORMS[-1]).nominal
+    def _scores(self, item: Form, local: Sequence[str]) -> HeldOut:
+        return score_separate(
+            self.parameters(item),
+            [self.train(item)],
+            [self.unseen(item)],
+            needed=[name for name in self.needed() if name not in local],
+            local=local,
+            error=row_error,
+        )
 
 
 def _simplest(trials: Sequence[Trial]) -> Trial:

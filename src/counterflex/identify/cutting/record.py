@@ -29,19 +29,12 @@ _BATCHES = 8
 
 @dataclass(frozen=True, eq=False)
 class Zero:
-    """Reading of the sensor in air.
+    """Reading of the sensor in air."""
 
-    Attributes:
-        value: (n, k) zero at every row of the cut.
-        sigma: (k,) its standard deviation.
-        sides: How many sides of the cut it rests on: 0 (none, zero assumed), 1 or 2.
-        drift: (k,) change from before to after the cut; 0 with fewer than two sides.
-    """
-
-    value: Float
-    sigma: Float
-    sides: int
-    drift: Float
+    value: Float  # (n, k) zero at every row of the cut
+    sigma: Float  # (k,) its standard deviation
+    sides: int  # how many sides of the cut it rests on: 0 (none, zero assumed), 1 or 2
+    drift: Float  # (k,) change from before to after the cut; 0 with fewer than two sides
 
 
 def contact(force: Float, depth: Float, per_turn: int = 1, *, steady: bool = True, air: bool = True) -> Bool:

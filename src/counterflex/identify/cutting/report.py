@@ -14,16 +14,7 @@ from counterflex.core.units import MM, N_PER_MM, N_PER_MM2, UM
 from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.counted_coverage import COUNTED
-from counterflex.identify.cutting.considered import (
-    ACCURACY,
-    ALIGNMENT_KEY,
-    CROSS_KEY,
-    SCALE_KEY,
-    ForceSensor,
-    Runout,
-    TurnForce,
-    runout,
-)
+from counterflex.identify.cutting import considered
 from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, Form, constants
 from counterflex.identify.cutting.residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.cutting.steady_cuts import SteadyCuts
@@ -36,21 +27,13 @@ _LEAST = 3
 
 @dataclass(frozen=True)
 class Wear:
-    """Trend of the force.
+    """Trend of the force."""
 
-    Attributes:
-        per_m: Relative growth of the force per metre of cut.
-        sigma_per_m: Its standard deviation.
-        chance: Two-sided probability of a slope as large without any wear.
-        cuts: Number of repeated cuts it rests on.
-        span_m: Length of cut they span.
-    """
-
-    per_m: float
-    sigma_per_m: float
-    chance: float
-    cuts: int
-    span_m: float
+    per_m: float  # relative growth of the force per metre of cut
+    sigma_per_m: float  # its standard deviation
+    chance: float  # two-sided probability of a slope as large without any wear
+    cuts: int  # number of repeated cuts it rests on
+    span_m: float  # length of cut they span
 
 
 def trend(relative_force: Float, run_m: Float, group: Int) -> Wear | None:
@@ -124,39 +107,26 @@ ONE_WAY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """Effects taken to be the same in all cuts.
+    """Effects taken to be the same in all cuts."""
 
-    Attributes:
-        sensor: The force sensor.
-        wear: Growth of the force to the last piece, share.
-        is_identified: Whether the runout was identified from the records.
-        before: (p,) standard deviations without all this.
-    """
-
-    sensor: ForceSensor
-    wear: float
+    sensor: considered.ForceSensor  # the force sensor
+    wear: float  # growth of the force to the last piece, share
     runout_m: float
-    is_identified: bool
-    before: Float
+    is_identified: bool  # whether the runout was identified from the records
+    before: Float  # (p,) standard deviations without all this
 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """The form that was chosen and its fit.
-
-    Attributes:
-        block: The pieces that were fitted.
-        range_m: Least and largest mean thickness of the fitted pieces.
-        shared: What is in its standard deviations because all cuts share it.
-    """
+    """The form that was chosen and its fit."""
 
     cuts: SteadyCuts
-    block: SlotResiduals
+    block: SlotResiduals  # the pieces that were fitted
     form: Form
     fit: Fit
     h_ref_m: float
-    range_m: tuple[float, float]
-    shared: Shared | None = None
+    range_m: tuple[float, float]  # least and largest mean thickness of the fitted pieces
+    shared: Shared | None = None  # what is in its standard deviations because all cuts share it
 
     def law(self, source: str) -> ForceLaw:
         """The fitted law, good for the thickness met."""
@@ -165,11 +135,11 @@ class Chosen:
             low, high = low / 1.05, high * 1.05
         return self.form.law(self.fit.values, self.h_ref_m, low, high, source)
 
-    def runout(self) -> Runout | None:
+    def runout(self) -> considered.Runout | None:
         """Runout, where the records show single teeth."""
         pieces, cuts = self.block.pieces, self.block.shape(self.fit.values).cuts
         turns = [
-            TurnForce(
+            considered.TurnForce(
                 float(pieces.turn_n[i]),
                 float(cuts.depth_m[i]),
                 float(cuts.entry_rad[i]),
@@ -178,7 +148,7 @@ class Chosen:
             )
             for i in np.flatnonzero(np.isfinite(pieces.turn_n))
         ]
-        return runout(turns, self.block.cutter, self.law("fit"))
+        return considered.runout(turns, self.block.cutter, self.law("fit"))
 
     def sigma_ln_k(self, h_m: float) -> float:
         """Standard deviation of ln k_c at a thickness: ``k_c(h) = k_c,ref (h / h_ref)^-m``, covariance included."""
@@ -301,13 +271,13 @@ def remarks(chosen: Chosen, law: ForceLaw) -> tuple[str, ...]:
 
 
 def _shared(chosen: Chosen, shared: Shared) -> list[str]:
-    """What all cuts share, with what it was taken to be, and how to get rid of the largest part."""
+    """Errors that all cuts share, their assumed sizes, and how to get rid of the largest part."""
     out = [
         f"In the standard deviations because all cuts share it: force sensor ({shared.sensor.text}), wear "
         f"({100 * shared.wear:.2g} % more force at the last piece), runout ({shared.runout_m / UM:.2g} um, "
         f"{'found' if shared.is_identified else 'usual'}). "
-        f"Your sensor's data sheet goes into the manifest under [settings]: "
-        f"{ACCURACY}, or {SCALE_KEY} and {CROSS_KEY}; {ALIGNMENT_KEY.replace('_rad', '_deg')}",
+        f"Your sensor's data sheet goes into the manifest under [settings]: {considered.ACCURACY}, or "
+        f"{considered.SCALE_KEY} and {considered.CROSS_KEY}; {considered.ALIGNMENT_KEY.replace('_rad', '_deg')}",
         COUNTED["cutting"].text,
     ]
     fit = chosen.fit

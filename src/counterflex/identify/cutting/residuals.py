@@ -8,13 +8,14 @@ times a factor for what the elastic model gets wrong.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.units import MM, UM
-from counterflex.cutting.arc_force import ArcCuts, TermForce, force_thickness, mean_thickness, term_force
+from counterflex.cutting.arc_force import ArcCuts, force_thickness, mean_thickness, term_force
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.force_forms import Form
@@ -33,7 +34,7 @@ WIDTH_SIGMA_M: Final = 50.0 * UM
 
 
 def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Parameters:
-    """What changes depth and width beside the force: how much higher each blank is, and how much the tool yielded.
+    """Parameters of depth and width: height of each blank above nominal, and deflection of the tool.
 
     ``top_sigma_m``: Standard deviation of the stated top of a blank.
 
@@ -66,23 +67,14 @@ def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Par
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Depth and arc of pieces at given parameters, with derivatives.
+    """Depth and arc of pieces at given parameters, with derivatives."""
 
-    Attributes:
-        cuts: For the force.
-        depth_by: (n, g) derivative of the depth by the geometry parameters.
-        entry_by: (n,) rad, derivative of the entry angle by ``give``.
-        exit_by: (n,) of the exit angle.
-        left_by: (n,) rad/m derivative of the entry angle by the left bound, 0 where that is the cutter's edge.
-        right_by: (n,) of the exit angle by the right bound.
-    """
-
-    cuts: ArcCuts
-    depth_by: Float
-    entry_by: Float
-    exit_by: Float
-    left_by: Float
-    right_by: Float
+    cuts: ArcCuts  # for the force
+    depth_by: Float  # (n, g) derivative of the depth by the geometry parameters
+    entry_by: Float  # (n,) rad, derivative of the entry angle by `give`
+    exit_by: Float  # (n,) of the exit angle
+    left_by: Float  # (n,) rad/m derivative of the entry angle by the left bound, 0 where that is the cutter's edge
+    right_by: Float  # (n,) of the exit angle by the right bound
 
 
 class SlotResiduals:
@@ -134,7 +126,7 @@ class SlotResiduals:
         return out
 
     def _thrust_sigma(self, cuts: ArcCuts) -> Float:
-        """What is not known of the thrust of an end face that sinks a little: chips far thinner than any tested."""
+        """Standard deviation of the thrust of an end face that sinks a little: chips far thinner than any tested."""
         drop, spread = np.maximum(self.pieces.drop_tooth_m, 0.0), self.pieces.drop_sigma_m
         thrust, more = self._thrust(cuts, drop), self._thrust(cuts, drop + spread)
         out: Float = np.hypot(THRUST_SHARE * thrust, more - thrust)
@@ -208,30 +200,20 @@ class SlotResiduals:
         force, J = np.zeros((n, 3)), np.zeros((n, 3, len(x)))
         geometry = slice(LAW, LAW + self.blanks + 1)
         logarithm = float(np.log(self.h_ref_m))
-        terms: dict[float, TermForce] = {}
-
-        def term(p: float) -> TermForce:
-            if p not in terms:
-                terms[p] = term_force(shape.cuts, p)
-            return terms[p]
-
-        def add(t: TermForce, direction: int, k: float) -> None:
-            force[...] += k * t.value[:, :, direction]
-            J[:, :, geometry] += k * t.by_depth[:, :, direction, None] * shape.depth_by[:, None, :]
-            ends = t.by_entry[:, :, direction] * shape.entry_by[:, None]
-            ends += t.by_exit[:, :, direction] * shape.exit_by[:, None]
-            J[:, :, LAW + self.blanks] += k * ends
-
+        term = cache(partial(term_force, shape.cuts))  # several directions share an exponent, all share that of edges
         for i in range(3):
             place = self.form.exponent_of[i]
             m, k = float(x[place]), float(x[i])
-            t = term(1.0 - m)
+            chip, edge = term(1.0 - m), term(0.0)
             scale = float(np.exp(m * logarithm))
-            add(t, i, k * scale)
-            J[:, :, i] += scale * t.value[:, :, i]
-            J[:, :, place] += k * scale * (logarithm * t.value[:, :, i] - t.by_exponent[:, :, i])
-            edge = term(0.0)
-            add(edge, i, float(x[6 + i]))
+            for t, factor in ((chip, k * scale), (edge, float(x[6 + i]))):
+                force += factor * t.value[:, :, i]
+                J[:, :, geometry] += factor * t.by_depth[:, :, i, None] * shape.depth_by[:, None, :]
+                ends = t.by_entry[:, :, i] * shape.entry_by[:, None]
+                ends += t.by_exit[:, :, i] * shape.exit_by[:, None]
+                J[:, :, LAW + self.blanks] += factor * ends
+            J[:, :, i] += scale * chip.value[:, :, i]
+            J[:, :, place] += k * scale * (logarithm * chip.value[:, :, i] - chip.by_exponent[:, :, i])
             J[:, :, 6 + i] += edge.value[:, :, i]
         self._last = (x.copy(), force, J)
         return force, J

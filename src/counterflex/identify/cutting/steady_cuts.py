@@ -18,18 +18,8 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
+from counterflex.identify.cutting import cut_rows
 from counterflex.identify.cutting.considered import fast_enough, turn_amplitude
-from counterflex.identify.cutting.cut_rows import (
-    chosen_tool,
-    cuts_of,
-    force_of,
-    has_air,
-    in_air,
-    rows_per_turn,
-    tools_of,
-    ungrouped,
-    zero_in_air,
-)
 from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.cutting.record import Zero, contact, mean_with_sigma, settled, slope, split_ramp, zero
 from counterflex.identify.data.dataset import Dataset
@@ -43,34 +33,22 @@ _GAP = 3.0
 
 @dataclass(frozen=True)
 class Cutting:
-    """Settings by which settled parts are found.
+    """Settings by which settled parts are found."""
 
-    Attributes:
-        trim_diameters: Distance left out beside entries, exits and steps, in cutter diameters.
-        settle_s: Time left out there in addition.
-    """
-
-    trim_diameters: float = 1.0
-    settle_s: float = 0.2
+    trim_diameters: float = 1.0  # distance left out beside entries, exits and steps, in cutter diameters
+    settle_s: float = 0.2  # time left out there in addition
 
 
 @dataclass(frozen=True, eq=False)
 class SteadyCuts:
-    """Pieces of all datasets, with what they were found from.
-
-    Attributes:
-        cutter: The one cutter of all of them.
-        blanks: Names of the blanks.
-        places: Where each piece stands in the data, for messages.
-        remarks: What a reader should know.
-    """
+    """Pieces of all datasets, with what they were found from."""
 
     pieces: Pieces
-    cutter: Cutter
+    cutter: Cutter  # the one cutter of all of them
     tool: int
-    blanks: tuple[str, ...]
-    places: tuple[str, ...]
-    remarks: tuple[str, ...]
+    blanks: tuple[str, ...]  # names of the blanks
+    places: tuple[str, ...]  # where each piece stands in the data, for messages
+    remarks: tuple[str, ...]  # what a reader should know
     force: str
 
 
@@ -87,17 +65,17 @@ def pieces_of(
         ModelError: The spindle turned backwards (M4).
     """
     options = Cutting() if options is None else options
-    chosen = chosen_tool(data, tool)
+    chosen = cut_rows.chosen_tool(data, tool)
     cutter = cell.cutter_of(chosen)
     rows: list[dict[str, object]] = []
     places: list[str] = []
     remarks: list[str] = []
     blanks: list[str] = []
     used, run = "", 0.0
-    air = zero_in_air(data)
+    air = cut_rows.zero_in_air(data)
     for session, dataset in enumerate(data):
-        dataset = dataset.rows(np.array(tools_of(dataset) == chosen, dtype=np.bool_))
-        if len(dataset) == 0 or in_air(dataset):
+        dataset = dataset.rows(np.array(cut_rows.tools_of(dataset) == chosen, dtype=np.bool_))
+        if len(dataset) == 0 or cut_rows.in_air(dataset):
             continue
         reader = _Reader(cell, cutter, dataset, options, run, air)
         used = reader.force_name
@@ -136,7 +114,7 @@ class _Reader:
         self.run_m, self.air = run_m, air
         self.cell, self.cutter, self.dataset, self.options = cell, cutter, dataset, options
         self.remarks: list[str] = []
-        self.force_name = force_of(dataset)
+        self.force_name = cut_rows.force_of(dataset)
         self.wrench = dataset.values(self.force_name)
         self.series = dataset.has("time_s")
         self.sigma = dataset.channel(self.force_name).sigma
@@ -212,7 +190,7 @@ class _Reader:
     @cached_property
     def cut_of(self) -> Int:
         """(rows,) id of the cut: the group, or where rows of a record have none, its stretches of equal conditions."""
-        if not self.series or not ungrouped(self.dataset):
+        if not self.series or not cut_rows.ungrouped(self.dataset):
             return self.dataset.group
         state = np.column_stack([self.feed, self.spindle, self.width, self.direction, self.depth, self.blank])
         _, number = np.unique(state, axis=0, return_inverse=True)
@@ -222,7 +200,7 @@ class _Reader:
         time_all = self._scalar("time_s")
         out: list[tuple[dict[str, object], str, int]] = []
         bare = middles = 0
-        for cut, rows in cuts_of(self.dataset):
+        for cut, rows in cut_rows.cuts_of(self.dataset):
             time = time_all[rows]
             conditions = np.column_stack(
                 [self.feed[rows], self.spindle[rows], self.width[rows], self.direction[rows], self.blank[rows]]
@@ -230,9 +208,9 @@ class _Reader:
             touching = contact(
                 self.wrench[rows, :3],
                 self.depth[rows],
-                rows_per_turn(time, self.spindle[rows]),
+                cut_rows.rows_per_turn(time, self.spindle[rows]),
                 steady=bool(np.all(conditions == conditions[0])),
-                air=has_air(self.dataset),
+                air=cut_rows.has_air(self.dataset),
             )
             base = zero(self.wrench[rows], time, touching)
             if base.sides == 0 and self.air is not None:

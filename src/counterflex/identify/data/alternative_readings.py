@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Final
 
@@ -32,19 +33,12 @@ _OTHER_UNITS: Final = {
 
 @dataclass(frozen=True)
 class Reading:
-    """One other way to read a dataset.
+    """One other way to read a dataset."""
 
-    Attributes:
-        channel: The channel it concerns.
-        says: What would be the case, as a clause: ``'q' is in deg, stated as rad``.
-        remedy: What to change in the manifest or the file if so.
-        change: Makes the dataset as it would then be.
-    """
-
-    channel: str
-    says: str
-    remedy: str
-    change: Change
+    channel: str  # the channel it concerns
+    says: str  # what would be the case, as a clause: `'q' is in deg, stated as rad`
+    remedy: str  # what to change in the manifest or the file if so
+    change: Change  # makes the dataset as it would then be
 
 
 def unit_mistakes(data: Dataset, channel: str) -> tuple[Reading, ...]:
@@ -143,17 +137,17 @@ def left_handed(
 
 def inverted_pose(point: str, rotation: str) -> Reading:
     """The pose given the other way round: the tracker in the target."""
-
-    def change(d: Dataset) -> Dataset:
-        R = np.swapaxes(d.values(rotation), 1, 2)
-        return _with(_with(d, point, -np.einsum("nij,nj->ni", R, d.values(point))), rotation, R)
-
     return Reading(
         point,
         f"'{point}' and '{rotation}' are given the other way round (inverse poses)",
         "invert the poses, or map them to the channels of the inverse pose",
-        change,
+        partial(_inverted, point, rotation),
     )
+
+
+def _inverted(point: str, rotation: str, d: Dataset) -> Dataset:
+    R = np.swapaxes(d.values(rotation), 1, 2)
+    return _with(_with(d, point, -np.einsum("nij,nj->ni", R, d.values(point))), rotation, R)
 
 
 def transposed(rotation: str) -> Reading:
@@ -168,36 +162,24 @@ def transposed(rotation: str) -> Reading:
 
 def quaternion_mistakes(channel: str) -> tuple[Reading, ...]:
     """The real part of quaternions read as first for last, and the reverse."""
-
-    def change(shift: int) -> Change:
-        # Read as (w, x, y, z) or (x, y, z, w); the same numbers in the other order.
-        def again(d: Dataset) -> Dataset:
-            return _with(d, channel, rotation.from_quat_wxyz(np.roll(rotation.quat_wxyz(d.values(channel)), shift, -1)))
-
-        return again
-
     return tuple(
         Reading(
             channel,
             f"the quaternions '{channel}' are in the order {actual}, not {read}",
             f'check the order of the columns, or write rotation = "quat_{actual}" under [channels.{channel}]',
-            change(shift),
+            partial(_rolled_quaternions, channel, shift),
         )
         for read, actual, shift in (("xyzw", "wxyz", -1), ("wxyz", "xyzw", 1))
     )
 
 
+def _rolled_quaternions(channel: str, shift: int, d: Dataset) -> Dataset:
+    # Read as (w, x, y, z) or (x, y, z, w); the same numbers in the other order.
+    return _with(d, channel, rotation.from_quat_wxyz(np.roll(rotation.quat_wxyz(d.values(channel)), shift, -1)))
+
+
 def row_mistakes(channel: str) -> tuple[Reading, ...]:
     """The rows of one channel in reversed order, or off by one against the others."""
-
-    def late(d: Dataset) -> Dataset:
-        keep = np.arange(len(d)) < len(d) - 1
-        return _with(d, channel, np.roll(d.values(channel), -1, axis=0)).rows(keep)
-
-    def early(d: Dataset) -> Dataset:
-        keep = np.arange(len(d)) > 0
-        return _with(d, channel, np.roll(d.values(channel), 1, axis=0)).rows(keep)
-
     remedy = "bring the rows of the files into the same order, or join them by a common column"
     return (
         Reading(
@@ -206,9 +188,15 @@ def row_mistakes(channel: str) -> tuple[Reading, ...]:
             remedy,
             lambda d: _with(d, channel, np.ascontiguousarray(d.values(channel)[::-1])),
         ),
-        Reading(channel, f"'{channel}' comes one row late", remedy, late),
-        Reading(channel, f"'{channel}' comes one row early", remedy, early),
+        Reading(channel, f"'{channel}' comes one row late", remedy, partial(_shifted, channel, -1)),
+        Reading(channel, f"'{channel}' comes one row early", remedy, partial(_shifted, channel, 1)),
     )
+
+
+def _shifted(channel: str, by: int, d: Dataset) -> Dataset:
+    """One channel moved by a row against the others, without the row that comes from the other end."""
+    row = np.arange(len(d))
+    return _with(d, channel, np.roll(d.values(channel), by, axis=0)).rows(row > 0 if by > 0 else row < len(d) - 1)
 
 
 def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy: str) -> Reading:
@@ -217,13 +205,13 @@ def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy
     ``channel``: (n, 3) or (n, 6): each half is a vector. ``R_of``: Rotation (n, 3, 3) from the axes they would be in to
     those stated: ``v_stated = R v``. ``text``: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
     """
+    return Reading(channel, text, remedy, partial(_in_axes, channel, R_of))
 
-    def change(d: Dataset) -> Dataset:
-        v = d.values(channel)
-        turned = np.einsum("nij,nhj->nhi", R_of(d), v.reshape(len(v), -1, 3))
-        return _with(d, channel, turned.reshape(v.shape))
 
-    return Reading(channel, text, remedy, change)
+def _in_axes(channel: str, R_of: Callable[[Dataset], Float], d: Dataset) -> Dataset:
+    v = d.values(channel)
+    turned = np.einsum("nij,nhj->nhi", R_of(d), v.reshape(len(v), -1, 3))
+    return _with(d, channel, turned.reshape(v.shape))
 
 
 def _parts(data: Dataset, channel: str) -> dict[str, list[int]]:

@@ -11,14 +11,10 @@ from counterflex.robot.model.description import ElasticRegion, Play, Servo
 
 @dataclass(frozen=True, eq=False)
 class ElementCompliance:
-    """Compliance of one elastic element, of the robot or of the end effector.
-
-    Attributes:
-        compliance: (6,) ``tx ty tz rx ry rz`` m/N, rad/(N m); all of it.
-    """
+    """Compliance of one elastic element, of the robot or of the end effector."""
 
     segment: str
-    compliance: Float
+    compliance: Float  # (6,) `tx ty tz rx ry rz` m/N, rad/(N m); all of it
 
 
 @dataclass(frozen=True)
@@ -34,14 +30,10 @@ class Calibration:
 
     ``T_seg_next = D(displacement) T_seg_next,nominal`` with ``D = Trans(x, y, z) Exp(rotation vector)``; for a driven
     segment the rotation about z is the offset of its joint (times its sign).
-
-    Attributes:
-        segment: Name of a segment, ``base`` (before the first) or ``tcp`` (in the last body: of the tool itself).
-        displacement: (6,) m, rad: the whole, not what is added to an earlier calibration.
     """
 
-    segment: str
-    displacement: Float
+    segment: str  # name of a segment, `base` (before the first) or `tcp` (in the last body: of the tool itself)
+    displacement: Float  # (6,) m, rad: the whole, not what is added to an earlier calibration
 
 
 @dataclass(frozen=True)
@@ -78,14 +70,10 @@ class CuttingLaw:
 
 @dataclass(frozen=True, eq=False)
 class TableValues:
-    """Values of a table of the cell file that has no counterpart here, in the file's own keys and units.
+    """Values of a table of the cell file that has no counterpart here, in the file's own keys and units."""
 
-    Attributes:
-        table: Name of the table, for example ``tracker``.
-        values: By key, in shop units as docs/cell-file.md has them.
-    """
-
-    table: str
+    table: str  # name of the table, for example `tracker`
+    # by key, in shop units as docs/cell-file.md has them
     values: dict[str, float | str | bool | list[float] | list[list[float]]]
 
 

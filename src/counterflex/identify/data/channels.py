@@ -19,25 +19,15 @@ Nature = Literal["scalars", "joints", "point", "vector", "wrench", "twist", "rot
 
 @dataclass(frozen=True)
 class ChannelKind:
-    """Meaning of a channel name.
+    """Meaning of a channel name."""
 
-    Attributes:
-        text: In words, with frame and sign.
-        components: Names of its numbers, as they end the column names that counterflex writes.
-        si: SI unit, of all numbers or of each.
-        file: Unit that counterflex writes, of all or of each.
-        nature: See :data:`Nature`.
-        counts: How many of the leading components a dataset may have; empty means all of them.
-        whole: Whole numbers: an index or a count.
-    """
-
-    text: str
-    components: tuple[str, ...]
-    si: str | tuple[str, ...]
-    file: str | tuple[str, ...]
-    nature: Nature = "scalars"
-    counts: tuple[int, ...] = ()
-    whole: bool = False
+    text: str  # in words, with frame and sign
+    components: tuple[str, ...]  # names of its numbers, as they end the column names that counterflex writes
+    si: str | tuple[str, ...]  # SI unit, of all numbers or of each
+    file: str | tuple[str, ...]  # unit that counterflex writes, of all or of each
+    nature: Nature = "scalars"  # see Nature
+    counts: tuple[int, ...] = ()  # how many of the leading components a dataset may have; empty means all of them
+    whole: bool = False  # whole numbers: an index or a count
 
     @property
     def allowed(self) -> tuple[int, ...]:

@@ -287,12 +287,7 @@ def check_repeats(data: Dataset, channel: str, *, same: Sequence[str] = ("q",), 
     squares, numbers = 0.0, 0
     worst, lines = 0.0, ""
     for _, rows in rows_of_each(ids):
-        if len(rows) < 2:
-            continue
-        off = (values[rows] - np.median(values[rows], axis=0)) / sigma[rows]
-        bad = np.max(np.abs(off), axis=1) > gross
-        if len(rows) > 2 and np.sum(bad) < 0.5 * len(rows):
-            rows, off = rows[~bad], off[~bad]
+        rows, off = _without_gross(rows, values, sigma, gross)
         if len(rows) < 2:
             continue
         centred = (values[rows] - np.mean(values[rows], axis=0)) / sigma[rows]
@@ -379,3 +374,11 @@ def check_spread(
             limit=f"third figure >= {THIN:g} of the first",
             hint="Add a point well off that plane",
         )
+
+
+def _without_gross(rows: Int, values: Float, sigma: Float, gross: float) -> tuple[Int, Float]:
+    """A set of repeats without single gross errors, and deviations (n, k) from its median in standard deviations."""
+    off = (values[rows] - np.median(values[rows], axis=0)) / sigma[rows]
+    bad = np.max(np.abs(off), axis=1) > gross
+    single = len(rows) > 2 and np.sum(bad) < 0.5 * len(rows)
+    return (rows[~bad], off[~bad]) if single else (rows, off)

@@ -15,25 +15,16 @@ from counterflex.identify.data.measuring_frame import SensorFrame
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One measured quantity.
+    """One measured quantity."""
 
-    Attributes:
-        name: Canonical name (docs/datasets.md), for example ``q``, ``p_tracker_target``, ``w_sensor``.
-        values: (n, k) SI; rotations are rotation vectors or, for ``R_...`` channels, (n, 3, 3) matrices.
-        sigma: (n, k) standard deviations, SI (rad for rotations), or None where the file states none.
-        unit: SI unit of the values.
-        source: File and columns, for messages.
-        columns: Headers of the columns it was read from; empty for constants and for data made in memory.
-        as_model: The manifest says how its joint angles become those of the model.
-    """
-
-    name: str
-    values: Float
-    sigma: Float | None
-    unit: str
-    source: str
+    name: str  # canonical name (docs/datasets.md), for example `q`, `p_tracker_target`, `w_sensor`
+    values: Float  # (n, k) SI; rotations are rotation vectors or, for `R_...` channels, (n, 3, 3) matrices
+    sigma: Float | None  # (n, k) standard deviations, SI (rad for rotations), or None where the file states none
+    unit: str  # SI unit of the values
+    source: str  # file and columns, for messages
+    # headers of the columns it was read from; empty for constants and for data made in memory
     columns: tuple[str, ...] = ()
-    as_model: bool = False
+    as_model: bool = False  # the manifest says how its joint angles become those of the model
 
     def need_sigma(self) -> Float:
         """The standard deviations.
@@ -53,31 +44,19 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """One table of measurements.
+    """One table of measurements."""
 
-    Attributes:
-        name: Of the dataset.
-        kind: What was measured, which decides who can use it: ``tracker_poses``, ``pulls``, ... (docs/datasets.md).
-        channels: By canonical name.
-        group: (n,) ids of rows that belong together (repeats of a pose, samples of a cut); hold-out keeps them so.
-        line: (n,) line of the file each row comes from, for messages.
-        settings: Further facts that the manifest states, by their keys (SI).
-        fingerprint: SHA-256 over manifest and data files, hex.
-        where: Manifest path, for messages.
-        file: Data file whose lines ``line`` counts; empty for data made in memory.
-        sensors: Of a measuring frame whose readings are ``s_unloaded`` and ``s_loaded``, or None.
-    """
-
-    name: str
-    kind: str
-    channels: Mapping[str, Channel]
-    group: Int
-    line: Int
+    name: str  # of the dataset
+    kind: str  # what was measured, which decides who can use it: `tracker_poses`, `pulls`, ... (docs/datasets.md)
+    channels: Mapping[str, Channel]  # by canonical name
+    group: Int  # (n,) ids of rows that belong together (repeats of a pose, samples of a cut); hold-out keeps them so
+    line: Int  # (n,) line of the file each row comes from, for messages
+    # further facts that the manifest states, by their keys (SI)
     settings: Mapping[str, Any] = field(default_factory=dict)
-    fingerprint: str = ""
-    where: str = ""
-    file: str = ""
-    sensors: SensorFrame | None = None
+    fingerprint: str = ""  # SHA-256 over manifest and data files, hex
+    where: str = ""  # manifest path, for messages
+    file: str = ""  # data file whose lines `line` counts; empty for data made in memory
+    sensors: SensorFrame | None = None  # of a measuring frame whose readings are `s_unloaded` and `s_loaded`, or None
 
     def finite(self, name: str) -> Float:
         """The values of a channel, each row of numbers only. Raises FileFormatError: names channel and line."""

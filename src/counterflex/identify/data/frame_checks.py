@@ -159,19 +159,18 @@ def _readings(
 
 def _motion_words(unseen: Float) -> str:
     """A motion in words: what part of it is large, and along or about which axis."""
-    axes = ("x", "y", "z")
     size = np.linalg.norm(unseen[:3])
     turn = np.linalg.norm(unseen[3:]) if len(unseen) == SIX else 0.0
-
-    def along(v: Float) -> str:
-        v = v / np.linalg.norm(v)
-        k = int(np.argmax(np.abs(v)))
-        if abs(v[k]) > np.cos(5.0 * DEG):
-            return f"the {axes[k]} axis"
-        return f"({', '.join(f'{value:.2f}' for value in v * np.sign(v[k]))})"
-
     if turn == 0.0 or size > 5.0 * turn * 100.0 * MM:
-        return f"the displacement along {along(unseen[:3])}"
+        return f"the displacement along {_direction(unseen[:3])}"
     if turn * 100.0 * MM > 5.0 * size:
-        return f"the turn about {along(unseen[3:])}"
-    return f"a turn about {along(unseen[3:])} together with a displacement along {along(unseen[:3])}"
+        return f"the turn about {_direction(unseen[3:])}"
+    return f"a turn about {_direction(unseen[3:])} together with a displacement along {_direction(unseen[:3])}"
+
+
+def _direction(v: Float) -> str:
+    v = v / np.linalg.norm(v)
+    k = int(np.argmax(np.abs(v)))
+    if abs(v[k]) > np.cos(5.0 * DEG):
+        return f"the {'xyz'[k]} axis"
+    return f"({', '.join(f'{value:.2f}' for value in v * np.sign(v[k]))})"

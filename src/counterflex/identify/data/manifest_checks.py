@@ -42,17 +42,11 @@ ROWS: Final = 60
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Misfit of a quick fit to a dataset.
+    """Misfit of a quick fit to a dataset."""
 
-    Attributes:
-        rows: (n,) size of each row's weighted residual, per root of the number of components.
-        priors: (f,) fitted values less nominal over prior sigma, of the parameters that have a prior.
-        dof: Measured numbers less what the data determine.
-    """
-
-    rows: Float
-    priors: Float
-    dof: float
+    rows: Float  # (n,) size of each row's weighted residual, per root of the number of components
+    priors: Float  # (f,) fitted values less nominal over prior sigma, of the parameters that have a prior
+    dof: float  # measured numbers less what the data determine
 
     @property
     def size(self) -> float:
@@ -71,22 +65,15 @@ Score = Callable[[Dataset], Misfit]
 
 @dataclass(frozen=True)
 class Suspicion:
-    """Another reading that explains the data far better.
-
-    Attributes:
-        stated: Misfit as stated: of the rows, or of the values against their priors; infinite where no fit is possible.
-        otherwise: The same as read otherwise.
-        of_values: The figures are of the values, not of the rows.
-        chance: Probability of such a gain by chance.
-        alike: What other readings do nearly as well.
-    """
+    """Another reading that explains the data far better."""
 
     reading: Reading
+    # misfit as stated: of the rows, or of the values against their priors; infinite where no fit is possible
     stated: float
-    otherwise: float
-    of_values: bool
-    chance: float
-    alike: tuple[str, ...]
+    otherwise: float  # the same as read otherwise
+    of_values: bool  # the figures are of the values, not of the rows
+    chance: float  # probability of such a gain by chance
+    alike: tuple[str, ...]  # what other readings do nearly as well
 
     def sentence(self) -> str:
         """The finding in words."""

@@ -35,26 +35,17 @@ _SETTLED: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SensorFrame:
-    """The sensors of a measuring frame, in common axes.
+    """The sensors of a measuring frame, in common axes."""
 
-    Attributes:
-        names: k of them.
-        position: (k, 3) m, where each would show zero.
-        direction: (k, 3) unit vectors in which the distance grows.
-        normal: (k, 3) unit vectors of the planes, towards the sensors.
-        point: (k, 3) m, a point of each plane, NaN where none is stated.
-        axes: What the vectors are given in: ``base``, ``tcp`` (axes of the unloaded tool, from the tool tip), or
-            ``frame`` (axes of the measuring frame, whose place each row states).
-        where: Manifest, for messages.
-    """
-
-    names: tuple[str, ...]
-    position: Float
-    direction: Float
-    normal: Float
-    point: Float
+    names: tuple[str, ...]  # k of them
+    position: Float  # (k, 3) m, where each would show zero
+    direction: Float  # (k, 3) unit vectors in which the distance grows
+    normal: Float  # (k, 3) unit vectors of the planes, towards the sensors
+    point: Float  # (k, 3) m, a point of each plane, NaN where none is stated
+    # what the vectors are given in: `base`, `tcp` (axes of the unloaded tool, from the tool tip), or `frame` (axes of
+    # the measuring frame, whose place each row states)
     axes: str
-    where: str = ""
+    where: str = ""  # manifest, for messages
 
     def __len__(self) -> int:
         return len(self.names)
@@ -62,19 +53,13 @@ class SensorFrame:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion of the tool by the sensors.
+    """Motion of the tool by the sensors."""
 
-    Attributes:
-        d: (n, 6) or (n, 3) m (and rad), displacement of the reference point (and rotation vector), axes of the sensors.
-        covariance: (n, c, c) of it, by the stated standard deviations of the readings.
-        residual: (n, k) m, reading less what the motion found gives.
-        sigma: (n, k) m, standard deviation of the change of each reading.
-    """
-
+    # (n, 6) or (n, 3) m (and rad), displacement of the reference point (and rotation vector), axes of the sensors
     d: Float
-    covariance: Float
-    residual: Float
-    sigma: Float
+    covariance: Float  # (n, c, c) of it, by the stated standard deviations of the readings
+    residual: Float  # (n, k) m, reading less what the motion found gives
+    sigma: Float  # (n, k) m, standard deviation of the change of each reading
 
     @property
     def spare(self) -> int:

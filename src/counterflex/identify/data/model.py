@@ -15,41 +15,26 @@ from counterflex.robot.model.description import EndEffector, Robot
 
 @dataclass(frozen=True, eq=False)
 class CellModel:
-    """A cell before identification.
+    """A cell before identification."""
 
-    Attributes:
-        name: Of the cell.
-        robot: As the cell file has it, earlier calibrations applied.
-        end_effector: Likewise.
-        nominal_robot: As the robot controller has it, without calibrations.
-        nominal_end_effector: Likewise.
-        calibration: Earlier calibration by segment, (6,) displacements; empty where there is none.
-        law_of: Gives the force law of the material; raises where the cell file has no material.
-        cutter_of: The tool with a program's number.
-        frame_of: Gives the (4, 4) part frame in the robot base; raises where the cell file has no part.
-        branch: Posture, one of :data:`counterflex.robot.model.opw.BRANCHES`.
-        joint_margin_rad: Distance that measurements keep from the joint limits.
-        rotation_about_tool_rad: Free rotation about the tool axis that programs are run with.
-        blank_part: (2, 3) m, low and high corner of the blank in the part frame, None where it is no box.
-        datum_points_part: (k, 3) m, points that the robot touches to find the part; None where another
-            instrument finds it.
-        tables: Tables ``sensor``, ``holder``, ``tracker``, ``timing`` of the cell file as plain values where present.
-    """
-
-    name: str
-    robot: Robot
-    end_effector: EndEffector
-    nominal_robot: Robot
-    nominal_end_effector: EndEffector
-    calibration: Mapping[str, Float]
-    law_of: Callable[[], ForceLaw]
-    cutter_of: Callable[[int], Cutter]
+    name: str  # of the cell
+    robot: Robot  # as the cell file has it, earlier calibrations applied
+    end_effector: EndEffector  # likewise
+    nominal_robot: Robot  # as the robot controller has it, without calibrations
+    nominal_end_effector: EndEffector  # likewise
+    calibration: Mapping[str, Float]  # earlier calibration by segment, (6,) displacements; empty where there is none
+    law_of: Callable[[], ForceLaw]  # gives the force law of the material; raises where the cell file has no material
+    cutter_of: Callable[[int], Cutter]  # the tool with a program's number
+    # gives the (4, 4) part frame in the robot base; raises where the cell file has no part
     frame_of: Callable[[], Float]
-    branch: str
-    joint_margin_rad: float
-    rotation_about_tool_rad: float = 0.0
+    branch: str  # posture, one of counterflex.robot.model.opw.BRANCHES
+    joint_margin_rad: float  # distance that measurements keep from the joint limits
+    rotation_about_tool_rad: float = 0.0  # free rotation about the tool axis that programs are run with
+    # (2, 3) m, low and high corner of the blank in the part frame, None where it is no box
     blank_part: Float | None = None
+    # (k, 3) m, points that the robot touches to find the part; None where another instrument finds it
     datum_points_part: Float | None = None
+    # tables `sensor`, `holder`, `tracker`, `timing` of the cell file as plain values where present
     tables: Mapping[str, Any] = field(default_factory=dict)
 
     @property

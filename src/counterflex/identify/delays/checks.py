@@ -18,7 +18,7 @@ PPM = 1e-6
 
 
 def changes(estimates: Sequence[Delay]) -> list[TableValues]:
-    """What goes into ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
+    """Values of ``[timing]``: of several fits of one pair the one with the smallest standard deviation."""
     best: dict[str, Delay] = {}
     for delay in estimates:
         name = delay.pair.name
@@ -96,24 +96,36 @@ def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
 
 
 def _suspicions(estimate: Delay) -> Iterator[tuple[str, str]]:
+    if estimate.pair.mixing == "own" and estimate.pair.derivative == 0:
+        yield from _of_gains(estimate)
+    yield from _of_order(estimate)
+
+
+def _of_gains(estimate: Delay) -> Iterator[tuple[str, str]]:
+    """Units and signs: a channel that follows another one moves as far, and the same way."""
     pair = estimate.pair
     lead, answer = pair.reference.name, pair.answer.name
-    if pair.mixing == "own" and pair.derivative == 0:
-        gains = np.array([estimate.value(f"gain{label}") for label in pair.labels])
-        middle = float(np.median(gains))
-        for factor, text, unit in _UNITS:
-            if abs(middle / factor - 1.0) < _WITHIN:
-                other = lead if factor < 1.0 else answer
-                yield (
-                    f"'{answer}' moves {middle:.3g} times as far as '{lead}': one of them is in {text}",
-                    f'Look at unit under [channels.{other}]; perhaps unit = "{unit}"',
-                )
-        turned = [label for label, gain in zip(pair.labels, gains, strict=True) if gain < -0.5]
-        if turned:
+    gains = np.array([estimate.value(f"gain{label}") for label in pair.labels])
+    middle = float(np.median(gains))
+    for factor, text, unit in _UNITS:
+        if abs(middle / factor - 1.0) < _WITHIN:
+            other = lead if factor < 1.0 else answer
             yield (
-                f"'{answer}' moves against '{lead}' on axis {', '.join(turned)}: a sign is turned round",
-                f"Write signs = [...] under [channels.{answer}]",
+                f"'{answer}' moves {middle:.3g} times as far as '{lead}': one of them is in {text}",
+                f'Look at unit under [channels.{other}]; perhaps unit = "{unit}"',
             )
+    turned = [label for label, gain in zip(pair.labels, gains, strict=True) if gain < -0.5]
+    if turned:
+        yield (
+            f"'{answer}' moves against '{lead}' on axis {', '.join(turned)}: a sign is turned round",
+            f"Write signs = [...] under [channels.{answer}]",
+        )
+
+
+def _of_order(estimate: Delay) -> Iterator[tuple[str, str]]:
+    """Exchanged channels: the answer comes later, and gears yield with the torque."""
+    pair = estimate.pair
+    lead, answer = pair.reference.name, pair.answer.name
     names = [f"delay{label}" for label in pair.labels] if pair.each else ["delay"]
     early = pair.same_clock and all(
         estimate.value(n) < -CLEAR * estimate.sigma(n) and estimate.value(n) < -0.2 * MS for n in names

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
 import scipy
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 from counterflex.identify.delays.residuals import Basis, DelayResiduals, Order, Places
@@ -38,53 +39,34 @@ _STEPS = 12
 
 @dataclass(frozen=True, eq=False)
 class Extra:
-    """A known signal that takes part in the answer beside the reference.
+    """A known signal that takes part in the answer beside the reference."""
 
-    Attributes:
-        name: Of its parameters, followed by the component's label.
-        unit: SI unit of the coefficient.
-        values: (n, m) at the stamps of the reference, one column per component of the answer.
-        nominal: (m,) coefficient known before.
-        scale: Ordinary size of the coefficient.
-    """
-
-    name: str
-    unit: str
-    values: Float
-    nominal: Float
-    scale: float
+    name: str  # of its parameters, followed by the component's label
+    unit: str  # SI unit of the coefficient
+    values: Float  # (n, m) at the stamps of the reference, one column per component of the answer
+    nominal: Float  # (m,) coefficient known before
+    scale: float  # ordinary size of the coefficient
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A channel and the one it follows.
+    """A channel and the one it follows."""
 
-    Attributes:
-        name: Of the pair, first part of its parameters' names.
-        labels: (m,) of the answer's components, for parameter names.
-        components: (m,) of the answer's components with unit.
-        mixing: ``own``: each component follows its own of the reference; ``matrix``: any of them (other axes).
-        each: Each component has a delay of its own.
-        derivative: The answer follows this derivative of the reference by time (2: a force of inertia).
-        inertia: The second derivative of what leads takes part as well: what inertia bends grows with the square of the
-            frequency and must not be taken for a lag.
-        extras: Further known signals.
-        delay_s: Known before, s.
-        lag: A lag large enough to be told from a dead time is to be expected.
-    """
-
-    name: str
+    name: str  # of the pair, first part of its parameters' names
     reference: Stamped
     answer: Stamped
-    labels: tuple[str, ...]
-    components: tuple[str, ...]
+    labels: tuple[str, ...]  # (m,) of the answer's components, for parameter names
+    components: tuple[str, ...]  # (m,) of the answer's components with unit
+    # `own`: each component follows its own of the reference; `matrix`: any of them (other axes)
     mixing: Literal["own", "matrix"] = "own"
-    each: bool = False
-    derivative: int = 0
+    each: bool = False  # each component has a delay of its own
+    derivative: int = 0  # the answer follows this derivative of the reference by time (2: a force of inertia)
+    # the second derivative of what leads takes part as well: what inertia bends grows with the square of the frequency
+    # and must not be taken for a lag
     inertia: bool = False
-    extras: tuple[Extra, ...] = ()
-    delay_s: float = 0.0
-    lag: bool = False
+    extras: tuple[Extra, ...] = ()  # further known signals
+    delay_s: float = 0.0  # known before, s
+    lag: bool = False  # a lag large enough to be told from a dead time is to be expected
 
     @property
     def same_clock(self) -> bool:
@@ -94,20 +76,14 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Delay:
-    """Result for a pair.
-
-    Attributes:
-        fit: With standard deviations that allow for correlated residuals.
-        order: Of the lag that was fitted.
-        held_out: Errors on stretches of time that their fit had not seen.
-    """
+    """Result for a pair."""
 
     pair: Pair
     block: DelayResiduals
     parameters: Parameters
-    fit: Fit
-    order: Order
-    held_out: HeldOut
+    fit: Fit  # with standard deviations that allow for correlated residuals
+    order: Order  # of the lag that was fitted
+    held_out: HeldOut  # errors on stretches of time that their fit had not seen
 
     def value(self, name: str) -> float:
         """SI value of a parameter by the last part of its name."""
@@ -160,51 +136,7 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         )
     used = np.flatnonzero(rows)[:: max(1, -(-int(rows.sum()) // MOST_ROWS[pair.mixing]))]
     time, values = answer.time_s[used], answer.values[used]
-    size = np.maximum(np.std(values, axis=0), 1e-12)
-    items: list[Parameter] = []
-    needed: list[str] = []
-
-    def add(name: str, unit: str, nominal: float, scale: float, **more: float) -> int:
-        items.append(Parameter(f"{pair.name}.{name}", unit, nominal, np.inf, scale=scale, **more))  # type: ignore[arg-type]
-        return len(items) - 1
-
-    before = pair.delay_s if pair.same_clock else shift_s
-    if pair.each:
-        delay = tuple(add(f"delay{label}", "s", before, 10.0 * MS) for label in pair.labels)
-    else:
-        delay = (add("delay", "s", before, 10.0 * MS),) * m
-    drift = -1 if pair.same_clock else add("drift", "1", 0.0, 1e-3)
-    low, high = LAG_BOUNDS_S
-    lag = -1 if order == "none" else add("lag", "s", low, 50.0 * MS, lower=low, upper=high)
-    damping = add("damping", "1", 0.7, 0.2, lower=0.01, upper=10.0) if order == "second" else -1
-    offset = []
-    for c, label in enumerate(pair.labels):
-        offset.append(
-            add(
-                f"offset{label}",
-                pair.components[c].rsplit(" ", 1)[1],
-                float(np.mean(values[:, c])),
-                float(abs(np.mean(values[:, c])) + size[c]),
-            )
-        )
-        needed.append(items[-1].name)
-    gain = np.full((m, basis.values.shape[1]), -1, dtype=np.int64)
-    moving = int(basis.lagged.sum()) // (2 if pair.inertia else 1)
-    for c, label in enumerate(pair.labels):
-        for b in columns[c]:
-            spread = max(float(np.std(basis.values[:, b])), 1e-15)
-            suffix = label if pair.mixing == "own" else f"{label}{b + 1}"
-            nominal = 1.0 if pair.mixing == "own" and pair.derivative == 0 else 0.0
-            gain[c, b] = add(f"gain{suffix}", "1", nominal, float(size[c]) / spread)
-            needed.append(items[-1].name)
-            if pair.inertia:
-                spread = max(float(np.std(basis.values[:, moving + b])), 1e-15)
-                gain[c, moving + b] = add(f"inertia{suffix}", "s2", 0.0, float(size[c]) / spread)
-                needed.append(items[-1].name)
-    first = basis.values.shape[1] - m * len(pair.extras)
-    for e, extra in enumerate(pair.extras):
-        for c, label in enumerate(pair.labels):
-            gain[c, first + e * m + c] = add(f"{extra.name}{label}", extra.unit, float(extra.nominal[c]), extra.scale)
+    items, places, needed = _parameters(pair, order, basis, columns, values, shift_s)
     parameters = Parameters.of(items)
     block = DelayResiduals(
         name=pair.name,
@@ -215,16 +147,66 @@ def build(pair: Pair, order: Order, shift_s: float) -> tuple[Parameters, DelayRe
         measured=values,
         middle_s=float(0.5 * (time[0] + time[-1])),
         basis=basis,
-        places=Places(delay, tuple(offset), tuple(tuple(int(i) for i in row) for row in gain), drift, lag, damping),
+        places=places,
         count=len(items),
     )
     start = parameters.nominal
-    for place in set(delay):
-        start[place] = shift_s
-    if lag >= 0:
-        start[lag] = 3.0 * MS
-    _linear_start(block, start, [*offset, *(int(i) for i in gain.ravel() if i >= 0)])
-    return parameters, block, start, tuple(needed)
+    start[list(places.delay)] = shift_s
+    if places.lag >= 0:
+        start[places.lag] = 3.0 * MS
+    _linear_start(block, start, [*places.offset, *(i for row in places.gain for i in row if i >= 0)])
+    return parameters, block, start, needed
+
+
+def _parameters(
+    pair: Pair, order: Order, basis: Basis, columns: Sequence[Sequence[int]], values: Float, shift_s: float
+) -> tuple[list[Parameter], Places, tuple[str, ...]]:
+    """Parameters in their order, their places, and the names of offsets and gains."""
+    m, size = values.shape[1], np.maximum(np.std(values, axis=0), 1e-12)
+    items: list[Parameter] = []
+    add = partial(_added, items, pair.name)
+    before = pair.delay_s if pair.same_clock else shift_s
+    if pair.each:
+        delay = tuple(add(f"delay{label}", "s", before, 10.0 * MS) for label in pair.labels)
+    else:
+        delay = (add("delay", "s", before, 10.0 * MS),) * m
+    drift = -1 if pair.same_clock else add("drift", "1", 0.0, 1e-3)
+    low, high = LAG_BOUNDS_S
+    lag = -1 if order == "none" else add("lag", "s", low, 50.0 * MS, lower=low, upper=high)
+    damping = add("damping", "1", 0.7, 0.2, lower=0.01, upper=10.0) if order == "second" else -1
+    offset, begin = [], len(items)
+    for c, label in enumerate(pair.labels):
+        mean, unit = float(np.mean(values[:, c])), pair.components[c].rsplit(" ", 1)[1]
+        offset.append(add(f"offset{label}", unit, mean, float(abs(mean) + size[c])))
+    gain = _gains(pair, basis, columns, size, add)
+    needed = tuple(item.name for item in items[begin:])
+    first = basis.values.shape[1] - m * len(pair.extras)
+    for e, extra in enumerate(pair.extras):
+        for c, label in enumerate(pair.labels):
+            gain[c, first + e * m + c] = add(f"{extra.name}{label}", extra.unit, float(extra.nominal[c]), extra.scale)
+    gains = tuple(tuple(int(i) for i in row) for row in gain)
+    return items, Places(delay, tuple(offset), gains, drift, lag, damping), needed
+
+
+def _gains(pair: Pair, basis: Basis, columns: Sequence[Sequence[int]], size: Float, add: Callable[..., int]) -> Int:
+    """(m, B) places of the gains, and with inertia of the second derivatives behind them; -1 elsewhere."""
+    gain = np.full((len(pair.labels), basis.values.shape[1]), -1, dtype=np.int64)
+    moving = int(basis.lagged.sum()) // (2 if pair.inertia else 1)
+    nominal = 1.0 if pair.mixing == "own" and pair.derivative == 0 else 0.0
+    for c, label in enumerate(pair.labels):
+        for b in columns[c]:
+            spread = max(float(np.std(basis.values[:, b])), 1e-15)
+            suffix = label if pair.mixing == "own" else f"{label}{b + 1}"
+            gain[c, b] = add(f"gain{suffix}", "1", nominal, float(size[c]) / spread)
+            if pair.inertia:
+                spread = max(float(np.std(basis.values[:, moving + b])), 1e-15)
+                gain[c, moving + b] = add(f"inertia{suffix}", "s2", 0.0, float(size[c]) / spread)
+    return gain
+
+
+def _added(items: list[Parameter], pair: str, name: str, unit: str, nominal: float, scale: float, **more: float) -> int:
+    items.append(Parameter(f"{pair}.{name}", unit, nominal, np.inf, scale=scale, **more))  # type: ignore[arg-type]
+    return len(items) - 1
 
 
 def _fitted(pair: Pair, order: Order, shift: float, robust: bool) -> Delay:

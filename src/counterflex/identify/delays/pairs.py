@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -25,26 +26,17 @@ _MOVES_RAD = 1.0 * MRAD
 
 @dataclass(frozen=True)
 class Following:
-    """One kind of pair.
+    """One kind of pair."""
 
-    Attributes:
-        name: Of the pair and of its table in the cell file, ``[timing.<name>]``.
-        reference: Channels that may lead, the best first.
-        answer: Channel that follows.
-        components: How many components of the answer take part; 0 is all.
-        lag: A lag large enough to be told from a dead time is to be expected.
-        requested: Only looked for when it is asked for by name.
-    """
-
-    name: str
-    reference: tuple[str, ...]
-    answer: str
+    name: str  # of the pair and of its table in the cell file, `[timing.<name>]`
+    reference: tuple[str, ...]  # channels that may lead, the best first
+    answer: str  # channel that follows
     mixing: Literal["own", "matrix"]
     derivative: int = 0
-    components: int = 0
+    components: int = 0  # how many components of the answer take part; 0 is all
     inertia: bool = False
-    lag: bool = False
-    requested: bool = False
+    lag: bool = False  # a lag large enough to be told from a dead time is to be expected
+    requested: bool = False  # only looked for when it is asked for by name
 
 
 FOLLOWING: Final = (
@@ -71,31 +63,41 @@ def pairs(cell: CellModel, dataset: Dataset, requested: str = "auto") -> tuple[P
         At least one pair.
 
     Raises:
-        InputError: The record has no two channels that follow each other, or not those that are wanted.
+        InputError: The record has no two channels that follow each other, or not those that are expected.
     """
-    names = None if requested == "auto" else [part.strip() for part in requested.split(",") if part.strip()]
-    known = sorted({f.name for f in FOLLOWING})
-    for name in names or ():
-        if name not in known:
-            raise InputError("there is no such pair of channels", value=name, limit=", ".join(known))
+    names = _named(requested)
     by_name: dict[str, Pair] = {}
     for kind in FOLLOWING:
-        if kind.name in by_name or kind.requested if names is None else kind.name in by_name or kind.name not in names:
-            continue
-        if not dataset.has(kind.answer):
-            continue
-        leads = [name for name in kind.reference if dataset.has(name)]
-        if leads:
-            by_name[kind.name] = _pair(cell, dataset, kind, leads[0])
+        expected = not kind.requested if names is None else kind.name in names
+        lead = next((name for name in kind.reference if dataset.has(name)), None)
+        if expected and kind.name not in by_name and lead is not None and dataset.has(kind.answer):
+            by_name[kind.name] = _pair(cell, dataset, kind, lead)
     missing = [name for name in names or () if name not in by_name]
-    if missing or not by_name:
-        raise InputError(
-            "the record has no channels that follow each other" if not by_name else "the record has no such pair",
-            where=dataset.where,
-            value=", ".join(missing) or ", ".join(dataset.channels),
-            limit="; ".join(f"{f.answer} after {' or '.join(f.reference)}" for f in FOLLOWING),
-        )
+    if not by_name:
+        raise _none("the record has no channels that follow each other", dataset, missing)
+    if missing:
+        raise _none("the record has no such pair", dataset, missing)
     return tuple(by_name.values())
+
+
+def _none(what: str, dataset: Dataset, missing: Sequence[str]) -> InputError:
+    return InputError(
+        what,
+        where=dataset.where,
+        value=", ".join(missing) or ", ".join(dataset.channels),
+        limit="; ".join(f"{f.answer} after {' or '.join(f.reference)}" for f in FOLLOWING),
+    )
+
+
+def _named(requested: str) -> list[str] | None:
+    if requested == "auto":
+        return None
+    names = [part.strip() for part in requested.split(",") if part.strip()]
+    known = sorted({f.name for f in FOLLOWING})
+    for name in names:
+        if name not in known:
+            raise InputError("there is no such pair of channels", value=name, limit=", ".join(known))
+    return names
 
 
 def axes_of(dataset: Dataset, count: int) -> tuple[int, ...]:

@@ -25,18 +25,12 @@ Order = Literal["none", "first", "second"]
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Known signals on one even grid of time.
+    """Known signals on one even grid of time."""
 
-    Attributes:
-        start_s: Time of the first sample, by the clock of the reference.
-        values: (N, B) any unit.
-        lagged: (B,) which of them the lag acts on.
-    """
-
-    start_s: float
+    start_s: float  # time of the first sample, by the clock of the reference
     step_s: float
-    values: Float
-    lagged: Bool
+    values: Float  # (N, B) any unit
+    lagged: Bool  # (B,) which of them the lag acts on
 
     @property
     def end_s(self) -> float:
@@ -46,50 +40,30 @@ class Basis:
 
 @dataclass(frozen=True)
 class Places:
-    """Places of the parameters of one pair of channels among all.
+    """Places of the parameters of one pair of channels among all."""
 
-    Attributes:
-        delay: (m,) of each component; the same place where one delay is common.
-        offset: (m,) of each component.
-        gain: (m, B) of each basis signal, -1 where it takes no part.
-        drift: Or -1.
-        lag: Or -1.
-        damping: Or -1.
-    """
-
-    delay: tuple[int, ...]
-    offset: tuple[int, ...]
-    gain: tuple[tuple[int, ...], ...]
-    drift: int = -1
-    lag: int = -1
-    damping: int = -1
+    delay: tuple[int, ...]  # (m,) of each component; the same place where one delay is common
+    offset: tuple[int, ...]  # (m,) of each component
+    gain: tuple[tuple[int, ...], ...]  # (m, B) of each basis signal, -1 where it takes no part
+    drift: int = -1  # or -1
+    lag: int = -1  # or -1
+    damping: int = -1  # or -1
 
 
 @dataclass(frozen=True, eq=False)
 class DelayResiduals:
-    """See :class:`counterflex.identify.solver.residuals.Residuals` and the module.
+    """See :class:`counterflex.identify.solver.residuals.Residuals` and the module."""
 
-    Attributes:
-        name: Of the pair.
-        group: (n,) stretches of time, for hold-out.
-        components: Names with unit.
-        sigma: (n, m) SI.
-        time_s: (n,) stamps of the answer.
-        measured: (n, m) SI.
-        places: Where the parameters stand.
-        count: Number of all parameters.
-    """
-
-    name: str
-    group: Int
-    components: tuple[str, ...]
-    sigma: Float
-    time_s: Float
-    measured: Float
+    name: str  # of the pair
+    group: Int  # (n,) stretches of time, for hold-out
+    components: tuple[str, ...]  # names with unit
+    sigma: Float  # (n, m) SI
+    time_s: Float  # (n,) stamps of the answer
+    measured: Float  # (n, m) SI
     middle_s: float
     basis: Basis
-    places: Places
-    count: int
+    places: Places  # where the parameters stand
+    count: int  # number of all parameters
     _memory: dict[tuple[float, ...], tuple[scipy.interpolate.CubicSpline, list[scipy.interpolate.CubicSpline]]] = field(
         default_factory=dict, repr=False
     )

@@ -26,23 +26,14 @@ _GAP = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Stamped:
-    """A channel over time.
+    """A channel over time."""
 
-    Attributes:
-        name: Canonical name of the channel.
-        time_s: (n,) s, rising.
-        values: (n, k) SI.
-        sigma: (n, k) SI.
-        clock: Name of the clock that stamped it.
-        remarks: What was set right, in words.
-    """
-
-    name: str
-    time_s: Float
-    values: Float
-    sigma: Float
-    clock: str
-    remarks: tuple[str, ...]
+    name: str  # canonical name of the channel
+    time_s: Float  # (n,) s, rising
+    values: Float  # (n, k) SI
+    sigma: Float  # (n, k) SI
+    clock: str  # name of the clock that stamped it
+    remarks: tuple[str, ...]  # what was set right, in words
     where: str
 
     @property

@@ -57,28 +57,18 @@ _GAIN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Chosen measurements.
+    """Chosen measurements."""
 
-    Attributes:
-        indices: (n,) candidates, in the order of what each adds: the first m are a good choice of m.
-        covariance: (f, f) expected covariance of the free parameters in fit coordinates.
-    """
-
-    indices: Int
-    covariance: Float
+    indices: Int  # (n,) candidates, in the order of what each adds: the first m are a good choice of m
+    covariance: Float  # (f, f) expected covariance of the free parameters in fit coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Information of candidate measurements about the free parameters.
+    """Information of candidate measurements about the free parameters."""
 
-    Attributes:
-        ids: (c,) the group of each candidate: rows of one group, over all blocks, are one measurement.
-        jacobian: (c, k, f) weighted Jacobian in fit coordinates, rows of zeros where a candidate has fewer than k.
-    """
-
-    ids: Int
-    jacobian: Float
+    ids: Int  # (c,) the group of each candidate: rows of one group, over all blocks, are one measurement
+    jacobian: Float  # (c, k, f) weighted Jacobian in fit coordinates, rows of zeros where a candidate has fewer than k
 
 
 def candidates_of(parameters: Parameters, blocks: Sequence[Residuals], x: Float | None = None) -> Candidates:

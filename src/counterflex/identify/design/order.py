@@ -25,7 +25,7 @@ _STARTS: Final = 10
 
 
 def wrong_sides(q: Float, *, start: Float | None = None, side: Float | None = None, band: float = BAND_RAD) -> Bool:
-    """Which axes rest on the other side of their play than wanted, pose by pose.
+    """Axes that rest on the other side of their play than requested, pose by pose.
 
     Args:
         q: (n, 6) rad, in order.
@@ -99,7 +99,7 @@ def order_of_poses(
 
 
 def _right(before: Bool, forward: Float, band: float) -> Bool:
-    """Which axes rest on the wanted side after a move: (6,) rad, positive in the wanted direction."""
+    """Reserve (6,) rad with which axes rest on the requested side after a move, positive in that direction."""
     out: Bool = (forward > band) | (before & (forward >= -_STILL_RAD))
     return out
 

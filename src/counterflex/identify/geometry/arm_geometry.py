@@ -18,6 +18,7 @@ second order).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -39,42 +40,32 @@ _SETTLING_ROUNDS = 3
 
 @dataclass(frozen=True)
 class PeriodicTerm:
-    """A periodic error of a drive, sine and cosine of a multiple of its angle.
+    """A periodic error of a drive, sine and cosine of a multiple of its angle."""
 
-    Attributes:
-        axis: 0..5.
-        order: k, periods per turn.
-        sine: Place of the sine's amplitude among the parameters.
-        cosine: Place of the cosine's.
-    """
-
-    axis: int
-    order: int
-    sine: int
-    cosine: int
+    axis: int  # 0..5
+    order: int  # k, periods per turn
+    sine: int  # place of the sine's amplitude among the parameters
+    cosine: int  # place of the cosine's
 
 
 @dataclass(frozen=True, eq=False)
 class ArmLayout:
-    """Places of the parameters of the arm among all parameters.
+    """Places of the parameters of the arm among all parameters."""
 
-    Attributes:
-        displaced: Places (6,) of the displacement behind a segment, or of ``base`` and ``tcp``; -1 stays as known.
-        known: (6,) m, rad displacements that are no parameters, by the same names.
-        soft: Places of single compliances, by segment and direction 0..5.
-        mass: Places of the masses of bodies, by segment.
-        periodic: Errors of drives.
-        turns: (6,) places of what own weight turns axes 2 and 3 by, or None.
-        lost: Places of half of the lost motion of an axis, by axis 0..5.
-    """
-
+    # places (6,) of the displacement behind a segment, or of `base` and `tcp`; -1 stays as known
     displaced: dict[str, Int] = field(default_factory=dict)
+    # (6,) m, rad displacements that are no parameters, by the same names
     known: dict[str, Float] = field(default_factory=dict)
+    # places of single compliances, by segment and direction 0..5
     soft: dict[tuple[int, int], int] = field(default_factory=dict)
-    mass: dict[int, int] = field(default_factory=dict)
-    periodic: tuple[PeriodicTerm, ...] = ()
-    turns: Int | None = None
-    lost: dict[int, int] = field(default_factory=dict)
+    mass: dict[int, int] = field(default_factory=dict)  # places of the masses of bodies, by segment
+    periodic: tuple[PeriodicTerm, ...] = ()  # errors of drives
+    turns: Int | None = None  # (6,) places of what own weight turns axes 2 and 3 by, or None
+    lost: dict[int, int] = field(default_factory=dict)  # places of half of the lost motion of an axis, by axis 0..5
+
+    def soft_of(self, segment: int) -> dict[int, int]:
+        """Places of the compliances of one segment, by direction."""
+        return {d: place for (i, d), place in self.soft.items() if i == segment}
 
     def displacement_at(self, name: str, x: Float) -> Float | None:
         """(6,) m, rad at the values x, or None where nothing is displaced."""
@@ -87,45 +78,29 @@ class ArmLayout:
 
 
 class _Frames(NamedTuple):
-    """Frames of an arm at the values of its parameters.
+    """Frames of an arm at the values of its parameters."""
 
-    Attributes:
-        drives: Frames (m, 4, 4) behind every drive.
-        ends: Frames (m, 4, 4) behind every sag.
-        T_last: Frame (m, 4, 4) of the TCP before its displacement.
-        T: Frame (m, 4, 4) of the TCP.
-        moves: (6,) m, rad displacements by name.
-    """
-
-    drives: list[Float]
-    ends: list[Float]
-    T_last: Float
-    T: Float
-    moves: dict[str, Float]
+    drives: list[Float]  # frames (m, 4, 4) behind every drive
+    ends: list[Float]  # frames (m, 4, 4) behind every sag
+    T_last: Float  # frame (m, 4, 4) of the TCP before its displacement
+    T: Float  # frame (m, 4, 4) of the TCP
+    moves: dict[str, Float]  # (6,) m, rad displacements by name
 
 
 @dataclass(frozen=True, eq=False)
 class ArmGeometry:
-    """The arm in a set of poses.
+    """The arm in a set of poses."""
 
-    Attributes:
-        chain: Nominal chain: geometry without calibration, with its compliances and masses.
-        layout: Where its parameters are.
-        q: (m, 6) rad.
-        loads: (m, n, 6) of own weight on each element times the factor of its regions, N, N m; None leaves sag out.
-        unit_loads: (m, b, n, 6) likewise of one kilogram of each of the b bodies whose mass is a parameter, or None.
-        unit_turns: (m, 6) of :func:`counterflex.robot.elasticity.axis_sag.unit_turns`, where the layout has their
-            places.
-        sense: (m, 6) in which each axis came to the pose, +1, -1 or 0 where it is not known; or None.
-    """
-
-    chain: ElasticChain
-    layout: ArmLayout
-    q: Float
+    chain: ElasticChain  # nominal chain: geometry without calibration, with its compliances and masses
+    layout: ArmLayout  # where its parameters are
+    q: Float  # (m, 6) rad
+    # (m, n, 6) of own weight on each element times the factor of its regions, N, N m; None leaves sag out
     loads: Float | None = None
+    # (m, b, n, 6) likewise of one kilogram of each of the b bodies whose mass is a parameter, or None
     unit_loads: Float | None = None
+    # (m, 6) of counterflex.robot.elasticity.axis_sag.unit_turns, where the layout has their places
     unit_turns: Float | None = None
-    sense: Float | None = None
+    sense: Float | None = None  # (m, 6) in which each axis came to the pose, +1, -1 or 0 where it is not known; or None
     _last: dict[bytes, _Frames] = field(default_factory=dict, init=False, repr=False)
 
     def subset(self, rows: Bool) -> ArmGeometry:
@@ -144,7 +119,7 @@ class ArmGeometry:
         return self._frames(x).T.copy()
 
     def moved(self, x: Float) -> tuple[Float, Int, Float]:
-        """What the parameters move.
+        """Poses of the tool and their derivatives by the parameters.
 
         ``x``: (p,) values of all parameters, SI.
 
@@ -165,15 +140,9 @@ class ArmGeometry:
         columns.displaced(BASE, np.broadcast_to(np.eye(4), T.shape))
         for i, name in enumerate(chain.names):
             R, p = drives[i][:, :3, :3], drives[i][:, :3, 3]
-            for term in lay.periodic:
-                if term.axis == chain.joint[i]:
-                    angle = term.order * self.q[:, term.axis]
-                    amount = chain.sign[i] * np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
-                    columns.turns(R[:, :, 2:] * amount[:, None, :], p, np.array([term.sine, term.cosine]))
-            places, turns = self._turns_of(i)
-            if len(places):
+            for places, turns in self._axis_turns(i):
                 columns.turns(R[:, :, 2:] * (chain.sign[i] * turns)[:, None, :], p, places)
-            soft = {d: place for (segment, d), place in lay.soft.items() if segment == i}
+            soft = lay.soft_of(i)
             if loads is not None and (soft or (lay.mass and yields[i])):
                 centre = p + (R @ delta[:, i, :3, None])[..., 0]
                 axes = R @ bends[:, i]
@@ -260,7 +229,7 @@ class ArmGeometry:
         return _Frames(drives, ends, T_last, T_last @ step[TCP] if TCP in step else T_last, moves)
 
     def _bent(self, x: Float) -> dict[int, Float]:
-        """What sag turns and shifts (m, 4, 4), by segment that yields."""
+        """Displacements (m, 4, 4) by sag, by segment that yields."""
         delta = self._sag(x)
         if delta is None:
             return {}
@@ -285,6 +254,16 @@ class ArmGeometry:
             out = out + turns @ x[places]
         angle: Float = self.chain.sign[i] * out + self.chain.offset[i]
         return angle
+
+    def _axis_turns(self, i: int) -> Iterator[tuple[Int, Float]]:
+        """Places (k,) and turns (m, k) per unit of all that turns the axis of segment i, before its sign."""
+        for term in self.layout.periodic:
+            if term.axis == self.chain.joint[i]:
+                angle = term.order * self.q[:, term.axis]
+                yield np.array([term.sine, term.cosine]), np.stack([np.sin(angle), np.cos(angle) - 1.0], axis=-1)
+        places, turns = self._turns_of(i)
+        if len(places):
+            yield places, turns
 
     def _turns_of(self, i: int) -> tuple[Int, Float]:
         """Places (k,) of what weight and lost motion turn the axis of segment i by, and the turns (m, k) per unit."""

@@ -28,24 +28,16 @@ TORSION: Final = 5e-5
 
 @dataclass(frozen=True)
 class ArmPriors:
-    """Standard deviations of an arm before it is measured.
+    """Standard deviations of an arm before it is measured."""
 
-    Attributes:
-        length_m: Of each displacement.
-        angle_rad: Of each rotation.
-        zero_rad: Of each zero of an axis (the rotation about it); None is that of the rotations.
-        mass: Of each mass, relative.
-        periodic_rad: Of each amplitude of a drive's periodic error.
-        sag_rad: Of each product of a compliance and a weight's first moment, where masses are not known. Arms of all
-            payload classes are built so that their weight turns axes 2 and 3 by some tenths of a mrad to some mrad.
-    """
-
-    length_m: float = 0.5 * MM
-    angle_rad: float = 0.5 * MRAD
-    mass: float = 0.1
-    periodic_rad: float = 0.3 * MRAD
+    length_m: float = 0.5 * MM  # of each displacement
+    angle_rad: float = 0.5 * MRAD  # of each rotation
+    mass: float = 0.1  # of each mass, relative
+    periodic_rad: float = 0.3 * MRAD  # of each amplitude of a drive's periodic error
+    # of each product of a compliance and a weight's first moment, where masses are not known. Arms of all payload
+    # classes are built so that their weight turns axes 2 and 3 by some tenths of a mrad to some mrad
     sag_rad: float = 1.0 * MRAD
-    zero_rad: float | None = None
+    zero_rad: float | None = None  # of each zero of an axis (the rotation about it); None is that of the rotations
 
     def __post_init__(self) -> None:
         """Check that all are above zero."""
@@ -61,18 +53,12 @@ class ArmPriors:
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """An arm ready to be placed in poses.
+    """An arm ready to be placed in poses."""
 
-    Attributes:
-        chain: Nominal chain with the cell's compliances and masses.
-        layout: Places of its parameters; they are the first of all.
-        sag: How own weight is treated.
-    """
-
-    chain: ElasticChain
-    layout: ArmLayout
+    chain: ElasticChain  # nominal chain with the cell's compliances and masses
+    layout: ArmLayout  # places of its parameters; they are the first of all
     parameters: Parameters
-    sag: Sag
+    sag: Sag  # how own weight is treated
 
     def at(self, q: Float, sense: Float | None = None) -> ArmGeometry:
         """The arm in poses q (m, 6) rad, to which its axes came in the senses (m, 6), +1, -1 or 0; None: not known."""
@@ -152,7 +138,7 @@ def sag_of(chain: ElasticChain, requested: str) -> Sag:
 
 
 def sag_as_known(chain: ElasticChain) -> Sag:
-    """How own weight is treated where nothing that is not known may be added to the parameters."""
+    """Model of own weight for uses where the sag adds no parameters."""
     how = sag_of(chain, "auto")
     if how == "axes":  # what hangs on the flange may have a mass all the same
         return "cell" if np.any(chain.mass > 0.0) and np.any(chain.compliance > 0.0) else "off"
@@ -196,36 +182,38 @@ def arm_model(
                 )
             )
     known = {name: np.asarray(d) for name, d in cell.calibration.items() if name not in displaced}
-    how = sag_of(chain, sag)
-    soft, mass = {}, {}
-    if how == "masses":
-        for i in np.flatnonzero(chain.mass > 0.0):
-            mass[int(i)] = len(items)
-            items.append(
-                Parameter(f"{chain.names[i]}.mass", "kg", float(chain.mass[i]), priors.mass, 0.0, log=True,
-                          label=f"mass of {chain.names[i]}")
-            )  # fmt: skip
-    if how == "torsion":
-        for i in np.flatnonzero(chain.joint >= 0):
-            before_c = float(chain.compliance[i, 5])
-            soft[(int(i), 5)] = len(items)
-            items.append(
-                Parameter(f"{chain.names[i]}.rz", "rad/(N m)", before_c, TORSION, 0.0,
-                          label=f"torsion compliance of {chain.names[i]}")
-            )  # fmt: skip
-    turns = None
-    if how == "axes":
-        turns = np.arange(len(items), len(items) + len(TERMS), dtype=np.int64)
-        items += [
-            Parameter(
-                name=f"sag{axis + 1}.link{link + 1}_{direction}",
-                unit="rad",
-                nominal=0.0,
-                prior_sigma=priors.sag_rad,
-                lower=-LARGEST_SAG_RAD,
-                upper=LARGEST_SAG_RAD,
-                label=f"turn of axis {axis + 1} by the weight of link {link + 1} along its {direction}",
-            )
-            for axis, link, direction in TERMS
-        ]
+    how, first = sag_of(chain, sag), len(items)
+    items += _sag_parameters(chain, priors, how)
+    places = range(first, len(items))
+    soft = {(int(i), 5): k for i, k in zip(np.flatnonzero(chain.joint >= 0), places, strict=False)}
+    mass = {int(i): k for i, k in zip(np.flatnonzero(chain.mass > 0.0), places, strict=False)}
+    turns = np.arange(first, len(items), dtype=np.int64) if how == "axes" else None
     return ArmModel(chain, ArmLayout(displaced, known, soft, mass, turns=turns), Parameters.of(items), how)
+
+
+def _sag_parameters(chain: ElasticChain, priors: ArmPriors, how: str) -> list[Parameter]:
+    """Parameters of the sag: masses of bodies, torsions of axes, or turns of axes 2 and 3."""
+    if how == "masses":
+        return [
+            Parameter(f"{chain.names[i]}.mass", "kg", float(chain.mass[i]), priors.mass, 0.0, log=True,
+                      label=f"mass of {chain.names[i]}")
+            for i in np.flatnonzero(chain.mass > 0.0)
+        ]  # fmt: skip
+    if how == "torsion":
+        return [
+            Parameter(f"{chain.names[i]}.rz", "rad/(N m)", float(chain.compliance[i, 5]), TORSION, 0.0,
+                      label=f"torsion compliance of {chain.names[i]}")
+            for i in np.flatnonzero(chain.joint >= 0)
+        ]  # fmt: skip
+    return [
+        Parameter(
+            name=f"sag{axis + 1}.link{link + 1}_{direction}",
+            unit="rad",
+            nominal=0.0,
+            prior_sigma=priors.sag_rad,
+            lower=-LARGEST_SAG_RAD,
+            upper=LARGEST_SAG_RAD,
+            label=f"turn of axis {axis + 1} by the weight of link {link + 1} along its {direction}",
+        )
+        for axis, link, direction in (TERMS if how == "axes" else ())
+    ]

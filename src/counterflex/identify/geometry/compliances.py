@@ -79,17 +79,11 @@ _OF_AXES: Final = {"torsion": (5,), "tilting": (3, 4), "translation": (0, 1, 2)}
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Directions of elements that are parameters, in the order of the parameters.
+    """Directions of elements that are parameters, in the order of the parameters."""
 
-    Attributes:
-        segment: (k,) index of the element in the chain.
-        direction: (k,) 0..5 of ``tx ty tz rx ry rz``.
-        parameters: k parameters named ``axis1.rz``, m/N or rad/(N m).
-    """
-
-    segment: Int
-    direction: Int
-    parameters: Parameters
+    segment: Int  # (k,) index of the element in the chain
+    direction: Int  # (k,) 0..5 of `tx ty tz rx ry rz`
+    parameters: Parameters  # k parameters named `axis1.rz`, m/N or rad/(N m)
 
     def __len__(self) -> int:
         return len(self.segment)
@@ -149,33 +143,17 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
             raise InputError(f"setting {key}", value=options[key], limit="a relative standard deviation above 0, <= 10")
     wide, known, free, fixed = (named_directions(chain, str(options[key])) for key in ("wide", "known", "free", "held"))
     items, segment, direction = [], [], []
-    for i, name in enumerate(chain.names):
-        for d, letter in enumerate(DIRECTIONS):
-            value, place = float(chain.compliance[i, d]), (i, d)
-            unit = "m/N" if d < 3 else "rad/(N m)"
-            label = f"{name} {'translation' if d < 3 else 'rotation'} {letter[1]}"
-            if value > 0.0:
-                kind = "known_prior" if place in known else "wide_prior" if place in wide else "prior"
-                sigma = float(options[kind])
-                item = Parameter(
-                    f"{name}.{letter}",
-                    unit,
-                    value,
-                    sigma,
-                    lower=value / _RANGE,
-                    upper=value * _RANGE,
-                    free=place not in fixed,
-                    log=True,
-                    label=label,
-                )
-            elif place in free and (value == 0.0 and place not in fixed):
-                sigma = TRANSLATION_M_N if d < 3 else ROTATION_RAD_NM
-                item = Parameter(f"{name}.{letter}", unit, 0.0, sigma, lower=0.0, upper=_RANGE * sigma, label=label)
-            else:
-                continue
-            items.append(item)
-            segment.append(i)
-            direction.append(d)
+    for i, d in np.ndindex(chain.n, 6):
+        value, place = float(chain.compliance[i, d]), (i, d)
+        if value > 0.0:
+            kind = "known_prior" if place in known else "wide_prior" if place in wide else "prior"
+            items.append(_elastic(chain.names[i], d, value, float(options[kind]), free=place not in fixed))
+        elif place in free and (value == 0.0 and place not in fixed):
+            items.append(_freed(chain.names[i], d))
+        else:
+            continue
+        segment.append(i)
+        direction.append(d)
     if not items:
         raise InputError(
             "nothing in this cell is elastic, so there is no compliance to identify",
@@ -184,6 +162,24 @@ def springs(chain: ElasticChain, settings: Mapping[str, Any]) -> Springs:
             '--set free="axis1.rz axis2.rz axis3.rz"',
         )
     return Springs(np.array(segment, dtype=np.int64), np.array(direction, dtype=np.int64), Parameters.of(items))
+
+
+def _words(name: str, d: int) -> tuple[str, str, str]:
+    """Name, unit and label of the parameter of a direction."""
+    unit, kind = ("m/N", "translation") if d < 3 else ("rad/(N m)", "rotation")
+    return f"{name}.{DIRECTIONS[d]}", unit, f"{name} {kind} {DIRECTIONS[d][1]}"
+
+
+def _elastic(segment: str, d: int, value: float, sigma: float, *, free: bool) -> Parameter:
+    name, unit, label = _words(segment, d)
+    lower, upper = value / _RANGE, value * _RANGE
+    return Parameter(name, unit, value, sigma, lower=lower, upper=upper, free=free, log=True, label=label)
+
+
+def _freed(segment: str, d: int) -> Parameter:
+    name, unit, label = _words(segment, d)
+    sigma = TRANSLATION_M_N if d < 3 else ROTATION_RAD_NM
+    return Parameter(name, unit, 0.0, sigma, lower=0.0, upper=_RANGE * sigma, label=label)
 
 
 def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
@@ -201,14 +197,19 @@ def named_directions(chain: ElasticChain, names: str) -> set[tuple[int, int]]:
             continue
         element, _, letter = word.partition(".")
         if element not in chain.names or (letter and letter not in DIRECTIONS):
-            known = [f"{name}.{d}" for name in chain.names for d in DIRECTIONS] if letter else list(chain.names)
-            close = close_to(word, known, 1)
-            raise InputError(
-                "the cell has no such elastic element or direction",
-                value=word,
-                limit=", ".join((*chain.names, "all", *_OF_AXES)) + "; directions " + " ".join(DIRECTIONS),
-                hint=f"Did you mean '{close[0]}'?" if close else None,
-            )
+            raise _no_such(chain, word)
         i = chain.names.index(element)
         directions |= {(i, d) for d in range(6) if not letter or DIRECTIONS[d] == letter}
     return directions
+
+
+def _no_such(chain: ElasticChain, word: str) -> InputError:
+    letter = word.partition(".")[2]
+    known = [f"{name}.{d}" for name in chain.names for d in DIRECTIONS] if letter else list(chain.names)
+    close = close_to(word, known, 1)
+    return InputError(
+        "the cell has no such elastic element or direction",
+        value=word,
+        limit=", ".join((*chain.names, "all", *_OF_AXES)) + "; directions " + " ".join(DIRECTIONS),
+        hint=f"Did you mean '{close[0]}'?" if close else None,
+    )

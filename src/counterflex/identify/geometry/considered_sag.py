@@ -41,7 +41,7 @@ def with_honest_sigma(fit: Fit, blocks: Sequence[Residuals], compliance: float, 
 
 
 def sag_moved(blocks: Sequence[Residuals], x: Float, share: float, bearing_m: float) -> list[Float]:
-    """What one standard deviation of each thing known of the sag moves the measured values by.
+    """Changes of the measured values by one standard deviation of each quantity that the sag depends on.
 
     Args:
         blocks: Residuals, those with an arm that sags and others.
@@ -54,14 +54,7 @@ def sag_moved(blocks: Sequence[Residuals], x: Float, share: float, bearing_m: fl
         Per block (rows, components, m) in the units of the components: a column for each elastic direction, and three
         for each element that turns.
     """
-    arms = [arm for b in blocks for name in _ARMS if isinstance(arm := getattr(b, name, None), ArmGeometry)]
-    bent = next((arm for arm in arms if arm.loads is not None), None)
-    changes: list[tuple[Change, float]] = []
-    if bent is not None:
-        soft = [(int(i), int(d)) for i, d in np.argwhere(bent.chain.compliance > 0.0)]
-        changes = [(_softer(place), share / _STEP) for place in soft if place not in bent.layout.soft]
-        turning = sorted({i for i, d in soft if d >= 3})
-        changes += [(_aside(i, axis), bearing_m / _STEP_M) for i in turning for axis in range(3)]
+    changes = _changes_of(blocks, share, bearing_m)
     out = []
     for block in blocks:
         before = block.evaluate(x)
@@ -70,6 +63,18 @@ def sag_moved(blocks: Sequence[Residuals], x: Float, share: float, bearing_m: fl
             moved[:, :, k] = (before - _changed(block, change).evaluate(x)) * block.sigma * scale
         out.append(moved)
     return out
+
+
+def _changes_of(blocks: Sequence[Residuals], share: float, bearing_m: float) -> list[tuple[Change, float]]:
+    """Steps of the compliances that are not fitted and of the bearings, each with how many a standard deviation is."""
+    arms = [arm for b in blocks for name in _ARMS if isinstance(arm := getattr(b, name, None), ArmGeometry)]
+    bent = next((arm for arm in arms if arm.loads is not None), None)
+    if bent is None:
+        return []
+    soft = [(int(i), int(d)) for i, d in np.argwhere(bent.chain.compliance > 0.0)]
+    changes = [(_softer(place), share / _STEP) for place in soft if place not in bent.layout.soft]
+    turning = sorted({i for i, d in soft if d >= 3})
+    return changes + [(_aside(i, axis), bearing_m / _STEP_M) for i in turning for axis in range(3)]
 
 
 def _changed(block: Residuals, change: Change) -> Residuals:

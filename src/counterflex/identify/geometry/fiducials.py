@@ -29,21 +29,14 @@ _SCALES: Final = {
 
 @dataclass(frozen=True, eq=False)
 class FiducialResiduals:
-    """``p_base - T_base_tracker p_tracker`` of fiducials, in base axes.
-
-    Attributes:
-        group: (m,) id of each row's fiducial.
-        sigma: (m, 3) m.
-        p_base: (m, 3) m, known.
-        p_tracker: (m, 3) m, measured.
-    """
+    """``p_base - T_base_tracker p_tracker`` of fiducials, in base axes."""
 
     name: str
-    group: Int
-    sigma: Float
+    group: Int  # (m,) id of each row's fiducial
+    sigma: Float  # (m, 3) m
     tracker: PlacedFrame
-    p_base: Float
-    p_tracker: Float
+    p_base: Float  # (m, 3) m, known
+    p_tracker: Float  # (m, 3) m, measured
     components: tuple[str, ...] = ("x m", "y m", "z m")
 
     def evaluate(self, x: Float) -> Float:

@@ -16,16 +16,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.errors import InputError
-from counterflex.identify.geometry.hand_eye import (
-    error_of,
-    of_points,
-    of_poses,
-    open_offsets,
-    quick_of_samples,
-    refined,
-    target_of_poses,
-    tracker_of_poses,
-)
+from counterflex.identify.geometry import hand_eye
 
 TRIALS: Final = 200
 _SAMPLE = 5
@@ -37,20 +28,13 @@ _AT_ONCE = 20_000
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Frames found.
+    """Frames found."""
 
-    Attributes:
-        T_base_tracker: (4, 4).
-        T_tcp_target: (4, 4); its rotation is identity where only points were measured.
-        error_m: (m,) distance of each measurement from its prediction, rotations counted at :data:`LENGTH_M`.
-        good: (m,) measurements that are no gross errors.
-        open: (k, 3) unit vectors in the axes of the TCP along which the poses do not tell the target's offset.
-    """
-
-    T_base_tracker: Float
-    T_tcp_target: Float
-    error_m: Float
-    good: Bool
+    T_base_tracker: Float  # (4, 4)
+    T_tcp_target: Float  # (4, 4); its rotation is identity where only points were measured
+    error_m: Float  # (m,) distance of each measurement from its prediction, rotations counted at LENGTH_M
+    good: Bool  # (m,) measurements that are no gross errors
+    # (k, 3) unit vectors in the axes of the TCP along which the poses do not tell the target's offset
     open: Float = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
@@ -70,14 +54,14 @@ def robust_of_poses(
     best = _best(
         len(Ts_base_tcp),
         _SAMPLE,
-        lambda rows: of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
-        lambda rows: quick_of_samples(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
-        lambda rows, R: refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
-        lambda Z, X: error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
+        lambda rows: hand_eye.of_poses(Ts_base_tcp[rows], Ts_tracker_target[rows], partly=partly),
+        lambda rows: hand_eye.quick_of_samples(Ts_base_tcp[rows], Ts_tracker_target[rows], partly),
+        lambda rows, R: hand_eye.refined(Ts_base_tcp[rows], Ts_tracker_target[rows], R),
+        lambda Z, X: hand_eye.error_of(Ts_base_tcp, Ts_tracker_target, Z, X),
         seed,
         trials,
     )
-    return replace(best, open=open_offsets(Ts_base_tcp))
+    return replace(best, open=hand_eye.open_offsets(Ts_base_tcp))
 
 
 def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, trials: int = TRIALS) -> HandEye:
@@ -85,10 +69,10 @@ def robust_tracker(Ts_base_tcp: Float, measured: Float, T_tcp_target: Float, *, 
     return _best(
         len(Ts_base_tcp),
         _SAMPLE,
-        lambda rows: (tracker_of_poses(Ts_base_tcp[rows], measured[rows], T_tcp_target), T_tcp_target),
+        lambda rows: (hand_eye.tracker_of_poses(Ts_base_tcp[rows], measured[rows], T_tcp_target), T_tcp_target),
         None,
         None,
-        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        lambda Z, X: hand_eye.error_of(Ts_base_tcp, measured, Z, X),
         0,
         trials,
     )
@@ -99,10 +83,10 @@ def robust_target(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, *,
     return _best(
         len(Ts_base_tcp),
         _SAMPLE,
-        lambda rows: (T_base_tracker, target_of_poses(Ts_base_tcp[rows], measured[rows], T_base_tracker)),
+        lambda rows: (T_base_tracker, hand_eye.target_of_poses(Ts_base_tcp[rows], measured[rows], T_base_tracker)),
         None,
         None,
-        lambda Z, X: error_of(Ts_base_tcp, measured, Z, X),
+        lambda Z, X: hand_eye.error_of(Ts_base_tcp, measured, Z, X),
         0,
         trials,
     )
@@ -115,14 +99,14 @@ def robust_of_points(
     best = _best(
         len(Ts_base_tcp),
         _POINT_SAMPLE,
-        lambda rows: of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
+        lambda rows: hand_eye.of_points(Ts_base_tcp[rows], p_tracker_target[rows], partly=partly),
         None,
-        lambda rows, R: refined(Ts_base_tcp[rows], p_tracker_target[rows], R),
-        lambda Z, X: error_of(Ts_base_tcp, p_tracker_target, Z, X),
+        lambda rows, R: hand_eye.refined(Ts_base_tcp[rows], p_tracker_target[rows], R),
+        lambda Z, X: hand_eye.error_of(Ts_base_tcp, p_tracker_target, Z, X),
         seed,
         trials,
     )
-    return replace(best, open=open_offsets(Ts_base_tcp))
+    return replace(best, open=hand_eye.open_offsets(Ts_base_tcp))
 
 
 def _best(
@@ -135,10 +119,8 @@ def _best(
     seed: int,
     trials: int,
 ) -> HandEye:
-    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best.
-
-    ``quick`` takes the rows (t, sample) of many samples, all others the rows of one.
-    """
+    """Least median of errors over random samples, fitted quickly, then least squares over what agrees with the best."""
+    # `quick` takes the rows (t, sample) of many samples, all others the rows of one.
     Z, X = fit(np.ones(count, dtype=np.bool_))
     best = error(Z, X)
     rng = np.random.default_rng(seed)

@@ -88,19 +88,12 @@ _LEAST = 1e-4  # um or urad: what a table shows of a standard deviation at least
 
 @dataclass(frozen=True, eq=False)
 class KnownFrames:
-    """Tracker and target by the cell file.
+    """Tracker and target by the cell file."""
 
-    Attributes:
-        T_base_tracker: (4, 4).
-        sigma: (6,) m, rad in the tracker's axes, or None where not stated.
-        T_tcp_target: (4, 4).
-        target_sigma: (6,) m, rad in the target's axes, or None.
-    """
-
-    T_base_tracker: Float
-    sigma: Float | None
-    T_tcp_target: Float
-    target_sigma: Float | None
+    T_base_tracker: Float  # (4, 4)
+    sigma: Float | None  # (6,) m, rad in the tracker's axes, or None where not stated
+    T_tcp_target: Float  # (4, 4)
+    target_sigma: Float | None  # (6,) m, rad in the target's axes, or None
 
 
 def known_frames(cell: CellModel) -> KnownFrames | None:

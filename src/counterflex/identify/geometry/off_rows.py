@@ -53,34 +53,22 @@ _LEAST_FREE: Final = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Rows of one dataset in the order of the file, as rows of the residuals that hold them.
-
-    Attributes:
-        block: (n,) which residuals.
-        row: (n,) which of their rows.
-    """
+    """Rows of one dataset in the order of the file, as rows of the residuals that hold them."""
 
     data: Dataset
-    block: Int
-    row: Int
+    block: Int  # (n,) which residuals
+    row: Int  # (n,) which of their rows
 
 
 @dataclass(frozen=True, eq=False)
 class OffRows:
-    """A block of consecutive rows that are all off.
-
-    Attributes:
-        rows: (k,) its rows, from 0, consecutive.
-        least_m: Error of the row that is off least, against the fit without the block.
-        most_m: The same of the row that is off most.
-        usual_m: Error that :data:`NEARLY_ALL` of the other rows stay below.
-    """
+    """A block of consecutive rows that are all off."""
 
     data: Dataset
-    rows: Int
-    least_m: float
-    most_m: float
-    usual_m: float
+    rows: Int  # (k,) its rows, from 0, consecutive
+    least_m: float  # error of the row that is off least, against the fit without the block
+    most_m: float  # the same of the row that is off most
+    usual_m: float  # error that NEARLY_ALL of the other rows stay below
 
     @property
     def share(self) -> float:
@@ -283,10 +271,8 @@ def _lengths(n: int) -> list[int]:
 
 
 def _run(error: Float, window: Int | None = None) -> Int | None:
-    """The longest run of rows that are off, about a window where one is given; None where there is none.
-
-    Rows are off beyond :data:`FAR` times what :data:`NEARLY_ALL` of the rest stay below, the rest being all others.
-    """
+    """The longest run of rows that are off, about a window where one is given; None where there is none."""
+    # Rows are off beyond FAR times what NEARLY_ALL of the rest stay below, the rest being all others.
     usual = float(np.median(error if window is None else np.delete(error, window)))
     off = error > _SUSPECT * usual
     best: Int | None = None

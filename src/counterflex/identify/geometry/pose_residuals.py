@@ -31,15 +31,10 @@ def components(x: Float, index: Int) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class PlacedFrame:
-    """A frame with parameters.
+    """A frame with parameters."""
 
-    Attributes:
-        T0: (4, 4) first estimate.
-        index: (6,) places of its displacement among the parameters, or -1.
-    """
-
-    T0: Float
-    index: Int
+    T0: Float  # (4, 4) first estimate
+    index: Int  # (6,) places of its displacement among the parameters, or -1
 
     def at(self, x: Float) -> Float:
         """The frame (4, 4) at the values x (p,) of all parameters."""
@@ -90,24 +85,16 @@ class PosedArm(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class TrackerResiduals:
-    """Tracker poses (R given) or tracker points (R None) of one target seen from one place of the tracker.
-
-    Attributes:
-        group: (m,) ids of poses.
-        sigma: (m, 6) or (m, 3) m, rad.
-        arm: The arm in the m poses.
-        p: (m, 3) m, measured p_tracker_target.
-        R: (m, 3, 3) measured R_tracker_target, or None.
-    """
+    """Tracker poses (R given) or tracker points (R None) of one target seen from one place of the tracker."""
 
     name: str
-    group: Int
-    sigma: Float
-    arm: PosedArm
+    group: Int  # (m,) ids of poses
+    sigma: Float  # (m, 6) or (m, 3) m, rad
+    arm: PosedArm  # the arm in the m poses
     tracker: PlacedFrame
     target: PlacedFrame
-    p: Float
-    R: Float | None
+    p: Float  # (m, 3) m, measured p_tracker_target
+    R: Float | None  # (m, 3, 3) measured R_tracker_target, or None
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -12,31 +12,14 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
-from counterflex.identify.data.alternative_readings import (
-    Reading,
-    inverted_pose,
-    left_handed,
-    quaternion_mistakes,
-    row_mistakes,
-    sign_mistakes,
-    swapped_columns,
-    transposed,
-    unit_mistakes,
-)
+from counterflex.identify.data import alternative_readings
 from counterflex.identify.data.data_checks import check_finite, check_repeats
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, thinned
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry import hand_eye_robust
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, displaced_arm
 from counterflex.identify.geometry.hand_eye import open_offsets
-from counterflex.identify.geometry.hand_eye_robust import (
-    TRIALS,
-    HandEye,
-    robust_of_points,
-    robust_of_poses,
-    robust_target,
-    robust_tracker,
-)
 from counterflex.identify.geometry.known_frames import known_drive_errors
 from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals
 
@@ -176,10 +159,8 @@ def check_tracker_data(
 
 
 def _check_reach(cell: CellModel, d: Dataset) -> None:
-    """Refuse poses of the flange that this robot cannot take: they are in another unit.
-
-    Raises InputError: the farthest is beyond the robot's length, or hardly away from its foot.
-    """
+    """Refuse poses of the flange that this robot cannot take: they are in another unit."""
+    # The farthest is then beyond the robot's length, or hardly away from its foot.
     length = float(np.sum(np.linalg.norm(cell.nominal_chain.fixed[:, :3, 3], axis=1)))
     farthest = float(np.max(np.linalg.norm(d.values("p_base_flange"), axis=1)))
     if not _NEAREST * length <= farthest <= _FARTHEST * length:
@@ -196,11 +177,11 @@ def start_frames(
     cell: CellModel,
     d: Dataset,
     *,
-    trials: int = TRIALS,
+    trials: int = hand_eye_robust.TRIALS,
     partly: bool = False,
     target: Float | None = None,
     tracker: Float | None = None,
-) -> HandEye:
+) -> hand_eye_robust.HandEye:
     """Robust first estimate of tracker and target from a dataset of poses or points.
 
     Args:
@@ -217,12 +198,12 @@ def start_frames(
     """
     Ts, measured = arm_of(cell, d).poses(np.zeros(0)), measured_of(d)
     if target is not None:
-        return robust_tracker(Ts, measured, target, trials=trials)
+        return hand_eye_robust.robust_tracker(Ts, measured, target, trials=trials)
     if tracker is not None:
-        return robust_target(Ts, measured, tracker, trials=trials)
+        return hand_eye_robust.robust_target(Ts, measured, tracker, trials=trials)
     if has_orientation(d):
-        return robust_of_poses(Ts, measured, trials=trials, partly=partly)
-    return robust_of_points(Ts, measured, trials=trials, partly=partly)
+        return hand_eye_robust.robust_of_poses(Ts, measured, trials=trials, partly=partly)
+    return hand_eye_robust.robust_of_points(Ts, measured, trials=trials, partly=partly)
 
 
 def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> Misfit:
@@ -231,32 +212,32 @@ def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> 
     return Misfit(frames.error_m / ROBOT_M, np.zeros(0), float(max(numbers - (12 if target is None else 6), 1)))
 
 
-def readings_of(d: Dataset) -> tuple[Reading, ...]:
+def readings_of(d: Dataset) -> tuple[alternative_readings.Reading, ...]:
     """Other readings of a table of tracker poses or points."""
     channel = "q" if d.has("q") else "p_base_flange"
     out = [
-        *unit_mistakes(d, channel),
-        *unit_mistakes(d, POINT),
-        *swapped_columns(d, channel),
-        *sign_mistakes(d, channel),
-        *row_mistakes(POINT),
+        *alternative_readings.unit_mistakes(d, channel),
+        *alternative_readings.unit_mistakes(d, POINT),
+        *alternative_readings.swapped_columns(d, channel),
+        *alternative_readings.sign_mistakes(d, channel),
+        *alternative_readings.row_mistakes(POINT),
     ]
     if channel != "q" and d.has("R_base_flange"):
         out += [
-            *quaternion_mistakes("R_base_flange"),
-            transposed("R_base_flange"),
+            *alternative_readings.quaternion_mistakes("R_base_flange"),
+            alternative_readings.transposed("R_base_flange"),
             *euler_mistakes("R_base_flange"),
         ]
     if not has_orientation(d):
-        return (*out, *left_handed((POINT,)))
+        return (*out, *alternative_readings.left_handed((POINT,)))
     return (
         *out,
-        *left_handed((POINT,), (ORIENTATION,)),
-        *swapped_columns(d, POINT),
-        *sign_mistakes(d, POINT),
-        inverted_pose(POINT, ORIENTATION),
-        transposed(ORIENTATION),
-        *quaternion_mistakes(ORIENTATION),
+        *alternative_readings.left_handed((POINT,), (ORIENTATION,)),
+        *alternative_readings.swapped_columns(d, POINT),
+        *alternative_readings.sign_mistakes(d, POINT),
+        alternative_readings.inverted_pose(POINT, ORIENTATION),
+        alternative_readings.transposed(ORIENTATION),
+        *alternative_readings.quaternion_mistakes(ORIENTATION),
         *euler_mistakes(ORIENTATION),
     )
 
@@ -276,10 +257,10 @@ _FORMS: Final[dict[str, tuple[Callable[[Float], Float], Callable[[Float], Float]
 """Three numbers of a rotation, and back."""
 
 
-def euler_mistakes(channel: str) -> tuple[Reading, ...]:
+def euler_mistakes(channel: str) -> tuple[alternative_readings.Reading, ...]:
     """The three numbers of the orientation read by another convention than meant, or in deg where they are rad."""
     out = [
-        Reading(
+        alternative_readings.Reading(
             channel,
             f"the numbers of '{channel}' are in rad, not in deg ({form})",
             f'write unit = "rad" under [channels.{channel}]',
@@ -291,7 +272,7 @@ def euler_mistakes(channel: str) -> tuple[Reading, ...]:
         for actual, (_, matrix) in _FORMS.items():
             if read != actual:
                 out.append(
-                    Reading(
+                    alternative_readings.Reading(
                         channel,
                         f"the numbers of '{channel}' are {actual}, not {read}",
                         f"state that under [channels.{channel}]: rotation = ...",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import DEG, MM
 from counterflex.identify.data.dataset import of_arrays
@@ -83,32 +84,42 @@ def choose_gauges(
     candidates = places(beam, factor)
     S = beam.sensitivity(candidates)
     K = tool_matrix(S, p_holder_tcp) * np.broadcast_to(np.asarray(largest_n, dtype=np.float64), (3,))
-    K = K / np.sqrt(np.mean(K**2))
-    moments = S[:, 3:] / np.sqrt(np.mean(S[:, 3:] ** 2))
     p = np.array([g.p_holder_gauge for g in candidates])
-    far_enough = np.linalg.norm(p[:, None] - p[None], axis=2) >= SPACING_M
-
-    def score(rows: list[int]) -> float:
-        forces = np.linalg.slogdet(K[rows].T @ K[rows] + 1e-6 * np.eye(3))[1]
-        rest = np.linalg.slogdet(moments[rows].T @ moments[rows] + np.eye(3))[1]
-        return float(forces + 1e-3 * rest)
-
-    def best_addition(rows: list[int]) -> int:
-        free = np.flatnonzero(np.all(far_enough[:, rows], axis=1)) if rows else np.arange(len(candidates))
-        return int(max(free, key=lambda i: score([*rows, int(i)])))
-
+    search = _GaugeSearch(
+        K / np.sqrt(np.mean(K**2)),
+        S[:, 3:] / np.sqrt(np.mean(S[:, 3:] ** 2)),
+        np.linalg.norm(p[:, None] - p[None], axis=2) >= SPACING_M,
+    )
     chosen: list[int] = []
     while len(chosen) < count:
-        chosen.append(best_addition(chosen))
-    value = score(chosen)
+        chosen.append(search.best_addition(chosen))
+    value = search.score(chosen)
     while True:
         for k in range(count):
             rest = chosen[:k] + chosen[k + 1 :]
-            chosen = [*rest[:k], best_addition(rest), *rest[k:]]
-        new = score(chosen)
+            chosen = [*rest[:k], search.best_addition(rest), *rest[k:]]
+        new = search.score(chosen)
         if new <= value + 1e-9:
             return tuple(candidates[i] for i in chosen)
         value = new
+
+
+@dataclass(frozen=True, eq=False)
+class _GaugeSearch:
+    """Candidate bridges: strain by force and by moment, scaled to 1, and pairs that are far enough apart."""
+
+    forces: Float
+    moments: Float
+    far_enough: Bool
+
+    def score(self, rows: list[int]) -> float:
+        K, M = self.forces[rows], self.moments[rows]
+        force, rest = np.linalg.slogdet(K.T @ K + 1e-6 * np.eye(3))[1], np.linalg.slogdet(M.T @ M + np.eye(3))[1]
+        return float(force + 1e-3 * rest)
+
+    def best_addition(self, rows: list[int]) -> int:
+        free = np.flatnonzero(np.all(self.far_enough[:, rows], axis=1)) if rows else np.arange(len(self.forces))
+        return int(max(free, key=lambda i: self.score([*rows, int(i)])))
 
 
 LARGEST_N = 300.0

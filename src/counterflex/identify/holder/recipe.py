@@ -15,21 +15,11 @@ from counterflex.core.units import DEG, KN, MICRO, MM, PERCENT
 from counterflex.identify.data.alternative_readings import sign_mistakes, swapped_columns, unit_mistakes
 from counterflex.identify.data.changes import Change, TableValues
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
+from counterflex.identify.data.manifest_checks import check_reading, misfit_of
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.holder import TITLE
+from counterflex.identify.holder import TITLE, residuals
 from counterflex.identify.holder.estimators import cross_talk, hysteresis, regressions
 from counterflex.identify.holder.proposal import LARGEST_N, SHORTER_M, holder_before, propose
-from counterflex.identify.holder.residuals import (
-    DRAWING_SHARE,
-    HolderReadings,
-    force_error,
-    needed,
-    parameters,
-    readings,
-    sensitivity_of,
-    with_honest_sigma,
-)
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, fold_of_groups, score_separate
@@ -45,7 +35,7 @@ _TRUSTED = 0.3  # share of the sensitivities that a drawing is trusted to where 
 SPREAD_K = 1.0
 """Range of temperatures from which coefficients are looked for; less tells nothing but the thermometer's noise."""
 SETTINGS: Mapping[str, float | int | str | bool] = {
-    "drawing_share": DRAWING_SHARE,
+    "drawing_share": residuals.DRAWING_SHARE,
     "drift": True,
     "temperature": True,
     "as_stated": False,
@@ -69,7 +59,7 @@ def identify(inputs: Inputs) -> Identification:
     cell, data, holdout, s, progress = inputs
     parts = in_parts(progress, WORK)
     holder, blocks = prepared(cell, data, holdout)
-    unseen = [readings(d, holder, reference_c=holder.reference_c) for d in holdout]
+    unseen = [residuals.readings(d, holder, reference_c=holder.reference_c) for d in holdout]
     _check_loads(blocks, ", ".join(d.where or d.name for d in data))
     remarks: list[str] = []
     for i, d in enumerate((*data, *holdout)):
@@ -82,7 +72,7 @@ def identify(inputs: Inputs) -> Identification:
     n = len(holder.gauges)
     identified = replace(
         holder,
-        sensitivity=sensitivity_of(fit.values, n),
+        sensitivity=residuals.sensitivity_of(fit.values, n),
         bias=fit.values[6 * n : 7 * n],
         per_kelvin=fit.values[7 * n : 8 * n],
     )
@@ -109,7 +99,7 @@ def identify(inputs: Inputs) -> Identification:
 
 def prepared(
     cell: CellModel, data: Sequence[Dataset], holdout: Sequence[Dataset] = ()
-) -> tuple[StrainHolder, list[HolderReadings]]:
+) -> tuple[StrainHolder, list[residuals.HolderReadings]]:
     """The holder as it is known before, at the mean temperature of the data, and their readings.
 
     Args:
@@ -121,11 +111,14 @@ def prepared(
         InputError: The data do not agree on where the bridges sit.
     """
     holder = _at(_glued(holder_before(cell), (*data, *holdout)), data)
-    return holder, [readings(d, holder, reference_c=holder.reference_c) for d in data]
+    return holder, [residuals.readings(d, holder, reference_c=holder.reference_c) for d in data]
 
 
 def fitted(
-    holder: StrainHolder, blocks: Sequence[HolderReadings], settings: Mapping[str, Any], progress: Progress = silent
+    holder: StrainHolder,
+    blocks: Sequence[residuals.HolderReadings],
+    settings: Mapping[str, Any],
+    progress: Progress = silent,
 ) -> tuple[Parameters, Fit]:
     """The parameters of a holder and their fit, its standard deviations with what all loads share.
 
@@ -134,13 +127,13 @@ def fitted(
     s = {**SETTINGS, **settings}
     spread_k = float(np.ptp(np.concatenate([b.warmer_k for b in blocks])))
     spread_s = max(float(np.ptp(b.time_s)) for b in blocks)
-    free = parameters(
+    free = residuals.parameters(
         holder,
         float(s["drawing_share"]),
         temperature=bool(s["temperature"]) and spread_k > SPREAD_K,
         drift=bool(s["drift"]) and spread_s > DRIFT_S,
     )
-    return free, with_honest_sigma(solve(free, blocks, progress=progress), blocks)
+    return free, residuals.with_honest_sigma(solve(free, blocks, progress=progress), blocks)
 
 
 def _glued(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:
@@ -171,7 +164,7 @@ def _at(holder: StrainHolder, data: Sequence[Dataset]) -> StrainHolder:
     return replace(holder, bias=bias, reference_c=reference_c)
 
 
-def _check_loads(blocks: Sequence[HolderReadings], where: str) -> None:
+def _check_loads(blocks: Sequence[residuals.HolderReadings], where: str) -> None:
     force = np.concatenate([b.force for b in blocks])
     size = np.linalg.norm(force, axis=1)
     loaded = force[size > 0.05 * max(float(size.max(initial=0.0)), 1e-9)]
@@ -189,11 +182,7 @@ def _check_loads(blocks: Sequence[HolderReadings], where: str) -> None:
 
 
 def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, ...]:
-    free = parameters(holder, _TRUSTED, temperature=False, drift=False)
-
-    def score(sample: Dataset) -> Misfit:
-        return misfit_of(solve(free, [readings(sample, holder, reference_c=holder.reference_c)]))
-
+    free = residuals.parameters(holder, _TRUSTED, temperature=False, drift=False)
     alternatives = [
         *unit_mistakes(data, "f_tcp_holder"),
         *sign_mistakes(data, "f_tcp_holder"),
@@ -201,13 +190,22 @@ def _check(data: Dataset, holder: StrainHolder, as_stated: bool) -> tuple[str, .
         *swapped_columns(data, "strain"),
         *sign_mistakes(data, "strain"),
     ]
-    return check_reading(data, alternatives, score, as_stated=as_stated)
+    return check_reading(
+        data,
+        alternatives,
+        lambda one: misfit_of(solve(free, [residuals.readings(one, holder, reference_c=holder.reference_c)])),
+        as_stated=as_stated,
+    )
 
 
 def _evaluate(
-    free: Parameters, blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], n: int, progress: Progress
+    free: Parameters,
+    blocks: Sequence[residuals.HolderReadings],
+    unseen: Sequence[residuals.HolderReadings],
+    n: int,
+    progress: Progress,
 ) -> HeldOut:
-    zeros = [name for name in needed(n) if free.items[free.index(name)].free]
+    zeros = [name for name in residuals.needed(n) if free.items[free.index(name)].free]
     if unseen:
         local = [f"bridge{i + 1}.zero" for i in range(n)]
         return score_separate(free, blocks, unseen, needed=zeros, local=local, error=_force_error, progress=progress)
@@ -215,11 +213,11 @@ def _evaluate(
 
 
 def _force_error(block: Any, x: Float) -> Float:
-    return force_error(block, x)
+    return residuals.force_error(block, x)
 
 
 def _figures(
-    holder: StrainHolder, identified: StrainHolder, blocks: Sequence[HolderReadings], estimated: Float
+    holder: StrainHolder, identified: StrainHolder, blocks: Sequence[residuals.HolderReadings], estimated: Float
 ) -> tuple[tuple[Figure, ...], list[str]]:
     noise = np.diag(identified.noise**2)
     seen = sight(tool_matrix(identified.sensitivity, identified.p_holder_tcp), noise)
@@ -255,7 +253,7 @@ def _figures(
     return tuple(figures), more
 
 
-def _remarks(identified: StrainHolder, fit: Fit, blocks: Sequence[HolderReadings]) -> tuple[str, ...]:
+def _remarks(identified: StrainHolder, fit: Fit, blocks: Sequence[residuals.HolderReadings]) -> tuple[str, ...]:
     points = np.unique(np.round(np.concatenate([b.p_holder_load for b in blocks]), 3), axis=0)
     moved = identified.p_holder_tcp + np.array([0.0, 0.0, 50.0 * MM])
     K = tool_matrix(identified.sensitivity, moved)
@@ -299,9 +297,6 @@ def direction_error(identified: StrainHolder, fit: Fit, p_holder_tcp: Float) -> 
 
 
 def _changes(identified: StrainHolder, error: Float) -> tuple[Change, ...]:
-    def row(values: Float, unit: float) -> list[float]:
-        return [float(f"{v / unit:.6g}") for v in values]
-
     gauges = [
         {
             "x_mm": round(g.p_holder_gauge[0] / MM, 4),
@@ -314,16 +309,22 @@ def _changes(identified: StrainHolder, error: Float) -> tuple[Change, ...]:
     ]
     values: dict[str, Any] = {
         "gauges": gauges,
-        "sensitivity_um_m_per_kn": [row(r, MICRO / KN) for r in identified.sensitivity],
-        "bias_um_m": row(identified.bias, MICRO),
-        "temperature_um_m_per_k": row(identified.per_kelvin, MICRO),
+        "sensitivity_um_m_per_kn": [_rounded(r, MICRO / KN) for r in identified.sensitivity],
+        "bias_um_m": _rounded(identified.bias, MICRO),
+        "temperature_um_m_per_k": _rounded(identified.per_kelvin, MICRO),
         "reference_c": identified.reference_c,
-        "error_percent": [row(r, PERCENT) for r in error],
+        "error_percent": [_rounded(r, PERCENT) for r in error],
     }
     return (TableValues("holder", values),)
 
 
-def _picture(blocks: Sequence[HolderReadings], unseen: Sequence[HolderReadings], held_out: HeldOut) -> Picture:
+def _rounded(values: Float, unit: float) -> list[float]:
+    return [float(f"{v / unit:.6g}") for v in values]
+
+
+def _picture(
+    blocks: Sequence[residuals.HolderReadings], unseen: Sequence[residuals.HolderReadings], held_out: HeldOut
+) -> Picture:
     of = unseen or blocks
     size = [np.linalg.norm(b.force, axis=1) for b in of]
     x = np.array([size[b][r] for b, r in zip(held_out.block, held_out.row, strict=True)])

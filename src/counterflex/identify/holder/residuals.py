@@ -70,28 +70,17 @@ def sensitivity_of(x: Float, n: int) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class HolderReadings:
-    """Bridges under known loads; see :class:`counterflex.identify.solver.residuals.Residuals`.
-
-    Attributes:
-        group: (m,) rows held out together.
-        sigma: (m, n) of the strains, noise of the force included.
-        strain: (m, n).
-        force: (m, 3) N on the tool, holder axes.
-        p_holder_load: (m, 3) m.
-        warmer_k: (m,) K above the reference temperature.
-        time_s: (m,) since the beginning.
-        p_sigma: (m, 3) m, standard deviation of ``p_holder_load``: of a point, the same for all loads on it.
-    """
+    """Bridges under known loads; see :class:`counterflex.identify.solver.residuals.Residuals`."""
 
     name: str
-    group: Int
-    sigma: Float
+    group: Int  # (m,) rows held out together
+    sigma: Float  # (m, n) of the strains, noise of the force included
     strain: Float
-    force: Float
-    p_holder_load: Float
-    warmer_k: Float
-    time_s: Float
-    p_sigma: Float
+    force: Float  # (m, 3) N on the tool, holder axes
+    p_holder_load: Float  # (m, 3) m
+    warmer_k: Float  # (m,) K above the reference temperature
+    time_s: Float  # (m,) since the beginning
+    p_sigma: Float  # (m, 3) m, standard deviation of `p_holder_load`: of a point, the same for all loads on it
 
     @property
     def components(self) -> tuple[str, ...]:

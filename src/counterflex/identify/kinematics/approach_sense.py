@@ -155,7 +155,7 @@ def as_play(chain: ElasticChain, axis: int, half_rad: float, compliance: float, 
 
 
 def play_remarks(plays: Mapping[int, AxisPlay | None]) -> tuple[str, ...]:
-    """What is said of the cell file's ``[[robot.play]]``.
+    """Remarks on the cell file's ``[[robot.play]]``.
 
     ``plays``: By axis 0..5, see :func:`as_play`.
     """

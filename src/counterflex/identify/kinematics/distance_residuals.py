@@ -17,23 +17,15 @@ class PlaneResiduals:
 
     ``h`` is the offset of the plane along n0 from its first estimate, ``a`` and ``b`` its tilts; the radius of the
     probe is part of h, since each plane is touched from one side.
-
-    Attributes:
-        group: (m,).
-        sigma: (m, 1) m.
-        arm: The arm in the m poses.
-        centre: (m, 3) m, c0 of each row's plane.
-        axes: (m, 3, 3) columns n0, u, v.
-        place: (m, 3) places of h, a, b among the parameters.
     """
 
     name: str
     group: Int
-    sigma: Float
-    arm: ArmGeometry
-    centre: Float
-    axes: Float
-    place: Int
+    sigma: Float  # (m, 1) m
+    arm: ArmGeometry  # the arm in the m poses
+    centre: Float  # (m, 3) m, c0 of each row's plane
+    axes: Float  # (m, 3, 3) columns n0, u, v
+    place: Int  # (m, 3) places of h, a, b among the parameters
     components: tuple[str, ...] = ("height m",)
 
     def evaluate(self, x: Float) -> Float:
@@ -109,26 +101,16 @@ def find_plane(p: Float, where: str, *, seed: int = 0) -> tuple[Float, Float]:
 
 @dataclass(frozen=True, eq=False)
 class DistanceResiduals:
-    """``L - |p_base_tcp(q) - p_base_anchor|``, or ``L - |p_base_tcp(q) - p_base_tcp(q_second)|``.
-
-    Attributes:
-        group: (m,).
-        sigma: (m, 1) m.
-        arm: The arm in the m poses.
-        length: (m,) m, measured.
-        second: The arm in the other poses, or None with anchors.
-        anchor0: (m, 3) m, first estimate of each row's anchor.
-        anchor: (m, 3) places of its displacement among the parameters.
-    """
+    """``L - |p_base_tcp(q) - p_base_anchor|``, or ``L - |p_base_tcp(q) - p_base_tcp(q_second)|``."""
 
     name: str
     group: Int
-    sigma: Float
-    arm: ArmGeometry
-    length: Float
-    second: ArmGeometry | None
-    anchor0: Float
-    anchor: Int
+    sigma: Float  # (m, 1) m
+    arm: ArmGeometry  # the arm in the m poses
+    length: Float  # (m,) m, measured
+    second: ArmGeometry | None  # the arm in the other poses, or None with anchors
+    anchor0: Float  # (m, 3) m, first estimate of each row's anchor
+    anchor: Int  # (m, 3) places of its displacement among the parameters
     components: tuple[str, ...] = ("distance m",)
 
     def evaluate(self, x: Float) -> Float:

@@ -36,25 +36,15 @@ _NUMBERS = {"tracker": 6, "target": 6, "tracker and target": 12}
 
 @dataclass(frozen=True)
 class FileOffset:
-    """A file that one constant pose sets apart.
+    """A file that one constant pose sets apart."""
 
-    Attributes:
-        place: Of its residuals in what was given.
-        name: Of its residuals.
-        frame: ``tracker``, ``target`` or ``tracker and target``.
-        shift_m: How far the frame is displaced (the target, where both are).
-        turn_rad: How far it is turned.
-        shared_m: Median error of the file with the frame that it shares.
-        own_m: The same with a frame of its own.
-    """
-
-    place: int
-    name: str
-    frame: str
-    shift_m: float
-    turn_rad: float
-    shared_m: float
-    own_m: float
+    place: int  # of its residuals in what was given
+    name: str  # of its residuals
+    frame: str  # `tracker`, `target` or `tracker and target`
+    shift_m: float  # how far the frame is displaced (the target, where both are)
+    turn_rad: float  # how far it is turned
+    shared_m: float  # median error of the file with the frame that it shares
+    own_m: float  # the same with a frame of its own
 
     def sentence(self) -> str:
         """The finding in words."""
@@ -161,17 +151,11 @@ def _target_of(seen: Sequence[_Seen]) -> tuple[Float, HandEye]:
 
 @dataclass(frozen=True, eq=False)
 class _Agreement:
-    """What the other files say about one of a file's two frames.
+    """Judgement of the other files on one of a file's two frames."""
 
-    Attributes:
-        of_others: (4, 4) the frame that they agree on; None where nobody shares it.
-        own: The frame that the file itself would have.
-        agrees: The file is one of those that agree.
-    """
-
-    of_others: Float | None
-    own: HandEye
-    agrees: bool
+    of_others: Float | None  # (4, 4) the frame that they agree on; None where nobody shares it
+    own: HandEye  # the frame that the file itself would have
+    agrees: bool  # the file is one of those that agree
 
 
 _Frame = Callable[[Sequence[_Seen]], tuple[Float, HandEye]]
@@ -182,19 +166,10 @@ def _agreements(
 ) -> list[_Agreement]:
     """For each file, the frame that most rows of the files that share it agree on."""
     own = [frame([s]) for s in seen]
-
-    def agreeing(T: Float, members: Sequence[int]) -> list[int]:
-        return [i for i in members if seen[i].error(frame, T) <= RATIO * own[i][1].median_m]
-
     out: dict[int, _Agreement] = {}
     for name in dict.fromkeys(names):
         members = [i for i, other in enumerate(names) if other == name and other[0] >= 0]
-        judges = [i for i in members if i < fitted] or members
-        best: list[int] = []
-        for j in sorted(judges, key=lambda i: -len(seen[i].Ts)):
-            group = sorted({j, *agreeing(own[j][0], judges)})
-            if sum(len(seen[i].Ts) for i in group) > sum(len(seen[i].Ts) for i in best):
-                best = group
+        best = _largest_group(seen, own, [i for i in members if i < fitted] or members, frame)
         together = frame([seen[i] for i in best])[0] if best else np.eye(4)
         for i in members:
             shared = len(members) > 1
@@ -202,25 +177,46 @@ def _agreements(
     return [out.get(i, _Agreement(None, own[i][1], True)) for i in range(len(seen))]
 
 
+def _largest_group(
+    seen: Sequence[_Seen], own: Sequence[tuple[Float, HandEye]], judges: Sequence[int], frame: _Frame
+) -> list[int]:
+    """The files with the most rows together that agree on the frame of one of them."""
+    best: list[int] = []
+    for j in sorted(judges, key=lambda i: -len(seen[i].Ts)):
+        agreeing = [i for i in judges if seen[i].error(frame, own[j][0]) <= RATIO * own[i][1].median_m]
+        group = sorted({j, *agreeing})
+        if sum(len(seen[i].Ts) for i in group) > sum(len(seen[i].Ts) for i in best):
+            best = group
+    return best
+
+
+def _candidates(
+    mine: _Seen, tracker: _Agreement, target: _Agreement, *, may_have_both: bool
+) -> list[tuple[str, float, Float, Float, HandEye]]:
+    """Frames that a file may have for itself: which, error with the shared one, shared and own pose, own fit."""
+    out: list[tuple[str, float, Float, Float, HandEye]] = []
+    if tracker.of_others is not None and not tracker.agrees:
+        T = tracker.of_others
+        out.append(("tracker", mine.error(_tracker_of, T), T, tracker.own.T_base_tracker, tracker.own))
+    if target.of_others is not None and not target.agrees:
+        T = target.of_others
+        out.append(("target", mine.error(_target_of, T), T, target.own.T_tcp_target, target.own))
+    shares_both = tracker.of_others is not None and target.of_others is not None
+    if may_have_both and shares_both and mine.block.R is not None and len(open_offsets(mine.Ts)) <= 1:
+        both = robust_of_poses(mine.Ts, mine.measured, trials=_TRIALS, partly=True)
+        now = float(np.median(error_of(mine.Ts, mine.measured, mine.Z, mine.X)))
+        out.append(("tracker and target", now, mine.X, both.T_tcp_target, both))
+    return out
+
+
 def _offset(
     mine: _Seen, tracker: _Agreement, target: _Agreement, least_m: float, *, may_have_both: bool
 ) -> FileOffset | None:
     """The frame of its own that explains a file far better than that of the others, if any."""
-    Ts, measured, numbers = mine.Ts, mine.measured, mine.block.sigma.size
-    if len(Ts) < FEWEST:
+    numbers = mine.block.sigma.size
+    if len(mine.Ts) < FEWEST:
         return None
-    candidates: list[tuple[str, float, Float, Float, HandEye]] = []
-    if tracker.of_others is not None and not tracker.agrees:
-        T = tracker.of_others
-        candidates.append(("tracker", mine.error(_tracker_of, T), T, tracker.own.T_base_tracker, tracker.own))
-    if target.of_others is not None and not target.agrees:
-        T = target.of_others
-        candidates.append(("target", mine.error(_target_of, T), T, target.own.T_tcp_target, target.own))
-    shares_both = tracker.of_others is not None and target.of_others is not None
-    if may_have_both and shares_both and mine.block.R is not None and len(open_offsets(Ts)) <= 1:
-        both = robust_of_poses(Ts, measured, trials=_TRIALS, partly=True)
-        now = float(np.median(error_of(Ts, measured, mine.Z, mine.X)))
-        candidates.append(("tracker and target", now, mine.X, both.T_tcp_target, both))
+    candidates = _candidates(mine, tracker, target, may_have_both=may_have_both)
     best: FileOffset | None = None
     for frame, shared, of_others, of_own, hand_eye in candidates:
         count = _NUMBERS[frame]
@@ -236,6 +232,7 @@ def _offset(
         if chance > CHANCE:
             continue
         step = pose.inverse(of_others) @ of_own
-        turn = 0.0 if measured.ndim == 2 and frame == "target" else float(np.linalg.norm(rotation.log(step[:3, :3])))
+        unknown = mine.measured.ndim == 2 and frame == "target"  # points of a target say nothing of its rotation
+        turn = 0.0 if unknown else float(np.linalg.norm(rotation.log(step[:3, :3])))
         best = FileOffset(-1, mine.block.name, frame, float(np.linalg.norm(step[:3, 3])), turn, shared, residual_m)
     return best

@@ -45,22 +45,10 @@ _STEP_RAD: Final = 1e-5
 def approach_remarks(setup: Setup, fit: Fit, data: Sequence[Dataset]) -> tuple[str, ...]:
     """Say by how much the residuals depend on the direction of approach, by the order of the rows."""
     sense = _senses(data)
-    blocks = [
-        i for i, b in enumerate(setup.blocks) if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
-    ]
+    blocks = list(_postures(setup))
     if len(blocks) != len(sense) or not blocks or len(np.concatenate(sense)) < FEWEST:
         return ()
-    free, x = fit.free_index, fit.values
-    slope = fit.parameters.slope(x)[free]
-    r, J, G, row = [], [], [], []
-    for i, first in zip(blocks, np.cumsum([0, *(len(part) for part in sense)]), strict=False):
-        b, scale = cast(TrackerResiduals, setup.blocks[i]), np.sqrt(fit.weights[i])[:, None] / fit.sigma_factors[i]
-        r.append((b.evaluate(x) * scale).ravel())
-        J.append((b.jacobian(x)[:, :, free] * slope * scale[:, :, None]).reshape(-1, len(free)))
-        G.append((_by_angle(b, x) * scale[:, :, None]).reshape(-1, 6))
-        row.append(np.repeat(np.arange(first, first + len(b.group)), len(b.components)))
-    rows = _Rows(np.concatenate(r), np.concatenate(J), np.concatenate(G), np.concatenate(row), fit.covariance)
-    s = np.concatenate(sense)
+    rows, s = _rows_of(setup, fit, blocks), np.concatenate(sense)
     h, sigma, gain = rows.lost(s)
     rng = np.random.default_rng(0)
     others = np.array([rows.lost(s[rng.permutation(len(s))])[2] for _ in range(DEALS)])
@@ -196,16 +184,37 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     )  # fmt: skip
 
 
+def _postures(setup: Setup) -> dict[int, Float]:
+    """(m, 6) rad of each block in which the tracker sees the arm, by the place of the block."""
+    return {
+        i: b.arm.q
+        for i, b in enumerate(setup.blocks)
+        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
+    }
+
+
+def _rows_of(setup: Setup, fit: Fit, blocks: Sequence[int]) -> _Rows:
+    """Weighted residuals of blocks, with their derivatives by the fitted parameters and by the angles."""
+    free, x = fit.free_index, fit.values
+    slope = fit.parameters.slope(x)[free]
+    r, J, G, row = [], [], [], []
+    first = 0
+    for i in blocks:
+        b, scale = cast(TrackerResiduals, setup.blocks[i]), np.sqrt(fit.weights[i])[:, None] / fit.sigma_factors[i]
+        r.append((b.evaluate(x) * scale).ravel())
+        J.append((b.jacobian(x)[:, :, free] * slope * scale[:, :, None]).reshape(-1, len(free)))
+        G.append((_by_angle(b, x) * scale[:, :, None]).reshape(-1, 6))
+        row.append(np.repeat(np.arange(first, first + len(b.group)), len(b.components)))
+        first += len(b.group)
+    return _Rows(np.concatenate(r), np.concatenate(J), np.concatenate(G), np.concatenate(row), fit.covariance)
+
+
 def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
 
     Returns figures, and what is said of a way of holding out that these data do not allow.
     """
-    poses = {
-        i: b.arm.q
-        for i, b in enumerate(setup.blocks)
-        if isinstance(b, TrackerResiduals) and isinstance(b.arm, ArmGeometry)
-    }
+    poses = _postures(setup)
     if not poses:
         return (), ()
     weighted = _weighted(setup, fit)
@@ -270,10 +279,8 @@ def _refitted_errors(
     own: Sequence[Sequence[str]],
     progress: Progress,
 ) -> HeldOut:
-    """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these.
-
-    Raises InputError: a part is too small to find its frames from and to be judged as well.
-    """
+    """Errors of parts by an arm that has not seen them, in frames of their own where nobody else has these."""
+    # A part has to be large enough to find its frames from and to be judged as well.
     scores = []
     for part, local in enumerate(own):
         rest = [b.subset(parts[i] != part) if i in parts else b for i, b in enumerate(blocks)]
@@ -289,8 +296,10 @@ def _refitted_errors(
             progress=share_of(progress, part / len(own), (part + 1) / len(own), f"held out {part + 1} of {len(own)}"),
         )  # fmt: skip
         scores.append(one)
-    joined = {
-        name: np.concatenate([getattr(h, name) for h in scores])
-        for name in ("block", "row", "fold", "nominal", "identified", "gross")
-    }
+    return _joined(scores)
+
+
+def _joined(scores: Sequence[HeldOut]) -> HeldOut:
+    names = ("block", "row", "fold", "nominal", "identified", "gross")
+    joined = {name: np.concatenate([getattr(h, name) for h in scores]) for name in names}
     return HeldOut(**joined, fits=tuple(f for h in scores for f in h.fits))

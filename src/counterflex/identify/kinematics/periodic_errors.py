@@ -43,22 +43,13 @@ Harmonics = dict[int, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """One block, linear about the fit: weighted rows (m, c), what an axis does to them, and how to judge them.
+    """One block, linear about the fit: weighted rows (m, c), what an axis does to them, and how to judge them."""
 
-    Attributes:
-        J: (m, c, p) minus the Jacobian of the geometry, in fit coordinates.
-        G: (m, c, 6) minus the derivative by the angle of each link.
-        q: (m, 6) rad.
-        r: (m, c) residuals of the fit.
-        sigma: (m, 3) m, standard deviations of the position times what the weights make of them; 0 is not judged.
-        fold: (m,).
-    """
-
-    J: Float
-    G: Float
-    q: Float
-    r: Float
-    sigma: Float
+    J: Float  # (m, c, p) minus the Jacobian of the geometry, in fit coordinates
+    G: Float  # (m, c, 6) minus the derivative by the angle of each link
+    q: Float  # (m, 6) rad
+    r: Float  # (m, c) residuals of the fit
+    sigma: Float  # (m, 3) m, standard deviations of the position times what the weights make of them; 0 is not judged
     fold: Int
 
     def columns(self, axis: int, order: int) -> Float:
@@ -129,6 +120,32 @@ def _tables(setup: Setup, fit: Fit) -> list[_Table]:
     return out
 
 
+def _gram(tables: Sequence[_Table], waves: Sequence[Sequence[Float]]) -> Float:
+    """(axes, orders, 2, 2) products of sine and cosine of every harmonic, each weighted by what its axis moves."""
+    gram = np.zeros((_AXES, HIGHEST, 2, 2))
+    for t, wave in zip(tables, waves, strict=True):
+        strength = np.sum(t.G**2, axis=1)
+        for a in range(_AXES):
+            gram[a] += np.einsum("imk,m,jmk->kij", wave[a], strength[:, a], wave[a])
+    return gram
+
+
+def _projected(
+    tables: Sequence[_Table], waves: Sequence[Sequence[Float]], r: Sequence[Float], new: Sequence[Float]
+) -> tuple[Float, Float]:
+    """Products of every harmonic with residuals and with directions that are taken already, both by table."""
+    right = np.zeros((_AXES, HIGHEST, 2))
+    part = np.zeros((_AXES, HIGHEST, 2, new[0].shape[1]))
+    for t, wave, left, taken in zip(tables, waves, r, new, strict=True):
+        gradient = np.einsum("mca,mc->ma", t.G, left.reshape(t.r.shape))
+        across = np.einsum("mca,mcj->maj", t.G, taken.reshape(*t.r.shape, -1))
+        for a in range(_AXES):
+            right[a] += np.einsum("imk,m->ki", wave[a], gradient[:, a])
+            for i in range(2):
+                part[a, :, i] += wave[a][i].T @ across[:, a]
+    return right, part
+
+
 def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: Progress) -> list[tuple[int, int]]:
     """Harmonics in the order in which they lower the misfit, one by one, each the best beside all before."""
     orders = np.arange(1, HIGHEST + 1)
@@ -144,24 +161,11 @@ def _pursue(tables: Sequence[_Table], known: Float, prior_rad: float, progress: 
     r = r - basis @ (basis.T @ r)
     taken: list[tuple[int, int]] = []
     ends = np.cumsum([0, *(t.r.size for t in tables)])
-    gram = np.zeros((_AXES, HIGHEST, 2, 2))
-    for t, wave in zip(tables, waves, strict=True):
-        strength = np.sum(t.G**2, axis=1)
-        for a in range(_AXES):
-            gram[a] += np.einsum("imk,m,jmk->kij", wave[a], strength[:, a], wave[a])
-    gram += np.eye(2) / prior_rad**2
+    gram = _gram(tables, waves) + np.eye(2) / prior_rad**2
     shared = np.zeros((_AXES, HIGHEST, 2, 0))
     new = basis
     while len(taken) < MOST:
-        right = np.zeros((_AXES, HIGHEST, 2))
-        part = np.zeros((_AXES, HIGHEST, 2, new.shape[1]))
-        for t, wave, first, last in zip(tables, waves, ends[:-1], ends[1:], strict=True):
-            gradient = np.einsum("mca,mc->ma", t.G, r[first:last].reshape(t.r.shape))
-            across = np.einsum("mca,mcj->maj", t.G, new[first:last].reshape(*t.r.shape, -1))
-            for a in range(_AXES):
-                right[a] += np.einsum("imk,m->ki", wave[a], gradient[:, a])
-                for i in range(2):
-                    part[a, :, i] += wave[a][i].T @ across[:, a]
+        right, part = _projected(tables, waves, np.split(r, ends[1:-1]), np.split(new, ends[1:-1]))
         shared = np.concatenate([shared, part], axis=-1)
         A = gram - shared @ np.swapaxes(shared, -1, -2) + 1e-9 * gram.mean() * np.eye(2)
         gain = np.sum(right * np.linalg.solve(A, right[..., None])[..., 0], axis=-1)

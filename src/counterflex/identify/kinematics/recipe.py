@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -86,10 +87,11 @@ def identify(inputs: Inputs) -> Identification:
     """
     cell, data, holdout, options, progress = inputs
     parts = in_parts(progress, WORK)
-    prepared = with_approach([*data, *holdout], str(options["play"]))
-    data, holdout = prepared[: len(data)], prepared[len(data) :]
+    everything = with_approach([*data, *holdout], str(options["play"]))
+    data, holdout = everything[: len(data)], everything[len(data) :]
+    inputs = inputs._replace(data=data, holdout=holdout)
     known = known_frames(cell) if _option(options, "frames", ("free", "known")) == "known" else None
-    notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]), known=known)
+    notes = _check(cell, everything, as_stated=bool(options["as_stated"]), known=known)
     if known_drive_errors(cell).sag is not None:
         notes += (
             "The [axis_sag] of the cell file is applied to all poses; the identified values are in addition to it.",
@@ -97,46 +99,34 @@ def identify(inputs: Inputs) -> Identification:
     parts[CHECKING](1.0)
     priors = priors_of(options)
     sag = sag_as_known(cell.nominal_chain) if _tries_axes(cell, options) else str(options["sag"])
-    model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
-    setup = set_up(cell, model, data, holdout, known=known)
+    make = partial(_setup_of, cell, data, holdout, sag, known)
+    setup = make(priors)
     check_enough(setup.parameters, setup.blocks)
-    everything = [*data, *holdout]
     notes += _check_offsets(setup, everything, setup.parameters.nominal, options, least_m=ROBOT_M)
     fit = solve(setup.parameters.with_fixed(setup.local), setup.blocks, progress=parts[GEOMETRY])
-    chosen = widened(
-        priors,
-        setup,
-        fit,
-        lambda p: set_up(
-            cell, model_of_data(cell, everything, p, sag, tied=known is not None), data, holdout, known=known
-        ),
-        _option(options, "priors", PRIORS),
-    )
-    priors, setup, fit, model = chosen.priors, chosen.setup, chosen.fit, chosen.setup.model
+    chosen = widened(priors, setup, fit, make, _option(options, "priors", PRIORS))
+    priors, setup, fit = chosen.priors, chosen.setup, chosen.fit
     notes += chosen.remarks
     parts[GEOMETRY](1.0)
-    notes, kept = _without_off_rows(setup, fit, inputs._replace(data=data, holdout=holdout), notes)
+    notes, kept = _without_off_rows(setup, fit, inputs, notes)
     if kept is not None:
         return _again(kept, notes, share_of(progress, _DONE[GEOMETRY], 1.0))
     folds = int(options["folds"])
     if _tries_axes(cell, options):
         setup, fit, more_notes = with_turns(cell, setup, fit, data, holdout, priors, folds, known)
-        model, notes = setup.model, notes + more_notes
+        notes += more_notes
     fits_play = options["play"] != "off" and any(d.has(CHANNEL) for d in data)
     if fits_play:
         setup, fit, more_notes = with_lost(cell, setup, fit, data, holdout, folds, known)
-        model, notes = setup.model, notes + more_notes
+        notes += more_notes
     parts[SAG](1.0)
-    setup, fit, orders, errors, more_notes = _with_periodic(
-        cell, setup, fit, inputs._replace(data=data, holdout=holdout), priors, known, parts[PERIODIC]
-    )
+    setup, fit, orders, errors, more_notes = _with_periodic(cell, setup, fit, inputs, priors, known, parts[PERIODIC])
     notes += more_notes
     if not options["as_stated"]:  # what the sag or periodic errors had hidden
-        notes, kept = _without_off_rows(setup, fit, inputs._replace(data=data, holdout=holdout), notes)
+        notes, kept = _without_off_rows(setup, fit, inputs, notes)
         if kept is not None:
-            return _again(
-                kept, notes, share_of(progress, 1.0 - (WORK[HELD_OUT] + WORK[BY_REGION]) / sum(WORK.values()), 1.0)
-            )
+            done = 1.0 - (WORK[HELD_OUT] + WORK[BY_REGION]) / sum(WORK.values())
+            return _again(kept, notes, share_of(progress, done, 1.0))
     notes += _check_offsets(setup, everything, fit.values, options)
     if not fits_play:
         notes += approach_remarks(setup, fit, data)
@@ -157,10 +147,22 @@ def identify(inputs: Inputs) -> Identification:
     )
 
 
+def _setup_of(
+    cell: CellModel,
+    data: Sequence[Dataset],
+    holdout: Sequence[Dataset],
+    sag: str,
+    known: KnownFrames | None,
+    priors: ArmPriors,
+) -> Setup:
+    model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
+    return set_up(cell, model, data, holdout, known=known)
+
+
 def _without_off_rows(
     setup: Setup, fit: Fit, inputs: Inputs, notes: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Inputs | None]:
-    """What is said, and the inputs without consecutive rows that are all off; None where nothing is left out."""
+    """Remarks, and the inputs without consecutive rows that are all off; None where nothing is left out."""
     off = [
         *off_rows(setup.parameters.with_fixed(setup.local), setup.blocks, fit, sessions(inputs.data, setup.blocks)),
         *off_rows_of_unseen(setup.unseen, fit, sessions(inputs.holdout, setup.unseen)),
@@ -194,7 +196,23 @@ def _check(
     cell: CellModel, data: Sequence[Dataset], *, as_stated: bool, known: KnownFrames | None = None
 ) -> tuple[str, ...]:
     notes: tuple[str, ...] = ()
-    parts = []
+    parts = _poses_of(data)
+    # Poses that do not turn enough need others, of the same target, that do.
+    targets = {} if known is None else {"": known.T_tcp_target}
+    fixing = [len(part) == 0 or fixes_target(cell, part) for _, part in parts]
+    for (tool, part), fixed in sorted(zip(parts, fixing, strict=True), key=lambda item: not item[1]):
+        target = None if fixed else targets.get(tool)
+        notes = (*notes, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
+        if fixed and tool not in targets:
+            targets[tool] = start_frames(cell, thinned(part)).T_tcp_target
+        elif not fixed:
+            notes = (*notes, _not_turning(part, tool, target is not None))
+    return notes
+
+
+def _poses_of(data: Sequence[Dataset]) -> list[tuple[str, Dataset]]:
+    """Poses of each target with the name of its tool, after a check that the recipe can use all datasets."""
+    parts: list[tuple[str, Dataset]] = []
     for d in data:
         if d.kind not in KINDS:
             raise InputError(
@@ -209,17 +227,7 @@ def _check(
             check_finite(d, ["q", *(["distance"] if d.kind == "distances" else [])])
     if not any(d.kind != "fiducials" for d in data):
         raise InputError("the geometry of the arm needs poses, points, distances or planes", value="only fiducials")
-    # Poses that do not turn enough need others, of the same target, that do.
-    targets = {} if known is None else {"": known.T_tcp_target}
-    fixing = [len(part) == 0 or fixes_target(cell, part) for _, part in parts]
-    for (tool, part), fixed in sorted(zip(parts, fixing, strict=True), key=lambda item: not item[1]):
-        target = None if fixed else targets.get(tool)
-        notes = (*notes, *check_tracker_data(cell, part, as_stated=as_stated, partly=True, target=target))
-        if fixed and tool not in targets:
-            targets[tool] = start_frames(cell, thinned(part)).T_tcp_target
-        elif not fixed:
-            notes = (*notes, _not_turning(part, tool, target is not None))
-    return notes
+    return parts
 
 
 def _check_offsets(
@@ -300,7 +308,7 @@ def _rejected(orders: Harmonics, with_orders: HeldOut, without: HeldOut) -> str:
 
 
 def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
-    """What stands in the cell file for the lost motion of each axis that has some."""
+    """Entries of the cell file for the lost motion of each axis that has some."""
     lay, x, chain = setup.model.layout, fit.values, setup.model.chain
     out = {}
     for axis, place in sorted(lay.lost.items()):
@@ -335,16 +343,9 @@ def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPl
         out.append(drive_error_table(known_drive_errors(cell), errors, _angles(setup), SOURCE))
     tracker, target = setup.frames.get(TRACKER), setup.frames.get(TARGET)
     if tracker is not None:
-        whole = target if target is not None and np.all(target.index >= 0) else None
-        out.append(
-            tracker_table(
-                tracker.at(x),
-                fit.sigma[tracker.index],
-                None if whole is None else whole.at(x),
-                None if whole is None else fit.sigma[whole.index],
-                SOURCE,
-            )
-        )
+        whole = target is not None and bool(np.all(target.index >= 0))
+        T_target, sigma = (target.at(x), fit.sigma[target.index]) if target is not None and whole else (None, None)
+        out.append(tracker_table(tracker.at(x), fit.sigma[tracker.index], T_target, sigma, SOURCE))
     return tuple(out)
 
 

@@ -13,25 +13,14 @@ from counterflex.core.units import MM, MRAD
 from counterflex.identify.data.data_checks import SAME_POSE_RAD
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.geometry import tracker_data
 from counterflex.identify.geometry.arm_parameters import ArmModel
 from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
 from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors
 from counterflex.identify.geometry.off_rows import Session
 from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals, frame_parameters
-from counterflex.identify.geometry.tracker_data import (
-    arm_as_known,
-    fixes_target,
-    has_orientation,
-    start_frames,
-    tracker_residuals,
-)
+from counterflex.identify.kinematics import distance_residuals
 from counterflex.identify.kinematics.approach_sense import senses
-from counterflex.identify.kinematics.distance_residuals import (
-    DistanceResiduals,
-    PlaneResiduals,
-    find_anchor,
-    find_plane,
-)
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
 
@@ -60,23 +49,14 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """One geometric calibration.
+    """One geometric calibration."""
 
-    Attributes:
-        parameters: Those of the arm, then those of frames, anchors and planes.
-        blocks: Residuals of the data that are fitted.
-        unseen: Residuals of the separate file, if any.
-        needed: Names of the parameters that any use finds first (all but the arm's).
-        local: Names of those that only the separate file has.
-        frames: Frames by name.
-    """
-
-    parameters: Parameters
-    blocks: tuple[Residuals, ...]
-    unseen: tuple[Residuals, ...]
-    needed: tuple[str, ...]
-    local: tuple[str, ...]
-    frames: dict[str, PlacedFrame]
+    parameters: Parameters  # those of the arm, then those of frames, anchors and planes
+    blocks: tuple[Residuals, ...]  # residuals of the data that are fitted
+    unseen: tuple[Residuals, ...]  # residuals of the separate file, if any
+    needed: tuple[str, ...]  # names of the parameters that any use finds first (all but the arm's)
+    local: tuple[str, ...]  # names of those that only the separate file has
+    frames: dict[str, PlacedFrame]  # frames by name
     model: ArmModel
 
 
@@ -98,7 +78,7 @@ def set_up(
     everything = [*data, *holdout]
     # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already, and
     # poses that do not turn find their target.
-    fixing = [d.kind in POSE_KINDS and fixes_target(cell, d) for d in everything]
+    fixing = [d.kind in POSE_KINDS and tracker_data.fixes_target(cell, d) for d in everything]
     order = sorted(
         range(len(everything)),
         key=lambda i: (not fixing[i], KINDS.index(everything[i].kind), i >= len(data), -len(everything[i])),
@@ -174,12 +154,12 @@ def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Sessi
 
 
 def station_of(d: Dataset) -> str:
-    """What the data call the place of their tracker; empty is that of the cell."""
+    """Name that the data give the place of their tracker; empty is that of the cell."""
     return str(d.settings.get("tracker", ""))
 
 
 def tool_of(d: Dataset, number: str = "") -> str:
-    """What the data call their target, or its number; empty is that of the cell."""
+    """Name that the data give their target, or its number; empty is that of the cell."""
     return str(d.settings.get("target", number))
 
 
@@ -213,10 +193,10 @@ def _tracker(
     Z0 = frames.placed[tracker].T0 if tracker in frames.placed else None if main is None else main.T_base_tracker
     X0 = frames.placed[target].T0 if target in frames.placed else None if mine is None else mine.T_tcp_target
     if Z0 is None or X0 is None:
-        start = start_frames(cell, d, partly=True, target=X0, tracker=Z0)
+        start = tracker_data.start_frames(cell, d, partly=True, target=X0, tracker=Z0)
         Z0, X0 = start.T_base_tracker, start.T_tcp_target
     arm = model.at(known_drive_errors(cell).link_angles(d.values("q")), senses(d))
-    return tracker_residuals(
+    return tracker_data.tracker_residuals(
         d,
         arm,
         _placed(
@@ -232,7 +212,7 @@ def _tracker(
             X0,
             f"target {tool} on the tool".replace("  ", " "),
             None if mine is None else mine.target_sigma,
-            point=not has_orientation(d),
+            point=not tracker_data.has_orientation(d),
         ),
     )
 
@@ -266,8 +246,8 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
         else:
             second, name = None, _named(f"anchor of {d.name}", number)
             if name not in frames.anchors:
-                p = arm_as_known(cell, part.values("q")).poses(np.zeros(0))[:, :3, 3]
-                a0 = find_anchor(p, length, part.where)
+                p = tracker_data.arm_as_known(cell, part.values("q")).poses(np.zeros(0))[:, :3, 3]
+                a0 = distance_residuals.find_anchor(p, length, part.where)
                 items = [
                     Parameter(f"{name}.{c}", "m", 0.0, np.inf, scale=MM, label=f"fixed end of the bar, {c}")
                     for c in "xyz"
@@ -277,7 +257,9 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
             anchor0, index = np.tile(a0, (n, 1)), np.tile(places, (n, 1))
         sigma = part.channel("distance").need_sigma()
         arm = model.at(angles(part.values("q")))
-        out.append(DistanceResiduals(part.name, part.group, sigma, arm, length, second, anchor0, index))
+        out.append(
+            distance_residuals.DistanceResiduals(part.name, part.group, sigma, arm, length, second, anchor0, index)
+        )
     return out
 
 
@@ -287,7 +269,9 @@ def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> lis
         name = _named(f"plane of {d.name}", number)
         q = part.values("q")
         if name not in frames.planes:
-            centre, axes = find_plane(arm_as_known(cell, q).poses(np.zeros(0))[:, :3, 3], part.where)
+            centre, axes = distance_residuals.find_plane(
+                tracker_data.arm_as_known(cell, q).poses(np.zeros(0))[:, :3, 3], part.where
+            )
             items = [
                 Parameter(f"{name}.height", "m", 0.0, np.inf, scale=MM, label="height of the plane"),
                 Parameter(f"{name}.tilt_u", "rad", 0.0, np.inf, scale=MRAD, label="tilt of the plane"),
@@ -303,7 +287,7 @@ def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> lis
                 hint="Write its standard deviation into the manifest under [settings]: probe_sigma_mm = ...",
             )
         out.append(
-            PlaneResiduals(
+            distance_residuals.PlaneResiduals(
                 part.name,
                 part.group,
                 np.full((n, 1), as_positive("probe_sigma_m", float(part.settings["probe_sigma_m"]))),

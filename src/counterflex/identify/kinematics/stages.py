@@ -56,18 +56,12 @@ GROUPS: Final = ("lengths", "tilts", "zeros of the axes")
 
 @dataclass(frozen=True, eq=False)
 class Widened:
-    """A calibration with the priors that its data bear out.
+    """A calibration with the priors that its data bear out."""
 
-    Attributes:
-        priors: As stated, or wider.
-        fit: Of its blocks.
-        remarks: Sentences on priors that the data contradict.
-    """
-
-    priors: ArmPriors
+    priors: ArmPriors  # as stated, or wider
     setup: Setup
-    fit: Fit
-    remarks: tuple[str, ...]
+    fit: Fit  # of its blocks
+    remarks: tuple[str, ...]  # sentences on priors that the data contradict
 
 
 def widened(priors: ArmPriors, setup: Setup, fit: Fit, made: Callable[[ArmPriors], Setup], option: str) -> Widened:

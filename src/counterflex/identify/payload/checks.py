@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.identify.data.alternative_readings import (
-    Reading,
-    row_mistakes,
-    sign_mistakes,
-    swapped_columns,
-    unit_mistakes,
-)
+from counterflex.identify.data import alternative_readings
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading, misfit_of
 from counterflex.identify.payload.residuals import COM, MASS, Effects, Knowledge, SensorReadings, parameters
+from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.flange_sensor import FlangeSensor
 
@@ -26,26 +22,23 @@ MASS_SHARE = 0.15
 CHANNEL = "w_sensor"
 
 
-def _exchanged() -> Reading:
-    def change(data: Dataset) -> Dataset:
-        return _with(data, lambda v: np.ascontiguousarray(v[:, [3, 4, 5, 0, 1, 2]]))
-
-    return Reading(
+def _exchanged() -> alternative_readings.Reading:
+    return alternative_readings.Reading(
         CHANNEL,
         "the columns of forces and moments are exchanged",
         "list the columns of the forces first",
-        change,
+        lambda data: _with(data, lambda v: np.ascontiguousarray(v[:, [3, 4, 5, 0, 1, 2]])),
     )
 
 
-def _mirrored(axis: int) -> Reading:
+def _mirrored(axis: int) -> alternative_readings.Reading:
     """A left-handed sensor frame: one axis counts the other way, and moments follow its hand."""
     factor = np.ones(6)
     factor[axis] = -1.0
     factor[[3 + (axis + 1) % 3, 3 + (axis + 2) % 3]] = -1.0
     name = "xyz"[axis]
     signs = ", ".join(f"{int(s)}" for s in factor)
-    return Reading(
+    return alternative_readings.Reading(
         CHANNEL,
         f"the axes of the sensor are left-handed (axis {name} counts the other way, moments with it)",
         f"write signs = [{signs}] under [channels.{CHANNEL}], or export from a right-handed frame",
@@ -70,20 +63,22 @@ def check_units(
     """
     known = replace(Knowledge(), mass_share=MASS_SHARE, mass_kg=MASS_SHARE * max(sensor.mass_kg, 20.0))
     free = parameters(sensor, known, Effects())
-    judged = sensor.mass_kg > 1.0
-
-    def score(sample: Dataset) -> Misfit:
-        fit = solve(free, [block_of(sample)])
-        u = fit.parameters.coordinates(fit.values)
-        priors = np.array([u[MASS], float(np.linalg.norm(u[COM])) / np.sqrt(3.0)]) if judged else np.zeros(0)
-        return replace(misfit_of(fit), priors=priors)
-
     alternatives = [
-        *unit_mistakes(data, CHANNEL),
-        *sign_mistakes(data, CHANNEL),
-        *swapped_columns(data, CHANNEL),
+        *alternative_readings.unit_mistakes(data, CHANNEL),
+        *alternative_readings.sign_mistakes(data, CHANNEL),
+        *alternative_readings.swapped_columns(data, CHANNEL),
         _exchanged(),
         *(_mirrored(axis) for axis in range(3)),
-        *(row_mistakes(CHANNEL) if data.kind != "sensor_motion" else ()),
+        *(alternative_readings.row_mistakes(CHANNEL) if data.kind != "sensor_motion" else ()),
     ]
+    score = partial(_misfit, block_of, free, judged=sensor.mass_kg > 1.0)
     return check_reading(data, alternatives, score, as_stated=as_stated)
+
+
+def _misfit(
+    block_of: Callable[[Dataset], SensorReadings], free: Parameters, sample: Dataset, *, judged: bool
+) -> Misfit:
+    fit = solve(free, [block_of(sample)])
+    u = fit.parameters.coordinates(fit.values)
+    priors = np.array([u[MASS], float(np.linalg.norm(u[COM])) / np.sqrt(3.0)]) if judged else np.zeros(0)
+    return replace(misfit_of(fit), priors=priors)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -204,9 +205,15 @@ def readings(
         time_s - start_s,
         np.asarray(warmer, dtype=np.float64),
     )
-    if data.kind != "sensor_motion":
-        return block
+    return block if data.kind != "sensor_motion" else _in_motion(block, data, time_s, T_base_sensor, window_s)
+
+
+def _in_motion(
+    block: SensorReadings, data: Dataset, time_s: Float, T_base_sensor: Float, window_s: float
+) -> SensorReadings:
+    """Readings of a motion, smoothed, with rates and accelerations of the sensor."""
     _in_time(data, time_s)
+    R, R_t = block.R_base_sensor, np.swapaxes(block.R_base_sensor, -1, -2)
     step_s = float(np.median(np.diff(time_s)))
     width = max(2 * round(0.5 * window_s / step_s) + 1, _ORDER + 2)
     if width > len(data):
@@ -216,22 +223,18 @@ def readings(
             value=f"{len(data)} samples",
             limit=f">= {width}",
         )
-
-    def smooth(values: Float, derivative: int) -> Float:
-        out: Float = scipy.signal.savgol_filter(values, width, _ORDER, deriv=derivative, delta=step_s, axis=0)
-        return out
-
+    smooth = partial(_smooth, width, step_s)
     rate = smooth(R.reshape(-1, 9), 1).reshape(R.shape)
     spin = 0.5 * (R_t @ rate - np.swapaxes(R_t @ rate, -1, -2))
     omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     if data.has("accelerometer_sensor"):
         gamma = -smooth(data.finite("accelerometer_sensor"), 0)
     else:
-        gamma = gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
+        gamma = block.gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
     block = replace(
         block,
-        w_sensor=smooth(w, 0),
-        sigma=sigma / np.sqrt(width / 3.0),
+        w_sensor=smooth(block.w_sensor, 0),
+        sigma=block.sigma / np.sqrt(width / 3.0),
         gamma=gamma,
         omega=omega,
         alpha=smooth(omega, 1),
@@ -243,6 +246,11 @@ def readings(
     row, half = np.arange(len(data), dtype=np.int64), width // 2
     keep &= (row - half) // (_WINDOWS * width) == (row + half) // (_WINDOWS * width)
     return block.subset(keep)
+
+
+def _smooth(width: int, step_s: float, values: Float, derivative: int) -> Float:
+    out: Float = scipy.signal.savgol_filter(values, width, _ORDER, deriv=derivative, delta=step_s, axis=0)
+    return out
 
 
 def axes_of(data: Dataset) -> str:

@@ -15,38 +15,47 @@ import numpy as np
 
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, saying, silent
-from counterflex.identify.payload.residuals import (
-    Effects,
-    Knowledge,
-    SensorReadings,
-    force_error,
-    moment_error,
-    needed,
-    parameters,
-)
-from counterflex.identify.solver.holdout import HeldOut, cross_validate
+from counterflex.identify.payload import residuals
+from counterflex.identify.solver.holdout import HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.sensing.flange_sensor import COUNTS, FlangeSensor
 
 
-def held_out_forces(chosen: Parameters, blocks: Sequence[SensorReadings], progress: Progress = silent) -> HeldOut:
+def held_out_forces(
+    chosen: Parameters, blocks: Sequence[residuals.SensorReadings], progress: Progress = silent
+) -> HeldOut:
     """Force errors by folds; the nominal ones with the zero found on the training part."""
-    return cross_validate(chosen, blocks, needed=needed(), error=force_error, progress=progress)
+    return cross_validate(chosen, blocks, needed=residuals.needed(), error=residuals.force_error, progress=progress)
+
+
+def forces_of(
+    rest: Rest,
+    chosen: Parameters,
+    blocks: Sequence[residuals.SensorReadings],
+    unseen: Sequence[residuals.SensorReadings],
+    progress: Progress,
+) -> HeldOut:
+    """Force errors of a separate file, else of the folds, which the choice of the rest may have computed already."""
+    if unseen:
+        return score_separate(
+            chosen, blocks, unseen, needed=residuals.needed(), error=residuals.force_error, progress=progress
+        )
+    return rest.candidates[rest.key] if rest.key in rest.candidates else held_out_forces(chosen, blocks)
 
 
 def held_out_moments(
     force: HeldOut,
     chosen: Parameters,
-    blocks: Sequence[SensorReadings],
-    unseen: Sequence[SensorReadings],
+    blocks: Sequence[residuals.SensorReadings],
+    unseen: Sequence[residuals.SensorReadings],
     progress: Progress = silent,
 ) -> HeldOut:
     """Moment errors of the same rows by the same fits.
 
     ``unseen``: Readings of a separate file, or empty for folds of ``blocks``.
     """
-    zero_only = chosen.with_fixed([name for name in chosen.names if name not in needed()])
+    zero_only = chosen.with_fixed([name for name in chosen.names if name not in residuals.needed()])
     nominal, identified = np.empty(len(force.row)), np.empty(len(force.row))
     for fold, fit in enumerate(force.fits):
         mine = [(force.block == i) & (force.fold == fold) for i in range(len(unseen or blocks))]
@@ -59,7 +68,10 @@ def held_out_moments(
         for block, m in zip(unseen or blocks, mine, strict=True):
             if np.any(m):
                 rows = block.subset(np.isin(np.arange(len(block.group)), force.row[m]))
-                identified[m], nominal[m] = moment_error(rows, fit.values), moment_error(rows, before)
+                identified[m], nominal[m] = (
+                    residuals.moment_error(rows, fit.values),
+                    residuals.moment_error(rows, before),
+                )
         progress((fold + 1) / len(force.fits))
     return replace(force, nominal=nominal, identified=identified)
 
@@ -79,18 +91,13 @@ _ARM: Final = slice(2, 4)
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Chosen model of the rest.
+    """Chosen model of the rest."""
 
-    Attributes:
-        degree: Of the functions, 0 is none.
-        hose_from: Body in which the sensor's rotation is taken; empty is the base.
-        candidates: Held-out forces by body (``base`` for the base) and degree, where that was tried.
-        dear: Those that would have helped and were not taken, with the factor of the mass' standard deviation.
-    """
-
-    degree: int = 0
-    hose_from: str = ""
+    degree: int = 0  # of the functions, 0 is none
+    hose_from: str = ""  # body in which the sensor's rotation is taken; empty is the base
+    # held-out forces by body (`base` for the base) and degree, where that was tried
     candidates: Mapping[tuple[str, int], HeldOut] = field(default_factory=dict)
+    # those that would have helped and were not taken, with the factor of the mass' standard deviation
     dear: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
     @property
@@ -122,9 +129,9 @@ def frames_of(settings: Mapping[str, Any], bodies: Sequence[str], *, with_joints
 
 
 def trials_of(
-    blocks: Sequence[SensorReadings], degrees: Sequence[int], frames: Sequence[str], *, forced: bool
+    blocks: Sequence[residuals.SensorReadings], degrees: Sequence[int], frames: Sequence[str], *, forced: bool
 ) -> dict[str, float]:
-    """What :func:`choose_rest` tries on these readings, by name, with what it costs against a fit without a rest.
+    """Trials of :func:`choose_rest` on these readings, by name, with their cost relative to a fit without a rest.
 
     ``forced``: A rest is wanted whether it helps or not.
     """
@@ -147,10 +154,10 @@ def _cost(degree: int) -> float:
 
 
 def choose_rest(
-    blocks_in: Callable[[str], Sequence[SensorReadings]],
+    blocks_in: Callable[[str], Sequence[residuals.SensorReadings]],
     sensor: FlangeSensor,
-    known: Knowledge,
-    effects: Effects,
+    known: residuals.Knowledge,
+    effects: residuals.Effects,
     degrees: Sequence[int],
     frames: Sequence[str],
     progress: Progress,
@@ -170,25 +177,35 @@ def choose_rest(
     best = Rest()
     if not forced:
         plain = saying(parts[_trial(0)], _trial(0))
-        candidates[BASE, 0] = held_out_forces(parameters(sensor, known, replace(effects, degree=0)), blocks, plain)
+        candidates[BASE, 0] = held_out_forces(
+            residuals.parameters(sensor, known, replace(effects, degree=0)), blocks, plain
+        )
     for degree in degrees:
         if _trial(degree, frames[0]) not in parts:
             break
-        chosen = parameters(sensor, known, replace(effects, degree=degree))
+        chosen = residuals.parameters(sensor, known, replace(effects, degree=degree))
         for body in frames:
             name = _trial(degree, body)
             candidates[body or BASE, degree] = held_out_forces(chosen, blocks_in(body), saying(parts[name], name))
-        error = {body: float(candidates[body or BASE, degree].mean()[0]) for body in frames}
-        for body in sorted(frames, key=lambda b: error[b]):
-            if best.key in candidates and error[body] >= GAIN * candidates[best.key].mean()[0]:
-                break
-            cost = 0.0 if forced else _mass_sigma(candidates[body or BASE, degree]) / _mass_sigma(candidates[BASE, 0])
-            if cost > MOST_COST:
-                dear[body or BASE, degree] = cost
-                continue
-            best = Rest(degree, body)
-            break
+        best, refused = _better_of(candidates, best, degree, frames, forced=forced)
+        dear |= refused
     return replace(best, candidates=candidates, dear=dear)
+
+
+def _better_of(
+    candidates: Mapping[tuple[str, int], HeldOut], best: Rest, degree: int, frames: Sequence[str], *, forced: bool
+) -> tuple[Rest, dict[tuple[str, int], float]]:
+    """The best rest with those of one degree added, and those refused because the mass would be uncertain."""
+    dear: dict[tuple[str, int], float] = {}
+    error = {body: float(candidates[body or BASE, degree].mean()[0]) for body in frames}
+    for body in sorted(frames, key=lambda b: error[b]):
+        if best.key in candidates and error[body] >= GAIN * candidates[best.key].mean()[0]:
+            break
+        cost = 0.0 if forced else _mass_sigma(candidates[body or BASE, degree]) / _mass_sigma(candidates[BASE, 0])
+        if not cost > MOST_COST:
+            return Rest(degree, body), dear
+        dear[body or BASE, degree] = cost
+    return best, dear
 
 
 def _mass_sigma(held_out: HeldOut) -> float:

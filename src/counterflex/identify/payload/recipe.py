@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import in_parts, share_of
 from counterflex.core.units import DEG, MINUTE, MM
 from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.payload import TITLE
+from counterflex.identify.payload import TITLE, hose_pack, residuals
 from counterflex.identify.payload.checks import check_units
 from counterflex.identify.payload.data import (
     ALIKE_RAD,
@@ -29,36 +30,11 @@ from counterflex.identify.payload.data import (
     shared_mass,
     with_added_mass,
 )
-from counterflex.identify.payload.hose_pack import (
-    BASE,
-    ROWS_PER_FUNCTION,
-    Rest,
-    choose_rest,
-    degrees_of,
-    frames_of,
-    held_out_forces,
-    held_out_moments,
-    trials_of,
-)
 from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
-from counterflex.identify.payload.residuals import (
-    DRIFT,
-    INERTIA,
-    KELVIN,
-    TURN,
-    Effects,
-    Knowledge,
-    SensorReadings,
-    force_error,
-    needed,
-    parameters,
-    seg_frame_com,
-    sensor_of,
-)
 from counterflex.identify.payload.weight import check_axes, check_rest
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.solver.fit import Fit
-from counterflex.identify.solver.holdout import HeldOut, score_separate
+from counterflex.identify.solver.holdout import HeldOut
 from counterflex.identify.solver.jackknife import parts_of_groups, with_groups_once, with_jackknife
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
@@ -88,6 +64,27 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
 }
 
 
+@dataclass(frozen=True)
+class _Reader:
+    """Files as residuals of one sensor, on one clock and about one temperature."""
+
+    sensor: FlangeSensor
+    start_s: float
+    reference_c: float
+    window_s: float
+
+    def block(self, data: Dataset, chain: ElasticChain, hose_from: str = "") -> residuals.SensorReadings:
+        """Readings of one file, with the hose pack from a body."""
+        framed = replace(self.sensor, hose_from=hose_from)
+        return readings(data, chain, framed, reference_c=self.reference_c, start_s=self.start_s, window_s=self.window_s)
+
+    def blocks(
+        self, data: Sequence[Dataset], groups: Sequence[Int], chain: ElasticChain, hose_from: str = ""
+    ) -> list[residuals.SensorReadings]:
+        """Readings of all files, grouped by orientation within and between them."""
+        return [replace(self.block(d, chain, hose_from), group=g) for d, g in zip(data, groups, strict=True)]
+
+
 def identify(inputs: Inputs) -> Identification:
     """Find the constants of the flange sensor from readings without a process.
 
@@ -99,75 +96,50 @@ def identify(inputs: Inputs) -> Identification:
         FileFormatError: A channel is missing or not a number.
     """
     cell, data, holdout, s, progress = inputs
-    sensor = sensor_before(cell)
-    start_s, reference_c = clock(data, sensor.reference_c)
-    window_s = float(s["window_s"])
-
-    def block_of(d: Dataset, chain: ElasticChain, hose_from: str = "") -> SensorReadings:
-        framed = replace(sensor, hose_from=hose_from)
-        return readings(d, chain, framed, reference_c=reference_c, start_s=start_s, window_s=window_s)
-
-    chain = cell.chain
-    blocks = [block_of(d, chain) for d in data]
-    groups = groups_of(blocks, [d.kind != "sensor_motion" for d in data])
-
-    def blocks_in(hose_from: str = "") -> list[SensorReadings]:
-        return [replace(block_of(d, chain, hose_from), group=g) for d, g in zip(data, groups, strict=True)]
-
-    blocks = blocks_in()
-    degrees = degrees_of(s)
-    bodies = hose_bodies(chain, sensor.segment)
-    frames = frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
-    trials = trials_of(blocks, degrees, frames, forced=str(s["hose"]) != "auto")
-    parts = in_parts(progress, _work(trials))
+    sensor, forced, as_stated = sensor_before(cell), str(s["hose"]) != "auto", bool(s["as_stated"])
+    reader = _Reader(sensor, *clock(data, sensor.reference_c), float(s["window_s"]))
+    groups = groups_of([reader.block(d, cell.chain) for d in data], [d.kind != "sensor_motion" for d in data])
+    blocks = reader.blocks(data, groups, cell.chain)
+    degrees = hose_pack.degrees_of(s)
+    bodies = hose_bodies(cell.chain, sensor.segment)
+    frames = hose_pack.frames_of(s, bodies, with_joints=all(d.has("q") for d in (*data, *holdout)))
+    parts = in_parts(progress, _work(hose_pack.trials_of(blocks, degrees, frames, forced=forced)))
     remarks = list(check_orientations(blocks, ", ".join(d.where or d.name for d in data)))
+    as_read = partial(reader.block, chain=cell.chain)
     for i, d in enumerate((*data, *holdout)):
-        remarks += check_axes(d, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
-        remarks += check_units(d, sensor, lambda x: block_of(x, chain), as_stated=bool(s["as_stated"]))
+        remarks += check_axes(d, as_read, as_stated=as_stated)
+        remarks += check_units(d, sensor, as_read, as_stated=as_stated)
         parts[CHECKING]((i + 1) / (len(data) + len(holdout)))
-    before = _at(sensor, reference_c)
+    before = _at(sensor, reader.reference_c)
     known = replace(
-        Knowledge(),
+        residuals.Knowledge(),
         turn_rad=float(s["mounting_rad"]),
         offset_n=float(s["offset_n"]),
         offset_nm=float(s["offset_nm"]),
     )
-    effects = _effects(blocks, s)
+    effects, chain = _effects(blocks, s), cell.chain
     shares = [share_of(parts[WEIGHT], i / (_ROUNDS + 1), (i + 1) / (_ROUNDS + 1), WEIGHT) for i in range(_ROUNDS + 1)]
-    fit = solve(parameters(before, known, effects), blocks, progress=shares[0])
+    fit = solve(residuals.parameters(before, known, effects), blocks, progress=shares[0])
     for i in range(_ROUNDS):  # a heavier tool bends the arm more, which turns the sensor
-        chain = with_added_mass(chain, sensor.segment, float(fit.values[6]), seg_frame_com(sensor, fit))
-        blocks = blocks_in()
-        fit = solve(parameters(before, known, effects), blocks, progress=shares[i + 1])
+        chain = with_added_mass(chain, sensor.segment, float(fit.values[6]), residuals.seg_frame_com(sensor, fit))
+        blocks = reader.blocks(data, groups, chain)
+        fit = solve(residuals.parameters(before, known, effects), blocks, progress=shares[i + 1])
     parts[WEIGHT](1.0)
     effects = _significant(fit, effects)
-    rest = choose_rest(
-        blocks_in,
-        before,
-        known,
-        effects,
-        degrees,
-        frames,
-        parts[HOSE],
-        forced=str(s["hose"]) != "auto",
-    )
+    blocks_in = partial(reader.blocks, data, groups, chain)
+    rest = hose_pack.choose_rest(blocks_in, before, known, effects, degrees, frames, parts[HOSE], forced=forced)
     parts[HOSE](1.0)
     effects = replace(effects, degree=rest.degree)
-    chosen = parameters(before, known, effects)
+    chosen = residuals.parameters(before, known, effects)
     blocks = blocks_in(rest.hose_from)
     fit = solve(chosen, blocks)
     fit = with_jackknife(with_groups_once(fit, blocks), blocks, parts_of_groups(blocks))
-    remarks += check_rest(blocks, fit, as_stated=bool(s["as_stated"]))
-    unseen = [block_of(d, chain, rest.hose_from) for d in holdout]
-    if unseen:
-        force = score_separate(
-            chosen, blocks, unseen, needed=needed(), error=force_error, progress=share_of(parts[HELD_OUT], 0.2, 0.6)
-        )
-    else:
-        force = rest.candidates[rest.key] if rest.key in rest.candidates else held_out_forces(chosen, blocks)
-    moment = held_out_moments(force, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.6, 1.0))
+    remarks += check_rest(blocks, fit, as_stated=as_stated)
+    unseen = [reader.block(d, chain, rest.hose_from) for d in holdout]
+    force = hose_pack.forces_of(rest, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.2, 0.6))
+    moment = hose_pack.held_out_moments(force, chosen, blocks, unseen, share_of(parts[HELD_OUT], 0.6, 1.0))
     parts[HELD_OUT](1.0)
-    identified = sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reference_c)
+    identified = residuals.sensor_of(replace(sensor, hose_from=rest.hose_from), fit.values, reader.reference_c)
     remarks += _remarks(cell, identified, fit, effects, rest, blocks)
     return Identification(
         recipe="payload",
@@ -192,27 +164,24 @@ def _at(sensor: FlangeSensor, reference_c: float) -> FlangeSensor:
     return replace(sensor, w_bias=sensor.w_bias + warmer * sensor.w_kelvin, reference_c=reference_c)
 
 
-def _effects(blocks: Sequence[SensorReadings], s: Mapping[str, Any]) -> Effects:
+def _effects(blocks: Sequence[residuals.SensorReadings], s: Mapping[str, Any]) -> residuals.Effects:
     time_s = np.concatenate([b.time_s for b in blocks])
     warm = np.concatenate([b.warmer_k for b in blocks])
     moving = any(np.any(b.alpha != 0.0) for b in blocks)
-    return Effects(
+    return residuals.Effects(
         drift=bool(s["drift"]) and float(np.ptp(time_s)) > 60.0,
         temperature=bool(s["temperature"]) and float(np.ptp(warm)) > 0.5,
         inertia=bool(s["inertia"]) and moving,
     )
 
 
-def _significant(fit: Fit, effects: Effects) -> Effects:
+def _significant(fit: Fit, effects: residuals.Effects) -> residuals.Effects:
     """Drift and temperature only where a component stands out of its noise."""
-
-    def is_significant(part: slice) -> bool:
-        return bool(np.any(np.abs(fit.values[part] - fit.parameters.nominal[part]) > SIGNIFICANT * fit.sigma[part]))
-
+    clear = np.abs(fit.values - fit.parameters.nominal) > SIGNIFICANT * fit.sigma
     return replace(
         effects,
-        drift=effects.drift and is_significant(DRIFT),
-        temperature=effects.temperature and is_significant(KELVIN),
+        drift=effects.drift and bool(np.any(clear[residuals.DRIFT])),
+        temperature=effects.temperature and bool(np.any(clear[residuals.KELVIN])),
     )
 
 
@@ -230,7 +199,7 @@ def _headline(force: HeldOut, moment: HeldOut) -> tuple[Figure, ...]:
 
 
 def _figures(force: HeldOut, moment: HeldOut, fit: Fit, identified: FlangeSensor) -> tuple[Figure, ...]:
-    turn = float(np.linalg.norm(fit.values[TURN]))
+    turn = float(np.linalg.norm(fit.values[residuals.TURN]))
     return (
         Figure("holdout_p95_n", "force error, 95 % quantile, held-out orientations", *force.quantile(0.95)),
         Figure("holdout_p95_nm", "moment error, 95 % quantile, held-out orientations", *moment.quantile(0.95)),
@@ -241,7 +210,7 @@ def _figures(force: HeldOut, moment: HeldOut, fit: Fit, identified: FlangeSensor
     )
 
 
-def _changes(cell: CellModel, identified: FlangeSensor, effects: Effects) -> tuple[Change, ...]:
+def _changes(cell: CellModel, identified: FlangeSensor, effects: residuals.Effects) -> tuple[Change, ...]:
     changes: list[Change] = [TableValues("sensor", _table(identified, effects))]
     chain = cell.chain
     split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
@@ -254,44 +223,44 @@ def _seg_com(identified: FlangeSensor) -> Float:
     return out
 
 
-def _table(identified: FlangeSensor, effects: Effects) -> dict[str, Any]:
+def _table(identified: FlangeSensor, effects: residuals.Effects) -> dict[str, Any]:
     """The table of the cell file, in its units."""
-    a, b, c = rotation.to_zyx(identified.T_seg_sensor[:3, :3]) / DEG
-    x, y, z = identified.T_seg_sensor[:3, 3] / MM
-
-    def row(values: Float) -> list[float]:
-        return [float(f"{v:.6g}") for v in values]
-
+    place = np.concatenate(
+        [identified.T_seg_sensor[:3, 3] / MM, rotation.to_zyx(identified.T_seg_sensor[:3, :3]) / DEG]
+    )
     table: dict[str, Any] = {
         "segment": identified.segment,
-        **dict(
-            zip(("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"), row(np.array([x, y, z, a, b, c])), strict=True)
-        ),
+        **dict(zip(("x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"), _rounded(place), strict=True)),
         "mass_kg": float(f"{identified.mass_kg:.6g}"),
-        "com_mm": row(identified.p_sensor_com / MM),
-        "bias_n": row(identified.w_bias[:3]),
-        "bias_nm": row(identified.w_bias[3:]),
+        "com_mm": _rounded(identified.p_sensor_com / MM),
+        "bias_n": _rounded(identified.w_bias[:3]),
+        "bias_nm": _rounded(identified.w_bias[3:]),
         "reference_c": identified.reference_c,
-        "offset": [row(r) for r in identified.w_offset],
+        "offset": [_rounded(r) for r in identified.w_offset],
         "hose_from": identified.hose_from,
     }
     if effects.drift:
-        table["drift_n_per_h"], table["drift_nm_per_h"] = (
-            row(identified.w_drift_per_s[:3] * _HOUR),
-            row(identified.w_drift_per_s[3:] * _HOUR),
-        )
+        table["drift_n_per_h"] = _rounded(identified.w_drift_per_s[:3] * _HOUR)
+        table["drift_nm_per_h"] = _rounded(identified.w_drift_per_s[3:] * _HOUR)
     if effects.temperature:
-        table["temperature_n_per_k"], table["temperature_nm_per_k"] = (
-            row(identified.w_kelvin[:3]),
-            row(identified.w_kelvin[3:]),
-        )
+        table["temperature_n_per_k"] = _rounded(identified.w_kelvin[:3])
+        table["temperature_nm_per_k"] = _rounded(identified.w_kelvin[3:])
     if effects.inertia:
-        table["inertia_kg_m2"] = row(identified.inertia_kg_m2)
+        table["inertia_kg_m2"] = _rounded(identified.inertia_kg_m2)
     return table
 
 
+def _rounded(values: Float) -> list[float]:
+    return [float(f"{v:.6g}") for v in values]
+
+
 def _remarks(
-    cell: CellModel, identified: FlangeSensor, fit: Fit, effects: Effects, rest: Rest, blocks: Sequence[SensorReadings]
+    cell: CellModel,
+    identified: FlangeSensor,
+    fit: Fit,
+    effects: residuals.Effects,
+    rest: hose_pack.Rest,
+    blocks: Sequence[residuals.SensorReadings],
 ) -> list[str]:
     out = []
     rows, count = sum(len(b.group) for b in blocks), count_of(blocks)
@@ -300,39 +269,14 @@ def _remarks(
             f"{rows} readings in {count} different orientations: readings of one orientation count together, in the "
             "standard deviations and in the folds"
         )
-    chain = cell.chain
-    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
-    if split:
-        names = ", ".join(chain.names[i] for i in split)
-        out.append(
-            f"The sensor measures the total mass behind it, {identified.mass_kg:.2f} kg; its distribution among the "
-            f"bodies is not determined. The difference from the cell file is assigned to {names}"
-        )
-    else:
-        out.append("The cell file has no body with mass behind the sensor, so only the table [sensor] is changed")
+    out.append(_mass_remark(cell.chain, identified))
     if len(rest.candidates) > 1:
-        listed = ", ".join(
-            f"degree {degree} in {body}: {held_out.mean()[0]:.2f} N" if degree else f"none: {held_out.mean()[0]:.2f} N"
-            for (body, degree), held_out in rest.candidates.items()
-        )
-        reason = (
-            f"degree {identified.degree} is used, with the rotation of the sensor in {identified.hose_from or BASE}"
-            if identified.degree
-            else "none is used, as none improves held-out orientations"
-        )
-        out.append(f"Hose terms, error on held-out orientations: {listed}; {reason}")
-        out += [
-            f"The hose terms of degree {degree} in {body} were not used: they would make the standard deviation of "
-            f"the mass "
-            f"{cost:.0f} times larger"
-            for (body, degree), cost in rest.dear.items()
-        ]
+        out += _hose_remarks(identified, rest)
     elif identified.degree == 0 and not effects.inertia:
         out.append(
-            f"No hose terms were fitted; they need {ROWS_PER_FUNCTION * COUNTS[1]} or more different orientations; "
-            "the data have "
-            f"{count_of(blocks)} (directions of gravity that differ by over {ALIKE_RAD / DEG:.0f} deg; repeats and "
-            "copies do not count)"
+            f"No hose terms were fitted; they need {hose_pack.ROWS_PER_FUNCTION * COUNTS[1]} or more different "
+            f"orientations; the data have {count} (directions of gravity that differ by over "
+            f"{ALIKE_RAD / DEG:.0f} deg; repeats and copies do not count)"
         )
     if identified.degree:
         out.append(
@@ -340,10 +284,7 @@ def _remarks(
             "mass and mounting include this"
         )
     if effects.drift and effects.temperature:
-        i, j = fit.parameters.index("drift.fz"), fit.parameters.index("temperature.fz")
-        place = {int(k): n for n, k in enumerate(fit.free_index)}
-        cov = fit.covariance[np.ix_([place[i], place[j]], [place[i], place[j]])]
-        share = float(cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]))
+        share = _correlation(fit, "drift.fz", "temperature.fz")
         if abs(share) > 0.9:
             out.append(
                 f"Temperature rose with time (correlation of their effects {share:.2f}): drift and temperature "
@@ -351,9 +292,48 @@ def _remarks(
             )
     if np.all(identified.inertia_kg_m2 == 0.0):
         out.append("The inertia is not determined; record a motion (kind sensor_motion) to identify it")
-    if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[INERTIA])) > 0.0):
+    if effects.inertia and not np.all(np.linalg.eigvalsh(_tensor(fit.values[residuals.INERTIA])) > 0.0):
         out.append("The identified inertia is not that of a rigid body; the motion does not determine it")
     return out
+
+
+def _mass_remark(chain: ElasticChain, identified: FlangeSensor) -> str:
+    split = shared_mass(chain, identified.segment, identified.mass_kg, _seg_com(identified))
+    if not split:
+        return "The cell file has no body with mass behind the sensor, so only the table [sensor] is changed"
+    return (
+        f"The sensor measures the total mass behind it, {identified.mass_kg:.2f} kg; its distribution among the "
+        "bodies is not determined. The difference from the cell file is assigned to "
+        f"{', '.join(chain.names[i] for i in split)}"
+    )
+
+
+def _hose_remarks(identified: FlangeSensor, rest: hose_pack.Rest) -> list[str]:
+    listed = ", ".join(
+        f"degree {degree} in {body}: {held_out.mean()[0]:.2f} N" if degree else f"none: {held_out.mean()[0]:.2f} N"
+        for (body, degree), held_out in rest.candidates.items()
+    )
+    body, degree = identified.hose_from or hose_pack.BASE, identified.degree
+    reason = (
+        f"degree {degree} is used, with the rotation of the sensor in {body}"
+        if degree
+        else "none is used, as none improves held-out orientations"
+    )
+    return [
+        f"Hose terms, error on held-out orientations: {listed}; {reason}",
+        *(
+            f"The hose terms of degree {degree} in {body} were not used: they would make the standard deviation of "
+            f"the mass {cost:.0f} times larger"
+            for (body, degree), cost in rest.dear.items()
+        ),
+    ]
+
+
+def _correlation(fit: Fit, first: str, second: str) -> float:
+    place = {int(k): n for n, k in enumerate(fit.free_index)}
+    both = [place[fit.parameters.index(name)] for name in (first, second)]
+    cov = fit.covariance[np.ix_(both, both)]
+    return float(cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]))
 
 
 def _tensor(values: Float) -> Float:
@@ -361,7 +341,7 @@ def _tensor(values: Float) -> Float:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _pictures(blocks: Sequence[SensorReadings], force: HeldOut, moment: HeldOut) -> tuple[Picture, ...]:
+def _pictures(blocks: Sequence[residuals.SensorReadings], force: HeldOut, moment: HeldOut) -> tuple[Picture, ...]:
     tilt = [np.degrees(np.arccos(np.clip(-b.R_base_sensor[:, 2, 2], -1.0, 1.0))) for b in blocks]
     x = np.array([tilt[b][r] for b, r in zip(force.block, force.row, strict=True)])
     out = []

@@ -17,15 +17,7 @@ from counterflex.geometry.rotation import cross, skew
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
-from counterflex.sensing.flange_sensor import (
-    COUNTS,
-    FlangeSensor,
-    degree_of,
-    orientation_basis,
-    orientation_basis_slope,
-    tensor,
-    turned,
-)
+from counterflex.sensing import flange_sensor
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
@@ -37,81 +29,42 @@ _HOUR = 60.0 * MINUTE
 
 @dataclass(frozen=True)
 class Knowledge:
-    """Prior knowledge: one standard deviation each.
+    """Prior knowledge: one standard deviation each."""
 
-    Attributes:
-        bias_n: Force with no load.
-        bias_nm: Moment with no load.
-        mass_share: Of the mass in the cell file, relative.
-        mass_kg: Where the cell file has less than this, it is the standard deviation itself.
-        com_m: Centre of gravity, per axis.
-        turn_rad: Mounting rotation, per axis.
-        drift_n_per_h: Drift of the forces.
-        drift_nm_per_h: Of the moments.
-        kelvin_n: Temperature coefficient of the forces, N/K.
-        kelvin_nm: Of the moments, N m/K.
-        offset_n: Size of the orientation-dependent offset of a force, root mean square per function.
-        offset_nm: Of a moment.
-        inertia_kg_m2: Moments of inertia.
-    """
-
-    bias_n: float = 500.0
-    bias_nm: float = 100.0
-    mass_share: float = 0.5
-    mass_kg: float = 20.0
-    com_m: float = 0.15
-    turn_rad: float = 2.0 * DEG
-    drift_n_per_h: float = 10.0
-    drift_nm_per_h: float = 2.0
-    kelvin_n: float = 2.0
-    kelvin_nm: float = 0.5
-    offset_n: float = 3.0
-    offset_nm: float = 1.0
-    inertia_kg_m2: float = 5.0
+    bias_n: float = 500.0  # force with no load
+    bias_nm: float = 100.0  # moment with no load
+    mass_share: float = 0.5  # of the mass in the cell file, relative
+    mass_kg: float = 20.0  # where the cell file has less than this, it is the standard deviation itself
+    com_m: float = 0.15  # centre of gravity, per axis
+    turn_rad: float = 2.0 * DEG  # mounting rotation, per axis
+    drift_n_per_h: float = 10.0  # drift of the forces
+    drift_nm_per_h: float = 2.0  # of the moments
+    kelvin_n: float = 2.0  # temperature coefficient of the forces, N/K
+    kelvin_nm: float = 0.5  # of the moments, N m/K
+    offset_n: float = 3.0  # size of the orientation-dependent offset of a force, root mean square per function
+    offset_nm: float = 1.0  # of a moment
+    inertia_kg_m2: float = 5.0  # moments of inertia
 
 
 @dataclass(frozen=True)
 class Effects:
-    """Effects that the data can tell apart from the rest.
+    """Effects that the data can tell apart from the rest."""
 
-    Attributes:
-        degree: Of the orientation-dependent offset, 0 to 2.
-        drift: The data span time.
-        temperature: The data span temperatures.
-        inertia: The data have motion.
-    """
-
-    degree: int = 0
-    drift: bool = False
-    temperature: bool = False
-    inertia: bool = False
+    degree: int = 0  # of the orientation-dependent offset, 0 to 2
+    drift: bool = False  # the data span time
+    temperature: bool = False  # the data span temperatures
+    inertia: bool = False  # the data have motion
 
 
-def parameters(sensor: FlangeSensor, known: Knowledge, effects: Effects) -> Parameters:
+def parameters(sensor: flange_sensor.FlangeSensor, known: Knowledge, effects: Effects) -> Parameters:
     """The parameters around what the cell file says.
 
     The offset has nominal 0 and its size as prior, so that bias, weight and mounting explain what they can.
 
     ``effects``: What is free; the rest is held at what the cell file says.
     """
-
-    def six(
-        stem: str, unit: str, nominal: Float, force: float, moment: float, label: str, free: bool
-    ) -> list[Parameter]:
-        return [
-            Parameter(
-                f"{stem}.{c}",
-                u + unit,
-                float(value),
-                force if i < 3 else moment,
-                free=free,
-                label=f"{label} {c}",
-            )
-            for i, (c, u, value) in enumerate(zip(COMPONENTS, UNITS, nominal, strict=True))
-        ]
-
     spread = max(known.mass_share * sensor.mass_kg, known.mass_kg)
-    items = six("bias", "", sensor.w_bias, known.bias_n, known.bias_nm, "bias", True)
+    items = _six("bias", "", sensor.w_bias, known.bias_n, known.bias_nm)
     items.append(Parameter("mass", "kg", sensor.mass_kg, spread, label="mass behind the sensor"))
     items += [
         Parameter(f"com.{a}", "m", float(v), known.com_m, label=f"centre of gravity {a}")
@@ -119,28 +72,38 @@ def parameters(sensor: FlangeSensor, known: Knowledge, effects: Effects) -> Para
     ]
     items += [Parameter(f"mounting.{a}", "rad", 0.0, known.turn_rad, label=f"mounting about {a}") for a in "xyz"]
     force, moment = known.drift_n_per_h / _HOUR, known.drift_nm_per_h / _HOUR
-    items += six("drift", "/s", sensor.w_drift_per_s, force, moment, "drift", effects.drift)
-    items += six(
-        "temperature", "/K", sensor.w_kelvin, known.kelvin_n, known.kelvin_nm, "temperature", effects.temperature
-    )
+    items += _six("drift", "/s", sensor.w_drift_per_s, force, moment, free=effects.drift)
+    items += _six("temperature", "/K", sensor.w_kelvin, known.kelvin_n, known.kelvin_nm, free=effects.temperature)
     items += [
         Parameter(f"inertia.{e}", "kg m2", float(v), known.inertia_kg_m2, free=effects.inertia, label=f"inertia {e}")
         for e, v in zip(_ENTRIES, sensor.inertia_kg_m2, strict=True)
     ]
-    for k in range(COUNTS[effects.degree]):
-        items += six(f"offset{k + 1}", "", np.zeros(6), known.offset_n, known.offset_nm, f"offset {k + 1}", True)
+    for k in range(flange_sensor.COUNTS[effects.degree]):
+        items += _six(f"offset{k + 1}", "", np.zeros(6), known.offset_n, known.offset_nm, label=f"offset {k + 1}")
     return Parameters.of(items)
 
 
-def sensor_of(sensor: FlangeSensor, x: Float, reference_c: float) -> FlangeSensor:
+def _six(
+    stem: str, unit: str, nominal: Float, force: float, moment: float, *, label: str = "", free: bool = True
+) -> list[Parameter]:
+    """Six components of a wrench as parameters; ``force`` and ``moment`` are their priors."""
+    return [
+        Parameter(
+            f"{stem}.{c}", u + unit, float(value), force if i < 3 else moment, free=free, label=f"{label or stem} {c}"
+        )
+        for i, (c, u, value) in enumerate(zip(COMPONENTS, UNITS, nominal, strict=True))
+    ]
+
+
+def sensor_of(sensor: flange_sensor.FlangeSensor, x: Float, reference_c: float) -> flange_sensor.FlangeSensor:
     """The sensor with found values.
 
     ``sensor``: Of the cell before: body and frame; and where the hose pack was taken to come from. ``x``: (p,) SI
     values in the order of :func:`parameters`.
     """
-    return FlangeSensor(
+    return flange_sensor.FlangeSensor(
         segment=sensor.segment,
-        T_seg_sensor=turned(sensor.T_seg_sensor, x[TURN]),
+        T_seg_sensor=flange_sensor.turned(sensor.T_seg_sensor, x[TURN]),
         mass_kg=float(x[MASS]),
         p_sensor_com=x[COM],
         w_bias=x[BIAS],
@@ -158,45 +121,33 @@ def needed() -> tuple[str, ...]:
     return tuple(f"bias.{c}" for c in COMPONENTS)
 
 
-def seg_frame_com(sensor: FlangeSensor, fit: Fit) -> Float:
+def seg_frame_com(sensor: flange_sensor.FlangeSensor, fit: Fit) -> Float:
     """(3,) m, centre of gravity found, in the frame of the body that carries the sensor."""
     T = sensor.T_seg_sensor
     out: Float = T[:3, 3] + T[:3, :3] @ rotation.exp(fit.values[TURN]) @ fit.values[COM]
     return out
 
 
-_UNIT = np.stack([tensor(row) for row in np.eye(6)])
+_UNIT = np.stack([flange_sensor.tensor(row) for row in np.eye(6)])
 
 
 @dataclass(frozen=True, eq=False)
 class SensorReadings:
-    """Readings with no process; see :class:`counterflex.identify.solver.residuals.Residuals`.
-
-    Attributes:
-        group: (n,) rows held out together.
-        sigma: (n, 6) N, N m.
-        w_sensor: (n, 6) N, N m as read.
-        R_base_sensor: (n, 3, 3) by the mounting of the cell file.
-        R_rest: (n, 3, 3) rotation that the offset goes by, same mounting: R_base_sensor, or the sensor's rotation in
-            the body that the hose pack comes from.
-        gamma: (n, 3) m/s2: gravity minus acceleration of the sensor's origin, same axes.
-        omega: (n, 3) rad/s, same axes.
-        alpha: (n, 3) rad/s2, same axes.
-        time_s: (n,) since the beginning of the data.
-        warmer_k: (n,) K above the reference temperature.
-    """
+    """Readings with no process; see :class:`counterflex.identify.solver.residuals.Residuals`."""
 
     name: str
-    group: Int
-    sigma: Float
-    w_sensor: Float
-    R_base_sensor: Float
+    group: Int  # (n,) rows held out together
+    sigma: Float  # (n, 6) N, N m
+    w_sensor: Float  # (n, 6) N, N m as read
+    R_base_sensor: Float  # (n, 3, 3) by the mounting of the cell file
+    # (n, 3, 3) rotation that the offset goes by, same mounting: R_base_sensor, or the sensor's rotation in the body
+    # that the hose pack comes from
     R_rest: Float
-    gamma: Float
-    omega: Float
-    alpha: Float
-    time_s: Float
-    warmer_k: Float
+    gamma: Float  # (n, 3) m/s2: gravity minus acceleration of the sensor's origin, same axes
+    omega: Float  # (n, 3) rad/s, same axes
+    alpha: Float  # (n, 3) rad/s2, same axes
+    time_s: Float  # (n,) since the beginning of the data
+    warmer_k: Float  # (n,) K above the reference temperature
 
     components = tuple(f"{c} {u}" for c, u in zip(COMPONENTS, UNITS, strict=True))
 
@@ -204,14 +155,14 @@ class SensorReadings:
         """Weighted residuals (n, 6)."""
         turn = rotation.exp(x[TURN])
         gamma, omega, alpha = self.gamma @ turn, self.omega @ turn, self.alpha @ turn
-        c, inertia = x[COM], tensor(x[INERTIA])
+        c, inertia = x[COM], flange_sensor.tensor(x[INERTIA])
         force = x[MASS] * (gamma - cross(alpha, c) - cross(omega, cross(omega, c)))
         moment = cross(c, force) - alpha @ inertia - cross(omega, omega @ inertia)
         w = np.concatenate([force, moment], axis=1) + x[BIAS]
         w += self.time_s[:, None] * x[DRIFT] + self.warmer_k[:, None] * x[KELVIN]
-        degree = degree_of((len(x) - OFFSET) // 6)
+        degree = flange_sensor.degree_of((len(x) - OFFSET) // 6)
         if degree:
-            w += orientation_basis(self.R_rest @ turn, degree) @ x[OFFSET:].reshape(-1, 6)
+            w += flange_sensor.orientation_basis(self.R_rest @ turn, degree) @ x[OFFSET:].reshape(-1, 6)
         out: Float = (self.w_sensor - w) / self.sigma
         return out
 
@@ -221,7 +172,7 @@ class SensorReadings:
         rho = x[TURN]
         turn = rotation.exp(rho)
         gamma, omega, alpha = self.gamma @ turn, self.omega @ turn, self.alpha @ turn
-        m, c, inertia = x[MASS], x[COM], tensor(x[INERTIA])
+        m, c, inertia = x[MASS], x[COM], flange_sensor.tensor(x[INERTIA])
         alpha_x, omega_x, c_x = skew(alpha), skew(omega), skew(c)
         A = alpha_x + omega_x @ omega_x
         specific = gamma - A @ c
@@ -244,10 +195,10 @@ class SensorReadings:
         turning = np.einsum("kij,nj->nik", _UNIT, alpha)
         gyro = np.einsum("nij,kjl,nl->nik", omega_x, _UNIT, omega)
         out[:, 3:, INERTIA] = -turning - gyro
-        degree = degree_of((len(x) - OFFSET) // 6)
+        degree = flange_sensor.degree_of((len(x) - OFFSET) // 6)
         if degree:
             R = self.R_rest @ turn
-            phi, slope = orientation_basis(R, degree), orientation_basis_slope(R, degree)
+            phi, slope = flange_sensor.orientation_basis(R, degree), flange_sensor.orientation_basis_slope(R, degree)
             coefficients = x[OFFSET:].reshape(-1, 6)
             out[:, :, TURN] += np.einsum("nkj,ki->nij", slope, coefficients) @ right
             out[:, :, OFFSET:] = np.einsum("nk,ij->nikj", phi, np.eye(6)).reshape(n, 6, -1)

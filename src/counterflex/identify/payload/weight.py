@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -42,19 +43,12 @@ _BlockOf = Callable[[Dataset], SensorReadings]
 
 @dataclass(frozen=True)
 class Plain:
-    """Zero and weight fitted to readings.
+    """Zero and weight fitted to readings."""
 
-    Attributes:
-        size: Median of the rows' residuals over their standard deviations, per root of the number of components.
-        mass_kg: Weight found; below zero it pulls upward.
-        sigma_kg: Its standard deviation, by the residuals.
-        dof: Measured numbers less those found.
-    """
-
-    size: float
-    mass_kg: float
-    sigma_kg: float
-    dof: float
+    size: float  # median of the rows' residuals over their standard deviations, per root of the number of components
+    mass_kg: float  # weight found; below zero it pulls upward
+    sigma_kg: float  # its standard deviation, by the residuals
+    dof: float  # measured numbers less those found
 
     @property
     def hangs(self) -> bool:
@@ -91,21 +85,6 @@ def plain_weight(block: SensorReadings) -> Plain:
 def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
     """Other readings of the rotations and axes of a file."""
     base = axes_of(data) == "base"
-
-    def turned(back: bool, sign: float) -> Callable[[Dataset], Dataset]:
-        def change(d: Dataset) -> Dataset:
-            R = block_of(d).R_base_sensor
-            R = np.swapaxes(R, 1, 2) if back else R
-            old = d.channel(CHANNEL)
-            w = sign * (R[:, None] @ old.values.reshape(-1, 2, 3, 1)).reshape(-1, 6)
-            return replace(d, channels={**d.channels, CHANNEL: replace(old, values=w)})
-
-        return change
-
-    def reversed_(d: Dataset) -> Dataset:
-        old = d.channel(CHANNEL)
-        return replace(d, channels={**d.channels, CHANNEL: replace(old, values=-old.values)})
-
     acts = f'write acts_on = "surroundings" under [channels.{CHANNEL}]'
     stated, other, write = (
         ("base", "sensor", f"leave out axes under [channels.{CHANNEL}]")
@@ -115,22 +94,44 @@ def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
     there = f"'{CHANNEL}' is in {other} axes, not in those of the {stated}"
     wrong = f"'{CHANNEL}' was turned by the transposed rotation"
     export = "export it in sensor axes"
+    forth, back = partial(_turned, block_of, back=not base), partial(_turned, block_of, back=base)
     out = [
-        Reading(CHANNEL, there, write, turned(not base, 1.0)),
-        Reading(CHANNEL, wrong, export, turned(base, 1.0)),
-        Reading(CHANNEL, f"the sign of '{CHANNEL}' is reversed", acts, reversed_),
-        Reading(CHANNEL, f"{there}, and its sign is reversed", f"{write} and {acts}", turned(not base, -1.0)),
-        Reading(CHANNEL, f"{wrong}, and its sign is reversed", f"{export} and {acts}", turned(base, -1.0)),
+        Reading(CHANNEL, there, write, forth),
+        Reading(CHANNEL, wrong, export, back),
+        Reading(CHANNEL, f"the sign of '{CHANNEL}' is reversed", acts, lambda d: _with(d, -d.channel(CHANNEL).values)),
+        Reading(CHANNEL, f"{there}, and its sign is reversed", f"{write} and {acts}", partial(forth, sign=-1.0)),
+        Reading(CHANNEL, f"{wrong}, and its sign is reversed", f"{export} and {acts}", partial(back, sign=-1.0)),
     ]
     for name in _ROTATIONS:
         if data.has(name) and not data.has("q"):
             first = (transposed(name), *quaternion_mistakes(name))
             out += first
-            out += [
-                Reading(CHANNEL, f"{r.says}, and {there}", f"{r.remedy}; {write}", _both(r, turned(not base, 1.0)))
-                for r in first
-            ]
+            out += [Reading(CHANNEL, f"{r.says}, and {there}", f"{r.remedy}; {write}", _both(r, forth)) for r in first]
     return tuple(out)
+
+
+def _turned(block_of: _BlockOf, data: Dataset, *, back: bool, sign: float = 1.0) -> Dataset:
+    R = block_of(data).R_base_sensor
+    R = np.swapaxes(R, 1, 2) if back else R
+    return _with(data, sign * (R[:, None] @ data.channel(CHANNEL).values.reshape(-1, 2, 3, 1)).reshape(-1, 6))
+
+
+def _with(data: Dataset, w: Float) -> Dataset:
+    return replace(data, channels={**data.channels, CHANNEL: replace(data.channel(CHANNEL), values=w)})
+
+
+def _mistakes(data: Dataset, block_of: _BlockOf, stated: Plain) -> list[tuple[Reading, Plain]]:
+    """Readings that fit better than the stated one, the best first."""
+    problems = []
+    readings = axis_readings(data, block_of)
+    for reading in readings:
+        try:
+            other = plain_weight(block_of(reading.change(data)))
+        except CounterflexError:
+            continue
+        if other.hangs and _better(stated, other, len(readings)):
+            problems.append((reading, other))
+    return sorted(problems, key=lambda item: item[1].size)
 
 
 def _both(first: Reading, then: Callable[[Dataset], Dataset]) -> Callable[[Dataset], Dataset]:
@@ -152,15 +153,7 @@ def check_axes(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[s
     if len(block.group) < FEWEST or distinct(block) < FEWEST:
         return ()
     stated = plain_weight(block)
-    mistakes = []
-    readings = axis_readings(data, block_of)
-    for reading in readings:
-        try:
-            other = plain_weight(block_of(reading.change(data)))
-        except CounterflexError:
-            continue
-        if other.hangs and _better(stated, other, len(readings)):
-            mistakes.append((other.size, reading, other))
+    mistakes = _mistakes(data, block_of, stated)
     if not mistakes and stated.mass_kg < -SURE * stated.sigma_kg and not as_stated:
         raise InputError(
             "the weight found pulls upward",
@@ -171,9 +164,8 @@ def check_axes(data: Dataset, block_of: _BlockOf, *, as_stated: bool) -> tuple[s
         )
     if not mistakes:
         return ()
-    mistakes.sort(key=lambda item: item[0])
-    size, reading, other = mistakes[0]
-    alike = "; ".join(r.says for s, r, _ in mistakes[1:] if s <= ALIKE * max(size, 1.0))
+    reading, other = mistakes[0]
+    alike = "; ".join(r.says for r, one in mistakes[1:] if one.size <= ALIKE * max(other.size, 1.0))
     text = (
         f"the data suggest that {reading.says}: as stated, the plain weight is {stated.mass_kg:.3g} kg and leaves "
         f"{stated.size:.3g} sigma in median, so read {other.mass_kg:.3g} kg and {other.size:.3g} sigma"

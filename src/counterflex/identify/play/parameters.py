@@ -106,7 +106,7 @@ def lagging(steps: Float, values: Float, length: float) -> Float:
 
 
 def _lever(part: ReversalResiduals) -> float:
-    """What a turn of the link moves the measured value by: 1 for encoders, m/rad for a tracker."""
+    """Change of the measured value per turn of the link: 1 for encoders, m/rad for a tracker."""
     if part.by == "encoder":
         return 1.0
     angle = part.q - np.mean(part.q)
@@ -150,7 +150,7 @@ def poses_of(mine: Sequence[Motion]) -> list[Float]:
 
 
 def why_not(axis: int, mine: Sequence[Motion], friction_nm: float, sigma_nm: float) -> str | None:
-    """Why the values of an axis cannot be trusted; None where they can.
+    """Reason not to trust the values of an axis; None where there is none.
 
     ``axis``: 0..5. ``friction_nm``: Dry friction on the side of the link. ``sigma_nm``: Its standard deviation, that of
     the compliance it refers to included.
@@ -176,7 +176,7 @@ def why_not(axis: int, mine: Sequence[Motion], friction_nm: float, sigma_nm: flo
 
 
 def too_wide(value: float, sigma: float) -> bool:
-    """Whether a standard deviation is too wide for its value to be called determined."""
+    """Return whether a standard deviation is too wide for its value to be called determined."""
     return sigma > WIDE * abs(value)
 
 

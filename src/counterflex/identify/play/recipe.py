@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -67,16 +68,33 @@ def identify(inputs: Inputs) -> Identification:
     """
     cell, data, holdout, settings, progress = inputs
     records = motions(cell, data)
-    unseen = motions(cell, holdout, len(records))
-    axes = sorted({m.axis for m in records})
-    rows_of = {axis: float(sum(len(m.q) for m in records if m.axis == axis)) for axis in axes}
-    parts = in_parts(progress, {f"axis {axis + 1}": rows_of[axis] for axis in axes}) if axes else {}
-    estimates = []
-    for axis in axes:
-        mine, other = ([m for m in given if m.axis == axis] for given in (records, unseen))
-        estimates.append(_axis(cell, axis, mine, other, settings, parts[f"axis {axis + 1}"]))
+    mine, unseen = _by_axis(records), _by_axis(motions(cell, holdout, len(records)))
+    work = {f"axis {axis + 1}": float(sum(len(m.q) for m in mine[axis])) for axis in mine}
+    parts = in_parts(progress, work) if work else {}
+    estimates = [
+        _axis(cell, axis, mine[axis], unseen.get(axis, []), settings, parts[f"axis {axis + 1}"]) for axis in mine
+    ]
+    used = _trusted(estimates, records, as_stated=bool(settings["as_stated"]))
+    remark_end = "used as stated, as requested" if settings["as_stated"] else "its values are not written"
+    withheld = [f"{one.withheld}; {remark_end}." for one in estimates if one.withheld is not None]
+    return Identification(
+        "play",
+        {f"axis {one.axis + 1}": one.fit for one in estimates},
+        _headline([one.errors for one in used if one.errors is not None]),
+        tuple(chain.from_iterable(one.figures for one in estimates)),
+        tuple(AxisPlay(one.axis, resolved(one.play)) for one in used),
+        (*withheld, *chain.from_iterable(one.remarks for one in estimates)),
+        tuple(chain.from_iterable(one.pictures for one in estimates)),
+    )
+
+
+def _by_axis(records: Sequence[Motion]) -> dict[int, list[Motion]]:
+    return {axis: [m for m in records if m.axis == axis] for axis in sorted({m.axis for m in records})}
+
+
+def _trusted(estimates: Sequence[_Axis], records: Sequence[Motion], *, as_stated: bool) -> list[_Axis]:
+    """Axes whose values are used; refuse data of which none are."""
     judged = [one for one in estimates if one.errors is not None]
-    used = [one for one in judged if one.withheld is None or settings["as_stated"]]
     if not judged:
         raise InputError(
             "each axis has one motion only, so none can be held out",
@@ -84,6 +102,7 @@ def identify(inputs: Inputs) -> Identification:
             limit="two motions of an axis",
             hint="Record a second motion (another pose, speed or amplitude), or give a separate file with --holdout",
         )
+    used = [one for one in judged if one.withheld is None or as_stated]
     if not used:
         raise InputError(
             "play and friction of no axis can be trusted",
@@ -91,19 +110,7 @@ def identify(inputs: Inputs) -> Identification:
             value=f"{len(estimates)} axes",
             hint=f"{judged[0].withheld}. If the data are right, add --set as_stated=true",
         )
-    remark_end = "used as stated, as requested" if settings["as_stated"] else "its values are not written"
-    return Identification(
-        "play",
-        {f"axis {one.axis + 1}": one.fit for one in estimates},
-        _headline([one.errors for one in used if one.errors is not None]),
-        tuple(figure for one in estimates for figure in one.figures),
-        tuple(AxisPlay(one.axis, resolved(one.play)) for one in used),
-        (
-            *(f"{one.withheld}; {remark_end}." for one in estimates if one.withheld is not None),
-            *(remark for one in estimates for remark in one.remarks),
-        ),
-        tuple(picture for one in estimates for picture in one.pictures),
-    )
+    return used
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +145,8 @@ def _axis(
     turn_spread = 0.0
     errors: HeldOut | None = None
     if other:
-        errors = score_separate(
-            p,
-            rows,
-            [AxisResiduals(tuple(blocks(other, places)))],
-            needed=needed,
-            error=angle_error,
-            robust=False,
-            stop=_STOP,
-        )
+        unseen = [AxisResiduals(tuple(blocks(other, places)))]
+        errors = score_separate(p, rows, unseen, needed=needed, error=angle_error, robust=False, stop=_STOP)
     elif len(mine) > 1:
         errors = cross_validate(
             p,

@@ -127,7 +127,7 @@ LARGE_RAD = 50.0 * MRAD
 
 @dataclass(frozen=True)
 class PlayPlaces:
-    """Where the parameters of an axis stand: compliance, half band, friction and slip per element, delay or -1."""
+    """Places of the parameters of an axis: compliance, half band, friction and slip per element, delay or -1."""
 
     compliance: int
     half_band: int
@@ -144,33 +144,19 @@ class PlayPlaces:
 
 @dataclass(frozen=True, eq=False)
 class ReversalResiduals:
-    """See :class:`counterflex.identify.solver.residuals.Residuals` and the module.
+    """See :class:`counterflex.identify.solver.residuals.Residuals` and the module."""
 
-    Attributes:
-        name: Of the motion.
-        group: (n,) its number.
-        components: One, with unit.
-        sigma: (n, 1) SI.
-        axis: 0..5.
-        by: ``encoder`` or ``tracker``.
-        q: (n,) rad, motor angle.
-        torque: (n,) N m about the axis.
-        time_s: (n,) or None where the axis stood still at each row.
-        measured: (n,) rad (encoder, link minus motor) or m (tracker, along the motion).
-        places: Where the parameters stand.
-    """
-
-    name: str
-    group: Int
-    components: tuple[str, ...]
-    sigma: Float
-    axis: int
-    by: Literal["encoder", "tracker"]
-    q: Float
-    torque: Float
-    time_s: Float | None
-    measured: Float
-    places: PlayPlaces
+    name: str  # of the motion
+    group: Int  # (n,) its number
+    components: tuple[str, ...]  # one, with unit
+    sigma: Float  # (n, 1) SI
+    axis: int  # 0..5
+    by: Literal["encoder", "tracker"]  # `encoder` or `tracker`
+    q: Float  # (n,) rad, motor angle
+    torque: Float  # (n,) N m about the axis
+    time_s: Float | None  # (n,) or None where the axis stood still at each row
+    measured: Float  # (n,) rad (encoder, link minus motor) or m (tracker, along the motion)
+    places: PlayPlaces  # where the parameters stand
 
     def lost(self, x: Float) -> tuple[Float, Float]:
         """Lost motion (n,) rad at the parameters and its derivatives (n, k) by the constants of the axis."""
@@ -192,7 +178,7 @@ class ReversalResiduals:
 
     @property
     def large(self) -> bool:
-        """Whether elastic torsion is seen."""
+        """Return whether elastic torsion is seen."""
         return self.by == "encoder" and len(self.q) > 0 and float(np.ptp(self.q)) > LARGE_RAD
 
     def evaluate(self, x: Float) -> Float:

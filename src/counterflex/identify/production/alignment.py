@@ -39,75 +39,43 @@ _BASIS: Final = np.linalg.inv(np.vander(np.array(EXPONENTS), increasing=True))
 
 @dataclass(frozen=True, eq=False)
 class PlannedCut:
-    """A plan as production identification reads it; n rows, row i: the segment that ends there. Part axes, SI.
+    """A plan as production identification reads it; n rows, row i: the segment that ends there. Part axes, SI."""
 
-    Attributes:
-        p_part: (n, 3) points as the program sends them, the correction it contains included.
-        time_s: (n,) planned time.
-        tool: (n,) number of the tool.
-        motion: (n,) motion of the program.
-        cutting: (n,) rows at feed that take material.
-        direction: (n, 3) unit vector of the feed, zero where the tool stands.
-        axis_z: (n,) z of the unit vector along the tool, in part axes.
-        feed_m_s: (n,) planned feed.
-        spindle_rad_s: (n,) of the spindle.
-        feed_tooth_m: (n,) feed per tooth.
-        depth_m: (n,) largest engaged axial depth.
-        entry_rad: (n,) where the engagement begins, NaN out of the cut.
-        exit_rad: (n,) where it ends.
-        volume_m3: (n,) removed.
-        f_part: (n, 3) N, force that the plan predicts.
-        maps_m: (n, 3, 3, k) U at :data:`EXPONENTS`: force x, y, z by the constants c, r, a; zero out of the cut.
-        contained_part: (n, 3) m, correction that the program contains.
-        cell_m: Grid of the plan's blank: how well a width is known.
-    """
-
-    p_part: Float
-    time_s: Float
-    tool: Int
-    motion: Int
-    cutting: Bool
-    direction: Float
-    axis_z: Float
-    feed_m_s: Float
+    p_part: Float  # (n, 3) points as the program sends them, the correction it contains included
+    time_s: Float  # (n,) planned time
+    tool: Int  # (n,) number of the tool
+    motion: Int  # (n,) motion of the program
+    cutting: Bool  # (n,) rows at feed that take material
+    direction: Float  # (n, 3) unit vector of the feed, zero where the tool stands
+    axis_z: Float  # (n,) z of the unit vector along the tool, in part axes
+    feed_m_s: Float  # (n,) planned feed
     spindle_rad_s: Float
-    feed_tooth_m: Float
-    depth_m: Float
-    entry_rad: Float
-    exit_rad: Float
-    volume_m3: Float
-    f_part: Float
-    maps_m: Float
-    contained_part: Float
-    cell_m: float
+    feed_tooth_m: Float  # (n,) feed per tooth
+    depth_m: Float  # (n,) largest engaged axial depth
+    entry_rad: Float  # (n,) where the engagement begins, NaN out of the cut
+    exit_rad: Float  # (n,) where it ends
+    volume_m3: Float  # (n,) removed
+    f_part: Float  # (n, 3) N, force that the plan predicts
+    maps_m: Float  # (n, 3, 3, k) U at EXPONENTS: force x, y, z by the constants c, r, a; zero out of the cut
+    contained_part: Float  # (n, 3) m, correction that the program contains
+    cell_m: float  # grid of the plan's blank: how well a width is known
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """A run as its log has it, m cycles of one run in order. Part axes, SI.
+    """A run as its log has it, m cycles of one run in order. Part axes, SI."""
 
-    Attributes:
-        name: Of the run, for messages.
-        time_s: (m,) of the controller's clock, rising.
-        p_part: (m, 3) m, commanded place, without what was corrected online.
-        w_part: (m, 6) N, N m, wrench of the process on the tool about its tip: the weight behind the sensor and the
-            zero before the cut are taken off.
-        q: (m, 6) rad.
-        online_part: (m, 3) m, correction that was sent.
-        good: (m,) cycles with a telegram and a good reading of the force.
-        saturated: (m,) cycles in which the force sensor was beyond its range.
-        period_s: Of the controller.
-    """
-
-    name: str
-    time_s: Float
-    p_part: Float
+    name: str  # of the run, for messages
+    time_s: Float  # (m,) of the controller's clock, rising
+    p_part: Float  # (m, 3) m, commanded place, without what was corrected online
+    # (m, 6) N, N m, wrench of the process on the tool about its tip: the weight behind the sensor and the zero before
+    # the cut are taken off
     w_part: Float
-    q: Float
-    online_part: Float
-    good: Bool
-    saturated: Bool
-    period_s: float
+    q: Float  # (m, 6) rad
+    online_part: Float  # (m, 3) m, correction that was sent
+    good: Bool  # (m,) cycles with a telegram and a good reading of the force
+    saturated: Bool  # (m,) cycles in which the force sensor was beyond its range
+    period_s: float  # of the controller
 
 
 def weights_at(p: float) -> tuple[Float, Float]:
@@ -145,21 +113,13 @@ _LEAST_FORCE_N: Final = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """A run on its plan.
+    """A run on its plan."""
 
-    Attributes:
-        station: (m,) row of the plan with the fraction of the segment behind it, at each cycle.
-        delay_s: How late the force comes after the command.
-        delay_sigma_s: Standard deviation of that.
-        edges: Entries and exits that it rests on.
-        row: (m,) row of the plan whose segment made the force of the cycle, -1 before the beginning.
-    """
-
-    station: Float
-    delay_s: float
-    delay_sigma_s: float
-    edges: int
-    row: Int
+    station: Float  # (m,) row of the plan with the fraction of the segment behind it, at each cycle
+    delay_s: float  # how late the force comes after the command
+    delay_sigma_s: float  # standard deviation of that
+    edges: int  # entries and exits that it rests on
+    row: Int  # (m,) row of the plan whose segment made the force of the cycle, -1 before the beginning
 
 
 def stations(run: RunRecord, plan: PlannedCut) -> Float:
@@ -212,7 +172,7 @@ def aligned(run: RunRecord, plan: PlannedCut) -> Aligned:
 
 
 def _widened(count: int) -> float:
-    """How much wider one standard deviation is that is known from a few values only."""
+    """Factor on a standard deviation that was estimated from a few values only."""
     return float(scipy.stats.t.ppf(0.8413, count - 1))
 
 

@@ -39,17 +39,11 @@ _FREE: Final = {"directions": NAMES[:3], "exponents": NAMES[:6], "all": NAMES}
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition of a set of constants in the data.
-
-    Attributes:
-        level: Of :data:`LEVELS`.
-        index: Largest condition index.
-        alike: Names of those that have one pattern at it.
-    """
+    """Condition of a set of constants in the data."""
 
     level: str
-    index: float
-    alike: tuple[str, ...]
+    index: float  # largest condition index
+    alike: tuple[str, ...]  # names of those that have one pattern at it
 
     @property
     def is_enough(self) -> bool:
@@ -59,17 +53,11 @@ class Condition:
 
 @dataclass(frozen=True)
 class Difference:
-    """Found constants against the stated ones.
+    """Found constants against the stated ones."""
 
-    Attributes:
-        chance: Probability of a difference as large if the stated values were exactly true.
-        chance_in_prior: The same if they are as uncertain as stated.
-        statistic: Of the first.
-    """
-
-    chance: float
-    chance_in_prior: float
-    statistic: float
+    chance: float  # probability of a difference as large if the stated values were exactly true
+    chance_in_prior: float  # the same if they are as uncertain as stated
+    statistic: float  # of the first
     count: int
 
     @property
@@ -80,25 +68,16 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Constants and what they rest on.
+    """Constants and what they rest on."""
 
-    Attributes:
-        fit: Nine constants, then the geometry.
-        level: Which were free.
-        conditions: Of every level.
-        range_m: Least and largest mean chip thickness.
-        difference: From the stated ones.
-        block: What was fitted.
-    """
-
-    fit: Fit
-    level: str
-    conditions: tuple[Condition, ...]
+    fit: Fit  # nine constants, then the geometry
+    level: str  # which were free
+    conditions: tuple[Condition, ...]  # of every level
     h_ref_m: float
-    range_m: tuple[float, float]
+    range_m: tuple[float, float]  # least and largest mean chip thickness
     held_out: HeldOut
-    difference: Difference
-    block: ProductionResiduals
+    difference: Difference  # from the stated ones
+    block: ProductionResiduals  # what was fitted
 
     def law(self, before: ForceLaw, source: str) -> ForceLaw:
         """The law of the fitted constants, good for the thickness met."""
@@ -273,11 +252,9 @@ def _folds(block: ProductionResiduals, run: Int, seed: int) -> Folds:
 
 
 def _difference(fit: Fit, shared: Float) -> Difference:
-    """Data alone against the stated values: the prior is taken out of the fit again.
-
-    ``C_d = (P^-1 - 1)^-1 + G``, ``x_d - x_0 = (P^-1 - 1)^-1 P^-1 (x - x_0)`` in units of the priors, for the constants
-    with all else eliminated; ``T = (x_d - x_0)^T C_d^-1 (x_d - x_0)`` is chi square.
-    """
+    """Data alone against the stated values: the prior is taken out of the fit again."""
+    # `C_d = (P^-1 - 1)^-1 + G`, `x_d - x_0 = (P^-1 - 1)^-1 P^-1 (x - x_0)` in units of the priors, for the constants
+    # with all else eliminated; `T = (x_d - x_0)^T C_d^-1 (x_d - x_0)` is chi square.
     law = fit.free_index < LAW
     count = int(np.sum(law))
     u = fit.parameters.coordinates(fit.values)[fit.free_index][law]

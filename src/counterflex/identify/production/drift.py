@@ -9,7 +9,7 @@ added one by one while they raise the odds, then moved, exchanged and taken back
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -37,15 +37,10 @@ from counterflex.identify.production.residuals import LAW, ProductionResiduals
 
 @dataclass(frozen=True)
 class RunFactor:
-    """The force of a run by one law.
+    """The force of a run by one law."""
 
-    Attributes:
-        factor: Measured by expected force.
-        sigma: Its standard deviation: noise, zero, height of the work.
-    """
-
-    factor: float
-    sigma: float
+    factor: float  # measured by expected force
+    sigma: float  # its standard deviation: noise, zero, height of the work
 
 
 def run_factor(block: ProductionResiduals, x: Float) -> RunFactor:
@@ -93,21 +88,13 @@ _DRAWS: Final = 4000
 
 @dataclass(frozen=True)
 class Named:
-    """An event that the factors show.
+    """An event that the factors show."""
 
-    Attributes:
-        at: First run after it.
-        until: First run after a passing change; 0 for the others.
-        size: Change of the force, share of the factor before; of a new edge, its fall.
-        odds: For an event at this run against none.
-        kinds: Probability of each kind, the most probable first.
-    """
-
-    at: int
-    until: int
-    size: float
-    odds: float
-    kinds: tuple[tuple[Kind, float], ...]
+    at: int  # first run after it
+    until: int  # first run after a passing change; 0 for the others
+    size: float  # change of the force, share of the factor before; of a new edge, its fall
+    odds: float  # for an event at this run against none
+    kinds: tuple[tuple[Kind, float], ...]  # probability of each kind, the most probable first
 
     @property
     def kind(self) -> Kind:
@@ -117,40 +104,24 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Growth of the force, by the runs of one tool in their order.
+    """Growth of the force, by the runs of one tool in their order."""
 
-    Attributes:
-        edge: (n,) number of the edge of each run, 0 the first.
-        before_m: (n,) length that its edge had cut at the middle of each run.
-        events: Named, in their order.
-        shape: Name of the most probable shape of the growth.
-        factor: (n,) expected factor of each run, scatter apart.
-        force: (n,) the same by the first run's.
-        force_sigma: (n,) its standard deviation.
-        slope: Growth per metre of cut at the last run, share of the force of the first run of its edge.
-        low: Lower end of the interval of the slope (:data:`LEVEL`).
-        scatter: Standard deviation of runs beside their own.
-        grown: Growth of the force from the first run of the last edge to the last run, jumps up included.
-        grown_low: Lower end of its interval.
-        is_known: Whether there are runs enough for a growth.
-    """
-
-    edge: Int
-    before_m: Float
-    events: tuple[Named, ...]
-    shape: str
+    edge: Int  # (n,) number of the edge of each run, 0 the first
+    before_m: Float  # (n,) length that its edge had cut at the middle of each run
+    events: tuple[Named, ...]  # named, in their order
+    shape: str  # name of the most probable shape of the growth
     shape_chance: float
-    factor: Float
-    force: Float
-    force_sigma: Float
-    slope: float
-    low: float
+    factor: Float  # (n,) expected factor of each run, scatter apart
+    force: Float  # (n,) the same by the first run's
+    force_sigma: Float  # (n,) its standard deviation
+    slope: float  # growth per metre of cut at the last run, share of the force of the first run of its edge
+    low: float  # lower end of the interval of the slope (LEVEL)
     high: float
-    scatter: float
-    grown: float
-    grown_low: float
+    scatter: float  # standard deviation of runs beside their own
+    grown: float  # growth of the force from the first run of the last edge to the last run, jumps up included
+    grown_low: float  # lower end of its interval
     grown_high: float
-    is_known: bool
+    is_known: bool  # whether there are runs enough for a growth
 
     @property
     def seen(self) -> dict[int, float]:
@@ -285,25 +256,30 @@ class _Search:
 
     def _changes(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
         """Sets with one event moved by a run or of another kind, two made one that passes, or one made two."""
-        taken, n, out = {e.at for e in events}, len(self.series.factor), []
+        taken, out = {e.at for e in events}, []
         for event in events:
             rest = tuple(e for e in events if e != event)
-            out += [_ordered((*rest, o)) for o in (self._of_kind(event, k) for k in Kind) if o not in (None, event)]
-            for at in (event.at - 1, event.at + 1):
-                if 0 < at < n and at not in taken and not self.series.starts[at]:
-                    until = event.until if event.until > at else 0
-                    if event.kind is not Kind.PASSING or until:
-                        out.append(_ordered((*rest, Event(event.kind, at, until))))
-            if event.kind is Kind.PASSING and event.until not in taken:
-                out += [
-                    _ordered((*rest, Event(kind, event.at), Event(Kind.NEW_EDGE, event.until)))
-                    for kind in (Kind.CHIPPED, Kind.MATERIAL)
-                ]
+            out += [_ordered((*rest, *others)) for others in self._in_place_of(event, taken)]
             for later in rest:
                 if later.at > event.at and Kind.PASSING not in (event.kind, later.kind):
                     others = tuple(e for e in rest if e != later)
                     out.append(_ordered((*others, Event(Kind.PASSING, event.at, later.at))))
         return out
+
+    def _in_place_of(self, event: Event, taken: set[int]) -> Iterator[tuple[Event, ...]]:
+        """One event of another kind, or a run earlier or later; one that passes as its two ends."""
+        for kind in Kind:
+            other = self._of_kind(event, kind)
+            if other is not None and other != event:
+                yield (other,)
+        for at in (event.at - 1, event.at + 1):
+            if 0 < at < len(self.series.factor) and at not in taken and not self.series.starts[at]:
+                until = event.until if event.until > at else 0
+                if event.kind is not Kind.PASSING or until:
+                    yield (Event(event.kind, at, until),)
+        if event.kind is Kind.PASSING and event.until not in taken:
+            for kind in (Kind.CHIPPED, Kind.MATERIAL):
+                yield Event(kind, event.at), Event(Kind.NEW_EDGE, event.until)
 
     def _removals(self, events: tuple[Event, ...]) -> list[tuple[Event, ...]]:
         return [tuple(e for e in events if e != event) for event in events]

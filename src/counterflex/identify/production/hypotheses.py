@@ -66,16 +66,11 @@ RATE: Final = {
 
 @dataclass(frozen=True)
 class Event:
-    """A change between runs.
-
-    Attributes:
-        at: First run after it.
-        until: First run after a passing change; 0 for the others.
-    """
+    """A change between runs."""
 
     kind: Kind
-    at: int
-    until: int = 0
+    at: int  # first run after it
+    until: int = 0  # first run after a passing change; 0 for the others
 
     @property
     def prior(self) -> float:
@@ -85,18 +80,14 @@ class Event:
 
 @dataclass(frozen=True)
 class Shape:
-    """Growth over the length cut, as columns that are 0 for a new edge.
-
-    Attributes:
-        bends: Kind of the second column: ``""`` none, ``"fast"`` exponential approach, ``"late"`` a power,
-            ``"knee"`` a second slope from a length on.
-        at: Its power, or its length as a share of the longest life.
-    """
+    """Growth over the length cut, as columns that are 0 for a new edge."""
 
     name: str
     prior: float
+    # kind of the second column: `""` none, `"fast"` exponential approach, `"late"` a power, `"knee"` a second slope
+    # from a length on
     bends: str = ""
-    at: float = 0.0
+    at: float = 0.0  # its power, or its length as a share of the longest life
 
     def columns(self, length: Float, *, slope: bool = False) -> list[Float]:
         """Columns, or their derivatives, at lengths by the longest life."""
@@ -138,21 +129,13 @@ SHAPES: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Factors of runs in their order.
+    """Factors of runs in their order."""
 
-    Attributes:
-        factor: (n,) of each run.
-        sigma: (n,) standard deviations.
-        cut_m: (n,) length that each cut.
-        starts: (n,) runs stated to begin with a new edge; the first does.
-        lost_share: Share of the force that is lost with one tooth; 0 where it is not known.
-    """
-
-    factor: Float
-    sigma: Float
-    cut_m: Float
-    starts: Bool
-    lost_share: float
+    factor: Float  # (n,) of each run
+    sigma: Float  # (n,) standard deviations
+    cut_m: Float  # (n,) length that each cut
+    starts: Bool  # (n,) runs stated to begin with a new edge; the first does
+    lost_share: float  # share of the force that is lost with one tooth; 0 where it is not known
 
     @cached_property
     def scale(self) -> float:
@@ -173,29 +156,18 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Columns of one hypothesis.
-
-    Attributes:
-        rows: (n, p) columns at each run.
-        mean: (p,) prior means.
-        sigma: (p,) prior standard deviations.
-        rising: Column of each jump that only goes up.
-        start: (p,) force of the first run of the present edge.
-        growth: (p,) growth from there to the last run, jumps apart.
-        slope: (p,) its derivative at the last run, per metre.
-        steps: Columns of jumps of the present edge.
-    """
+    """Columns of one hypothesis."""
 
     events: tuple[Event, ...]
     shape: Shape
-    rows: Float
-    mean: Float
-    sigma: Float
-    rising: tuple[int, ...]
-    start: Float
-    growth: Float
-    slope: Float
-    steps: tuple[int, ...]
+    rows: Float  # (n, p) columns at each run
+    mean: Float  # (p,) prior means
+    sigma: Float  # (p,) prior standard deviations
+    rising: tuple[int, ...]  # column of each jump that only goes up
+    start: Float  # (p,) force of the first run of the present edge
+    growth: Float  # (p,) growth from there to the last run, jumps apart
+    slope: Float  # (p,) its derivative at the last run, per metre
+    steps: tuple[int, ...]  # columns of jumps of the present edge
 
     @property
     def prior(self) -> float:
@@ -246,18 +218,12 @@ def design(series: Series, events: tuple[Event, ...], shape: Shape) -> Design:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """A hypothesis and its posterior.
-
-    Attributes:
-        log_weight: (t,) logarithm of the evidence times the priors, by scatter.
-        mean: (t, p) of the unknowns.
-        covariance: (t, p, p) theirs.
-    """
+    """A hypothesis and its posterior."""
 
     design: Design
-    log_weight: Float
-    mean: Float
-    covariance: Float
+    log_weight: Float  # (t,) logarithm of the evidence times the priors, by scatter
+    mean: Float  # (t, p) of the unknowns
+    covariance: Float  # (t, p, p) theirs
 
 
 def scatters(series: Series) -> Float:

@@ -35,19 +35,12 @@ DEPTH_SIGMA_M: Final = 30.0 * UM
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Which unknowns of the geometry each stretch has; indices into the parameters behind the law.
+    """Unknowns of the geometry of each stretch; indices into the parameters behind the law."""
 
-    Attributes:
-        top: (n,) place of its top.
-        left: (n,) place of its left bound, -1 where the work has none.
-        right: (n,) place of its right bound.
-        parameters: Tops, bounds, and the give, which is the last.
-    """
-
-    top: Int
-    left: Int
-    right: Int
-    parameters: Parameters
+    top: Int  # (n,) place of its top
+    left: Int  # (n,) place of its left bound, -1 where the work has none
+    right: Int  # (n,) place of its right bound
+    parameters: Parameters  # tops, bounds, and the give, which is the last
 
 
 def geometry_of(stretches: Stretches, run: Int, top_sigma_m: float = TOP_SIGMA_M) -> Geometry:
@@ -55,37 +48,33 @@ def geometry_of(stretches: Stretches, run: Int, top_sigma_m: float = TOP_SIGMA_M
 
     ``run``: (n,) number of the run of each.
     """
-    items: list[Parameter] = []
-    places: dict[tuple[object, ...], int] = {}
-
-    def place(key: tuple[object, ...], name: str, sigma: float, label: str) -> int:
-        if key not in places:
-            places[key] = len(items)
-            items.append(Parameter(name, "m", 0.0, sigma, label=label))
-        return places[key]
-
+    items: dict[tuple[object, ...], Parameter] = {}  # in order of places
     n = len(stretches)
     top, left, right = (np.full(n, -1, dtype=np.int64) for _ in range(3))
     known = widths_known(stretches.grid_m)
     for i in range(n):
         height = round(float(stretches.top_m[i]) / MM, 1)
-        number = sum(1 for key in places if key[0] == "top")
-        top[i] = place(
-            ("top", int(run[i]), height),
-            f"top.{number}",
-            top_sigma_m,
-            f"top of the work at {height:g} mm in run {int(run[i]) + 1}",
-        )
+        label = f"top of the work at {height:g} mm in run {int(run[i]) + 1}"
+        top[i] = _place(items, ("top", int(run[i]), height), "top", top_sigma_m, label)
         for side, into, by, angle in (
             ("left", left, stretches.by_left, stretches.entry_rad),
             ("right", right, stretches.by_right, stretches.exit_rad),
         ):
             if np.any(by[i] != 0.0):
                 key = (side, height, round(float(angle[i]), 2))
-                number = sum(1 for one in places if one[0] in ("left", "right"))
-                into[i] = place(key, f"bound.{number}", float(known[i]), f"bound of the work at the {side}")
-    items.append(Parameter(GIVE, "1", 1.0, GIVE_SIGMA, lower=0.0, upper=3.0, label="give of the robot"))
-    return Geometry(top, left, right, Parameters.of(items))
+                into[i] = _place(items, key, "bound", float(known[i]), f"bound of the work at the {side}")
+    give = Parameter(GIVE, "1", 1.0, GIVE_SIGMA, lower=0.0, upper=3.0, label="give of the robot")
+    return Geometry(top, left, right, Parameters.of([*items.values(), give]))
+
+
+def _place(
+    items: dict[tuple[object, ...], Parameter], key: tuple[object, ...], kind: str, sigma: float, label: str
+) -> int:
+    """Place of a parameter by its key; a new one gets the next number of its kind."""
+    if key not in items:
+        number = sum(item.name.startswith(kind) for item in items.values())
+        items[key] = Parameter(f"{kind}.{number}", "m", 0.0, sigma, label=label)
+    return list(items).index(key)
 
 
 class ProductionResiduals:

@@ -33,60 +33,35 @@ _LEVEL_M: Final = 0.5 * MM
 
 @dataclass(frozen=True)
 class Choice:
-    """Choice of stretches.
+    """Choice of stretches."""
 
-    Attributes:
-        trim_diameters: Distance left out behind an entry and before an exit, in cutter diameters.
-        settle_s: Time left out there in addition.
-    """
-
-    trim_diameters: float = 0.6
-    settle_s: float = 0.15
+    trim_diameters: float = 0.6  # distance left out behind an entry and before an exit, in cutter diameters
+    settle_s: float = 0.15  # time left out there in addition
 
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Mean forces of steady stretches, in the feed frame: along the feed, to its left, up. n rows, SI.
+    """Mean forces of steady stretches, in the feed frame: along the feed, to its left, up. n rows, SI."""
 
-    Attributes:
-        force: (n, 3) N on the tool.
-        sigma: (n, 3) N standard deviation of these means: noise, zero, delay.
-        maps_m: (n, 3, 3, k) as :class:`PlannedCut` has them, at the feed that was run, in the feed frame.
-        by_depth: (n, 3) N/m, change of the force by the axial depth, by the law known before.
-        by_left: (n, 3) N/m, change by a bound of the work at the left that moves to the left; 0 where there is none.
-        by_right: (n, 3) N/m, the same at the right.
-        depth_m: (n,) planned axial depth.
-        entry_rad: (n,) of the engagement.
-        exit_rad: (n,) of the engagement.
-        feed_tooth_m: (n,) feed per tooth that was run.
-        give_m: (n, 3) displacement of the tool by the elastic model under the measured force.
-        sent_m: (n, 3) displacement that was commanded against it, contained and online.
-        axes: (n, 3, 3) from part axes to the feed frame.
-        cut: (n,) contact of the run that it is of: what is left of its zero is common to it.
-        top_m: (n,) height of the work above it, part frame: the floor of an earlier pass or the blank.
-        run_m: (n,) length of cut of this run before it.
-        grid_m: (n,) grid of the blank of the plan.
-        row: (n,) row of the plan.
-    """
-
-    force: Float
-    sigma: Float
-    maps_m: Float
-    by_depth: Float
+    force: Float  # (n, 3) N on the tool
+    sigma: Float  # (n, 3) N standard deviation of these means: noise, zero, delay
+    maps_m: Float  # (n, 3, 3, k) as PlannedCut has them, at the feed that was run, in the feed frame
+    by_depth: Float  # (n, 3) N/m, change of the force by the axial depth, by the law known before
+    # (n, 3) N/m, change by a bound of the work at the left that moves to the left; 0 where there is none
     by_left: Float
-    by_right: Float
-    depth_m: Float
-    entry_rad: Float
-    exit_rad: Float
-    feed_tooth_m: Float
-    give_m: Float
-    sent_m: Float
-    axes: Float
-    cut: Int
-    top_m: Float
-    run_m: Float
-    grid_m: Float
-    row: Int
+    by_right: Float  # (n, 3) N/m, the same at the right
+    depth_m: Float  # (n,) planned axial depth
+    entry_rad: Float  # (n,) of the engagement
+    exit_rad: Float  # (n,) of the engagement
+    feed_tooth_m: Float  # (n,) feed per tooth that was run
+    give_m: Float  # (n, 3) displacement of the tool by the elastic model under the measured force
+    sent_m: Float  # (n, 3) displacement that was commanded against it, contained and online
+    axes: Float  # (n, 3, 3) from part axes to the feed frame
+    cut: Int  # (n,) contact of the run that it is of: what is left of its zero is common to it
+    top_m: Float  # (n,) height of the work above it, part frame: the floor of an earlier pass or the blank
+    run_m: Float  # (n,) length of cut of this run before it
+    grid_m: Float  # (n,) grid of the blank of the plan
+    row: Int  # (n,) row of the plan
 
     def __len__(self) -> int:
         """Number of stretches."""
@@ -99,23 +74,14 @@ class Stretches:
 
 @dataclass(frozen=True, eq=False)
 class RunCut:
-    """Cut of one run with one tool.
+    """Cut of one run with one tool."""
 
-    Attributes:
-        stretches: The steady stretches.
-        cut_m: Length that it cut.
-        volume_m3: That it removed.
-        contact_s: Time in the cut.
-        zero_drift_n: (3,) largest change of the zero over a cut.
-        online_m: Largest correction that was sent online in the cut.
-    """
-
-    stretches: Stretches
-    cut_m: float
-    volume_m3: float
-    contact_s: float
-    zero_drift_n: Float
-    online_m: float
+    stretches: Stretches  # the steady stretches
+    cut_m: float  # length that it cut
+    volume_m3: float  # that it removed
+    contact_s: float  # time in the cut
+    zero_drift_n: Float  # (3,) largest change of the zero over a cut
+    online_m: float  # largest correction that was sent online in the cut
 
 
 def joined(parts: list[Stretches]) -> Stretches:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -39,7 +40,7 @@ def coupled_by(
     at: Callable[[Float], Float],
     acts: Bool | None = None,
 ) -> Float:
-    """How one standard deviation of each coupling moves the tool.
+    """Displacements of the tool by one standard deviation of each coupling.
 
     ``d = k sqrt(c_a c_b) (J_a (J_b^T w) + J_b (J_a^T w))`` for each two directions a, b of an element, k
     :data:`COUPLING`.
@@ -79,21 +80,13 @@ TURN_PRIOR_RAD: Final = 2.0 * DEG
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Parameters of a stiffness identification: springs, half bands of the play, turn of the tracker.
+    """Parameters of a stiffness identification: springs, half bands of the play, turn of the tracker."""
 
-    Attributes:
-        springs: Of the cell.
-        parameters: All of them; the springs first.
-        bands: (6,) places of the half bands, -1 where not fitted.
-        turn: (3,) places of the turn of the tracker's axes, or None.
-        bearing_m: How well the points are known that the elements turn about, per axis.
-    """
-
-    springs: Springs
-    parameters: Parameters
-    bands: Int
-    turn: Int | None
-    bearing_m: float
+    springs: Springs  # of the cell
+    parameters: Parameters  # all of them; the springs first
+    bands: Int  # (6,) places of the half bands, -1 where not fitted
+    turn: Int | None  # (3,) places of the turn of the tracker's axes, or None
+    bearing_m: float  # how well the points are known that the elements turn about, per axis
 
     @property
     def frame_names(self) -> tuple[str, ...]:
@@ -164,10 +157,7 @@ def block(chain: ElasticChain, plan: Layout, pulls: Pulls, R_base_tracker: Float
     variance += lost_sigma(chain, pulls) ** 2
     variance += misplaced(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m) ** 2
     added = variance[:, :c]
-
-    def at(twists: Float) -> Float:
-        return carried(chain, pulls.q, twists, point)
-
+    at = partial(carried, chain, pulls.q, p_tcp_point=point)
     aside = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, at)
     coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, at)
     moved = np.concatenate([aside, coupled], axis=2)[:, :c]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -11,15 +12,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.identify.data.alternative_readings import (
-    Reading,
-    left_handed,
-    other_axes,
-    row_mistakes,
-    sign_mistakes,
-    swapped_columns,
-    unit_mistakes,
-)
+from counterflex.identify.data import alternative_readings
 from counterflex.identify.data.data_checks import check_finite, check_moves
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.pulls.pulls import Pulls
@@ -144,38 +137,45 @@ def check_worth(unexplained_percent: float, where: str) -> None:
         )
 
 
-def readings(chain: ElasticChain, data: Dataset) -> tuple[Reading, ...]:
+def readings(chain: ElasticChain, data: Dataset) -> tuple[alternative_readings.Reading, ...]:
     """Other readings of a dataset of pulls: signs, units, columns, rows, axes of the flange or the tool."""
     load = "w_tcp_base" if data.has("w_tcp_base") else "f_tcp_base"
     moved = "d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target"
-    out: list[Reading] = []
+    out: list[alternative_readings.Reading] = []
     for channel in (load, moved):
-        out += [*sign_mistakes(data, channel), *unit_mistakes(data, channel), *swapped_columns(data, channel)]
-    out += [*unit_mistakes(data, "q"), *sign_mistakes(data, "q"), *_in_tool_axes(chain, load)]
+        out += [
+            *alternative_readings.sign_mistakes(data, channel),
+            *alternative_readings.unit_mistakes(data, channel),
+            *alternative_readings.swapped_columns(data, channel),
+        ]
+    out += [
+        *alternative_readings.unit_mistakes(data, "q"),
+        *alternative_readings.sign_mistakes(data, "q"),
+        *_in_tool_axes(chain, load),
+    ]
     if moved == "d_tcp_base":
         out += _in_tool_axes(chain, moved)
         if data.values(moved).shape[1] == 3:
-            out += left_handed([moved], free_frame=False)
-    out += row_mistakes(moved)
+            out += alternative_readings.left_handed([moved], free_frame=False)
+    out += alternative_readings.row_mistakes(moved)
     if data.sensors is not None:
         # The displacement is found from the sensors: what is wrong about it is wrong about them.
         out = [replace(r, channel="s_loaded", remedy=_OF_SENSORS) if r.channel == moved else r for r in out]
     return tuple(out)
 
 
-def _in_tool_axes(chain: ElasticChain, channel: str) -> Sequence[Reading]:
-    def of_tcp(d: Dataset) -> Float:
-        R: Float = forward(chain, d.values("q"))[:, :3, :3]
-        return R
+def _rotation(frame: Callable[[ElasticChain, Float], Float], chain: ElasticChain, data: Dataset) -> Float:
+    return frame(chain, data.values("q"))[:, :3, :3]
 
-    def of_flange(d: Dataset) -> Float:
-        R: Float = flange(chain, d.values("q"))[:, :3, :3]
-        return R
 
+def _in_tool_axes(chain: ElasticChain, channel: str) -> Sequence[alternative_readings.Reading]:
     remedy = f"turn '{channel}' into base axes with the pose of the robot, row by row"
     return [
-        other_axes(channel, of_tcp, f"'{channel}' is in the axes of the tool instead of the base", remedy),
-        other_axes(
-            channel, of_flange, f"'{channel}' is in the axes of the flange or sensor instead of the base", remedy
-        ),
+        alternative_readings.other_axes(
+            channel,
+            partial(_rotation, frame, chain),
+            f"'{channel}' is in the axes of the {name} instead of the base",
+            remedy,
+        )
+        for frame, name in ((forward, "tool"), (flange, "flange or sensor"))
     ]

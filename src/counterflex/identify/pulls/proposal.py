@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -65,21 +65,9 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
     """
     options = {**SETTINGS, **settings}
     names = str(options["directions"]).replace(",", " ").split()
-    wrong = [name for name in names if name not in DIRECTIONS]
-    if wrong or not names:
-        raise InputError("no such direction of a cable", value=" ".join(wrong), limit=" ".join(DIRECTIONS))
-    force = float(options["force_n"])
-    sigma = float(options["sigma_um"]) * UM
-    history = str(options["history"])
-    instrument = str(options["instrument"])
-    if instrument not in INSTRUMENTS:
-        raise InputError("setting instrument", value=instrument, limit=", ".join(INSTRUMENTS))
-    if count < _LEAST or not force > 0.0 or not sigma > 0.0 or history not in HISTORIES:
-        raise InputError(
-            "cannot propose such pulls",
-            value=f"{count} pulls of {force:g} N, {sigma / UM:g} um, {history}",
-            limit=f"at least {_LEAST}, above 0 N and 0 um, {', '.join(HISTORIES)}",
-        )
+    force, sigma = float(options["force_n"]), float(options["sigma_um"]) * UM
+    history, instrument = str(options["history"]), str(options["instrument"])
+    _check_options(count, names, force, sigma, history, instrument)
     rng = np.random.default_rng(int(options["seed"]))
     chain, tracker = cell.chain, known_frames(cell)
     poses = min(max(3 * count, 60), _CANDIDATES // len(names))
@@ -115,6 +103,20 @@ def propose_pulls(cell: CellModel, count: int, settings: Mapping[str, Any]) -> P
         remarks=(*_remarks(names, direction[order], force, history), *_OF_INSTRUMENT[instrument]),
         settings={"history": history} | ({} if instrument == INSTRUMENTS[0] else {"instrument": instrument}),
     )
+
+
+def _check_options(count: int, names: Sequence[str], force: float, sigma: float, history: str, instrument: str) -> None:
+    wrong = [name for name in names if name not in DIRECTIONS]
+    if wrong or not names:
+        raise InputError("no such direction of a cable", value=" ".join(wrong), limit=" ".join(DIRECTIONS))
+    if instrument not in INSTRUMENTS:
+        raise InputError("setting instrument", value=instrument, limit=", ".join(INSTRUMENTS))
+    if count < _LEAST or not force > 0.0 or not sigma > 0.0 or history not in HISTORIES:
+        raise InputError(
+            "cannot propose such pulls",
+            value=f"{count} pulls of {force:g} N, {sigma / UM:g} um, {history}",
+            limit=f"at least {_LEAST}, above 0 N and 0 um, {', '.join(HISTORIES)}",
+        )
 
 
 def _pulls(name: str, q: Float, force: Float, sigma: float, history: str) -> Pulls:

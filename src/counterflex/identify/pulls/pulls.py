@@ -25,37 +25,21 @@ HISTORIES: Final = (AGAIN, HELD_SETTING, RELAXED)
 
 @dataclass(frozen=True, eq=False)
 class Pulls:
-    """Loads and displacements of n rows.
+    """Loads and displacements of n rows."""
 
-    Attributes:
-        name: Of the dataset.
-        q: (n, 6) rad, what the controller shows.
-        w_tcp_base: (n, 6) N, N m, load on the tool about the TCP in base axes.
-        w_sigma: (n, 6) its standard deviation.
-        d: (n, k) m (and rad), displacement of the measured point, loaded minus unloaded; k is 3 or 6.
-        d_sigma: (n, k).
-        in_tracker: The displacement is written in the axes of the tracker, else in base axes.
-        p_tcp_measured: (3,) m, the measured point in the frame of the TCP.
-        approach: (n, 6) rad, from where each pose was reached (angles there minus ``q``), or None.
-        history: :data:`AGAIN`, :data:`HELD_SETTING`, :data:`RELAXED` or empty where it is not known.
-        group: (n,) rows that belong together.
-        line: (n,) line of the file.
-        where: Of the file, for messages.
-    """
-
-    name: str
-    q: Float
-    w_tcp_base: Float
-    w_sigma: Float
-    d: Float
-    d_sigma: Float
-    in_tracker: bool
-    p_tcp_measured: Float
-    approach: Float | None
-    history: str
-    group: Int
-    line: Int
-    where: str
+    name: str  # of the dataset
+    q: Float  # (n, 6) rad, what the controller shows
+    w_tcp_base: Float  # (n, 6) N, N m, load on the tool about the TCP in base axes
+    w_sigma: Float  # (n, 6) its standard deviation
+    d: Float  # (n, k) m (and rad), displacement of the measured point, loaded minus unloaded; k is 3 or 6
+    d_sigma: Float  # (n, k)
+    in_tracker: bool  # the displacement is written in the axes of the tracker, else in base axes
+    p_tcp_measured: Float  # (3,) m, the measured point in the frame of the TCP
+    approach: Float | None  # (n, 6) rad, from where each pose was reached (angles there minus `q`), or None
+    history: str  # AGAIN, HELD_SETTING, RELAXED or empty where it is not known
+    group: Int  # (n,) rows that belong together
+    line: Int  # (n,) line of the file
+    where: str  # of the file, for messages
 
     def __len__(self) -> int:
         return len(self.group)

@@ -72,7 +72,7 @@ def misplaced_by(
     at: Callable[[Float], Float],
     acts: Bool | None = None,
 ) -> Float:
-    """How one standard deviation of where each element turns moves the tool, the same misplacement in all rows.
+    """Displacements of the tool by one standard deviation of the place where each element turns, alike in all rows.
 
     With the axes a_k of the rotations of an element at p + b, ``d(c_k J_k J_k^T w) / db`` for b along each axis of the
     element: ``c_k ((b x a_k) (J_k^T w) + J_k (b x a_k)^T f)``, summed over its rotations.
@@ -118,54 +118,32 @@ def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) ->
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A compliance that changes with the row: ``c_k (1 + a phi)``; several on one spring multiply.
+    """A compliance that changes with the row: ``c_k (1 + a phi)``; several on one spring multiply."""
 
-    Attributes:
-        spring: k, place in the springs.
-        column: Place of the parameter a among all parameters.
-        phi: (n,) of each row.
-    """
-
-    spring: int
-    column: int
-    phi: Float
+    spring: int  # k, place in the springs
+    column: int  # place of the parameter a among all parameters
+    phi: Float  # (n,) of each row
 
 
 @dataclass(frozen=True, eq=False)
 class PullResiduals:
-    """Pulls of one dataset.
+    """Pulls of one dataset."""
 
-    Attributes:
-        name: Of the dataset.
-        group: (n,).
-        components: Of a row.
-        sigma: (n, c).
-        measured: (n, c) displacement, base axes; tracker axes where ``turn`` is given.
-        gain: (n, c, k) displacement per compliance, base axes.
-        columns: (k,) places of the compliances among all parameters.
-        offset: (n, c) what else is predicted, base axes.
-        band_gain: (n, c, 6) displacement per half band of each axis' play, base axes.
-        band_columns: (6,) places of the half bands, -1 where not fitted.
-        shapes: Compliances that change with the row.
-        R_tracker_base: (3, 3), where measured in tracker axes, else None.
-        turn: (3,) places of the rotation vector r that corrects it, ``R_base_tracker Exp(r)``, or None.
-        moved: (n, c, m) what one standard deviation of each of m quantities that are not fitted moves ``measured`` by,
-            the same in all rows (:mod:`counterflex.identify.solver.jackknife`).
-    """
-
-    name: str
+    name: str  # of the dataset
     group: Int
-    components: tuple[str, ...]
-    sigma: Float
-    measured: Float
-    gain: Float
-    columns: Int
-    offset: Float
-    band_gain: Float
-    band_columns: Int
-    shapes: tuple[Shape, ...] = ()
-    R_tracker_base: Float | None = None
-    turn: Int | None = None
+    components: tuple[str, ...]  # of a row
+    sigma: Float  # (n, c)
+    measured: Float  # (n, c) displacement, base axes; tracker axes where `turn` is given
+    gain: Float  # (n, c, k) displacement per compliance, base axes
+    columns: Int  # (k,) places of the compliances among all parameters
+    offset: Float  # (n, c) what else is predicted, base axes
+    band_gain: Float  # (n, c, 6) displacement per half band of each axis' play, base axes
+    band_columns: Int  # (6,) places of the half bands, -1 where not fitted
+    shapes: tuple[Shape, ...] = ()  # compliances that change with the row
+    R_tracker_base: Float | None = None  # (3, 3), where measured in tracker axes, else None
+    turn: Int | None = None  # (3,) places of the rotation vector r that corrects it, `R_base_tracker Exp(r)`, or None
+    # (n, c, m) what one standard deviation of each of m quantities that are not fitted moves `measured` by, the same in
+    # all rows (counterflex.identify.solver.jackknife)
     moved: Float = field(default_factory=lambda: np.zeros((0, 0, 0)))
 
     def evaluate(self, x: Float) -> Float:

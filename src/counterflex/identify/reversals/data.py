@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from counterflex.core.arrays import Float, rows_of_each
+from counterflex.core.arrays import Float, Int, rows_of_each
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import DEG, MM, MRAD, URAD
 from counterflex.identify.data.dataset import Dataset
@@ -31,36 +31,23 @@ _SLOW_RAD_S = 50.0 * MRAD
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion of one axis with reversals.
+    """One motion of one axis with reversals."""
 
-    Attributes:
-        run: Number in the dataset.
-        axis: 0..5.
-        by: What saw the link.
-        q: (n,) rad, motor angle.
-        torque: (n,) N m about the axis by weight and cylinder; its mean by the motor's torque where that was recorded,
-            because masses are hardly known well enough to say which flank of the gear bears (an upright axis bears no
-            weight at all, and keeps that).
-        time_s: (n,) or None.
-        measured: (n,) rad link minus motor, or m along the motion of the tool.
-        sigma: (n,).
-        motor_torque: (n,) N m or None.
-        lever_m: Distance that the tool moves per rad; infinite for encoders.
-        pose: (6,) rad, mean angles of all axes.
-    """
-
-    run: int
-    axis: int
-    by: Literal["encoder", "tracker"]
-    q: Float
+    run: int  # number in the dataset
+    axis: int  # 0..5
+    by: Literal["encoder", "tracker"]  # what saw the link
+    q: Float  # (n,) rad, motor angle
+    # (n,) N m about the axis by weight and cylinder; its mean by the motor's torque where that was recorded, because
+    # masses are hardly known well enough to say which flank of the gear bears (an upright axis bears no weight at all,
+    # and keeps that)
     torque: Float
-    time_s: Float | None
-    measured: Float
+    time_s: Float | None  # (n,) or None
+    measured: Float  # (n,) rad link minus motor, or m along the motion of the tool
     sigma: Float
-    motor_torque: Float | None
+    motor_torque: Float | None  # (n,) N m or None
     where: str
-    lever_m: float = float("inf")
-    pose: Float = field(default_factory=lambda: np.zeros(6))
+    lever_m: float = float("inf")  # distance that the tool moves per rad; infinite for encoders
+    pose: Float = field(default_factory=lambda: np.zeros(6))  # (6,) rad, mean angles of all axes
 
 
 def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
@@ -118,54 +105,69 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             where=place,
             value=f"ranges {np.round(span / MRAD, 3).tolist()} mrad",
         )
-    time: Float | None = None
-    if dataset.has("time_s"):
-        time = dataset.values("time_s")[rows, 0]
-        if np.any(np.diff(time) <= 0.0):
-            row = int(rows[int(np.argmin(np.diff(time))) + 1])
-            raise FileFormatError(
-                "time runs backwards or stands still within a motion",
-                where=dataset.place(row),
-                hint="Remove repeated rows; without time_s each row counts as a point at rest",
-            )
-        speed = float(np.percentile(np.abs(np.gradient(q[:, axis], time)), 95))
-        if speed > _SLOW_RAD_S and seen == "p_tracker_target":
-            raise InputError(
-                "the axis moves too fast to separate play from delay and inertia",
-                where=place,
-                value=f"{speed / MRAD:.3g} mrad/s",
-                limit=f"<= {_SLOW_RAD_S / MRAD:g} mrad/s",
-            )
+    time = _times(dataset, rows, q[:, axis], seen) if dataset.has("time_s") else None
     torque = axis_torque(cell.chain, q)[:, axis]
     motor = dataset.values("tau_motor")[rows, axis] if dataset.has("tau_motor") else None
     if motor is not None and time is not None and float(np.max(np.abs(torque))) > FLOATING_NM:
         torque = torque - np.mean(torque) - balance(q[:, axis], time, motor)[0]
     channel = dataset.channel(seen)
     sigma = channel.need_sigma()[rows]
+    value, pose = channel.values[rows], q.mean(axis=0)
     if seen == "q_link":
-        link = channel.values[rows]
-        if link.shape[1] != 6:
-            raise InputError("reversals need 'q_link' of all six axes", where=place, value=link.shape[1], limit=6)
-        gap = link[:, axis] - q[:, axis]
-        if float(np.ptp(gap)) > 0.5 * span[axis]:
-            raise InputError(
-                "'q_link' does not follow the motor: a wrong axis, unit or sign",
-                where=place,
-                value=f"{np.ptp(link[:, axis]) / span[axis]:.3g} times the motion of '{lead}'",
-                limit="1",
-            )
-        return Motion(
-            run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place, pose=q.mean(axis=0)
+        gap = _gap(value, q, axis, lead, place)
+        return Motion(run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place, pose=pose)
+    lever, along = _lever(value, q[:, axis], place)
+    sideways = np.sqrt(sigma**2 @ along**2)
+    return Motion(run, axis, "tracker", q[:, axis], torque, time, value @ along, sideways, motor, place, lever, pose)
+
+
+def _times(dataset: Dataset, rows: Int, q: Float, seen: str) -> Float:
+    """Stamps (m,) of a motion; refuse those that do not rise and, where a tracker looks on, fast motions."""
+    time: Float = dataset.values("time_s")[rows, 0]
+    if np.any(np.diff(time) <= 0.0):
+        row = int(rows[int(np.argmin(np.diff(time))) + 1])
+        raise FileFormatError(
+            "time runs backwards or stands still within a motion",
+            where=dataset.place(row),
+            hint="Remove repeated rows; without time_s each row counts as a point at rest",
         )
-    p = channel.values[rows]
-    angle = q[:, axis] - np.mean(q[:, axis])
+    speed = float(np.percentile(np.abs(np.gradient(q, time)), 95))
+    if speed > _SLOW_RAD_S and seen == "p_tracker_target":
+        raise InputError(
+            "the axis moves too fast to separate play from delay and inertia",
+            where=dataset.place(int(rows[0])),
+            value=f"{speed / MRAD:.3g} mrad/s",
+            limit=f"<= {_SLOW_RAD_S / MRAD:g} mrad/s",
+        )
+    return time
+
+
+def _gap(link: Float, q: Float, axis: int, lead: str, place: str) -> Float:
+    """Angle (m,) of the link beyond that of the motor."""
+    if link.shape[1] != 6:
+        raise InputError("reversals need 'q_link' of all six axes", where=place, value=link.shape[1], limit=6)
+    gap: Float = link[:, axis] - q[:, axis]
+    span = np.ptp(q[:, axis])
+    if float(np.ptp(gap)) > 0.5 * span:
+        raise InputError(
+            "'q_link' does not follow the motor: a wrong axis, unit or sign",
+            where=place,
+            value=f"{np.ptp(link[:, axis]) / span:.3g} times the motion of '{lead}'",
+            limit="1",
+        )
+    return gap
+
+
+def _lever(p: Float, q: Float, place: str) -> tuple[float, Float]:
+    """Metres that a target moves per radian of an axis, and the direction (3,) in which it does."""
+    angle, span = q - np.mean(q), np.ptp(q)
     slope = np.polyfit(angle, p - np.mean(p, axis=0), 1)[0]
     lever = float(np.linalg.norm(slope))
-    if lever * span[axis] < _LEAST_M:
+    if lever * span < _LEAST_M:
         raise InputError(
             "the tool hardly moves while the axis turns; choose a pose with the tool off the axis",
             where=place,
-            value=f"{lever * span[axis] / MM:.3g} mm",
+            value=f"{lever * span / MM:.3g} mm",
             limit=f">= {_LEAST_M / MM:g} mm",
         )
     if not lever < LONGEST_M:
@@ -175,25 +177,11 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
             value=f"{lever:.3g} m per rad",
             limit=f"< {LONGEST_M:g}",
         )
-    along = slope / lever
-    return Motion(
-        run,
-        axis,
-        "tracker",
-        q[:, axis],
-        torque,
-        time,
-        p @ along,
-        np.sqrt(sigma**2 @ along**2),
-        motor,
-        place,
-        lever,
-        q.mean(axis=0),
-    )
+    return lever, slope / lever
 
 
 def balance(q: Float, time_s: Float, motor: Float) -> tuple[float, float]:
-    """What the motor's torque says of a slow motion: the torque that holds the weight, and dry friction.
+    """Estimate from the motor's torque in a slow motion the torque that holds the weight, and dry friction.
 
     Least squares of ``tau = t_0 + k (q - mean q) + t_1 sgn(dq/dt)`` where the axis moves and has left its last turn
     behind: while the gear crosses its play and friction turns round, the motor carries a part of the friction only, and

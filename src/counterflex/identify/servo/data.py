@@ -29,17 +29,11 @@ _BAND_HZ = (1.0, 60.0)
 
 @dataclass(frozen=True)
 class Mode:
-    """A damped oscillation.
+    """A damped oscillation."""
 
-    Attributes:
-        frequency_hz: Undamped natural frequency.
-        damping: zeta, 1.
-        amplitude: Root of the sum of squared amplitudes over the channels, unit of the signals.
-    """
-
-    frequency_hz: float
-    damping: float
-    amplitude: float
+    frequency_hz: float  # undamped natural frequency
+    damping: float  # zeta, 1
+    amplitude: float  # root of the sum of squared amplitudes over the channels, unit of the signals
 
 
 def lowest_mode(signals: Float, step_s: float, *, order: int = ORDER) -> Mode:
@@ -83,26 +77,16 @@ _HANGS = 0.05
 
 @dataclass(frozen=True, eq=False)
 class LoadStep:
-    """One release of a load.
-
-    Attributes:
-        step_s: s.
-        time_s: (n,) s from the first row.
-        released: (n,) the load is off.
-        error: (n, 6) rad motor minus command, less the mean before.
-        sigma: (n, 6) rad.
-        torque: (n, 6) N m, less the mean before.
-        tip: (n, 3) m position seen by a tracker, or None.
-    """
+    """One release of a load."""
 
     run: int
     step_s: float
-    time_s: Float
-    released: Bool
-    error: Float
-    sigma: Float
-    torque: Float
-    tip: Float | None
+    time_s: Float  # (n,) s from the first row
+    released: Bool  # (n,) the load is off
+    error: Float  # (n, 6) rad motor minus command, less the mean before
+    sigma: Float  # (n, 6) rad
+    torque: Float  # (n, 6) N m, less the mean before
+    tip: Float | None  # (n, 3) m position seen by a tracker, or None
     where: str
 
     def of_axis(self, axis: int) -> Release:

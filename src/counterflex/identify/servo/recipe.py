@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -64,58 +65,85 @@ def identify(inputs: Inputs) -> Identification:
     records = [d for d in data if d.kind == "record"]
     if not steps and not records:
         raise InputError("servo needs load steps or records", value=", ".join(d.kind for d in data))
-    share = float(settings["torque_share"])
-    as_stated = bool(settings["as_stated"])
     friction = _friction(cell, [d for d in data if d.kind == "reversals"])
-    fits: dict[str, Fit] = {}
-    changes: list[Change] = []
-    figures: list[Figure] = []
-    remarks: list[str] = []
-    pictures: list[Picture] = []
+    results = _Results()
+    if steps:
+        of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
+        _find_gains(results, inputs, steps, unseen, friction, share_of(progress, 0.0, of_steps))
+    for estimate in _lags(cell, records, bool(settings["as_stated"])):
+        results.fits[estimate.pair.name] = estimate.fit
+        results.changes += timing_changes([estimate])
+        lag_figures, first = _lag_figures(estimate)
+        results.figures += lag_figures
+        results.headline.append(first)
+    return results.identification()
+
+
+@dataclass
+class _Results:
+    """Parts of an identification as they are results."""
+
+    fits: dict[str, Fit] = dataclasses.field(default_factory=dict)
+    headline: list[Figure] = dataclasses.field(default_factory=list)
+    figures: list[Figure] = dataclasses.field(default_factory=list)
+    changes: list[Change] = dataclasses.field(default_factory=list)
+    remarks: list[str] = dataclasses.field(default_factory=list)
+    pictures: list[Picture] = dataclasses.field(default_factory=list)
+
+    def identification(self) -> Identification:
+        return Identification(
+            "servo",
+            self.fits,
+            tuple(self.headline),
+            tuple(self.figures),
+            tuple(self.changes),
+            tuple(self.remarks),
+            tuple(self.pictures),
+        )
+
+
+def _find_gains(
+    results: _Results,
+    inputs: Inputs,
+    steps: Sequence[LoadStep],
+    unseen: Sequence[LoadStep],
+    friction: Mapping[int, float],
+    progress: Progress,
+) -> None:
+    """Gains of every axis that a load step moves, and the lowest mode."""
+    cell, settings = inputs.cell, inputs.settings
+    share = float(settings["torque_share"])
     errors: list[HeldOut] = []
-    of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
-    for axis in range(6) if steps else ():
-        part = share_of(progress, of_steps * axis / 6, of_steps * (axis + 1) / 6, f"axis {axis + 1}")
+    for axis in range(6):
+        part = share_of(progress, axis / 6, (axis + 1) / 6, f"axis {axis + 1}")
         block = ServoResiduals(axis, tuple(s.of_axis(axis) for s in steps))
         swing = max(float(np.max(np.abs(r.error))) / float(np.median(r.sigma)) for r in block.releases)
         if swing < _MOVES:
-            remarks.append(f"axis {axis + 1}: no load step moved its motor; its gains stay as they were")
+            results.remarks.append(f"axis {axis + 1}: no load step moved its motor; its gains stay as they were")
             continue
-        remarks += _signs(block, steps[0].where, as_stated)
+        results.remarks += _signs(block, steps[0].where, bool(settings["as_stated"]))
         fit, held_out = _gains(cell, axis, block, unseen, part)
         fit = _with_torque(fit, axis, share)
-        fits[f"axis {axis + 1}"] = fit
+        results.fits[f"axis {axis + 1}"] = fit
         errors.append(held_out)
         servo = _servo(cell, axis, fit, friction.get(axis))
-        changes.append(AxisServo(axis, servo))
-        figures += _figures(cell, axis, fit, servo)
-        pictures += _pictures(block, fit)[:1]
+        results.changes.append(AxisServo(axis, servo))
+        results.figures += _figures(cell, axis, fit, servo)
+        results.pictures += _pictures(block, fit)[:1]
         part(1.0)
-    if steps and not errors:
+    if not errors:
         raise InputError("no load step moved any motor noticeably", value=f"{len(steps)} steps")
-    if fits:
-        remarks.append(
-            f"K is a torque over a speed and shares the error of the motors' torque: {100 * share:.3g} % are added to "
-            "its standard deviation"
-        )
-        remarks.append(
-            "Kv and 1/Ti are interchangeable: a load step determines their sum and product, and only the priors "
-            "tell which is which. The planner depends on sum and product only: use their intervals"
-        )
-        changed, mode_remarks, missing = _mode(steps)
-        changes += changed
-        figures += mode_remarks
-        remarks += missing
-    headline = list(_headline(errors)) if errors else []
-    for estimate in _lags(cell, records, as_stated):
-        fits[estimate.pair.name] = estimate.fit
-        changes += timing_changes([estimate])
-        lag_figures, first = _lag_figures(estimate)
-        figures += lag_figures
-        headline.append(first)
-    return Identification(
-        "servo", fits, tuple(headline), tuple(figures), tuple(changes), tuple(remarks), tuple(pictures)
-    )
+    results.remarks += [
+        f"K is a torque over a speed and shares the error of the motors' torque: {100 * share:.3g} % are added to "
+        "its standard deviation",
+        "Kv and 1/Ti are interchangeable: a load step determines their sum and product, and only the priors "
+        "tell which is which. The planner depends on sum and product only: use their intervals",
+    ]
+    changed, of_mode, missing = _mode(steps)
+    results.changes += changed
+    results.figures += of_mode
+    results.remarks += missing
+    results.headline += _headline(errors)
 
 
 def gain_parameters(cell: CellModel, axis: int, guess_gain: float) -> tuple[Parameters, bool]:

@@ -80,19 +80,12 @@ _RATE_SEPARATION = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Release:
-    """One load step of one axis.
-
-    Attributes:
-        step_s: Between rows, s.
-        torque: (n,) N m given by the motor, less its mean before the step.
-        error: (n,) rad, motor angle less command, less its mean before the step.
-        sigma: (n,) rad.
-    """
+    """One load step of one axis."""
 
     run: int
-    step_s: float
-    torque: Float
-    error: Float
+    step_s: float  # between rows, s
+    torque: Float  # (n,) N m given by the motor, less its mean before the step
+    error: Float  # (n,) rad, motor angle less command, less its mean before the step
     sigma: Float
 
 
@@ -106,7 +99,6 @@ def motor_error(
         position_gain: Kv, 1/s.
         integral_time: Ti, s.
         torque: (n,) N m given by the motor, zero at the first row.
-        step_s: s.
     """
     if len(torque) == 0:
         return np.zeros(0), np.zeros((0, 3))
@@ -125,13 +117,9 @@ def motor_error(
 
 @dataclass(frozen=True, eq=False)
 class ServoResiduals:
-    """See :class:`.solver.residuals.Residuals`; the parameters are K, Kv and Ti of one axis, in order.
+    """See :class:`.solver.residuals.Residuals`; the parameters are K, Kv and Ti of one axis, in order."""
 
-    Attributes:
-        axis: 0..5.
-    """
-
-    axis: int
+    axis: int  # 0..5
     releases: tuple[Release, ...]
 
     @property

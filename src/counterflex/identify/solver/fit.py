@@ -18,65 +18,39 @@ Seen = Literal["determined", "partly", "prior", "held"]
 
 @dataclass(frozen=True)
 class Outlier:
-    """A row whose residual is too large to be noise.
+    """A row whose residual is too large to be noise."""
 
-    Attributes:
-        block: Name of its block.
-        row: Row in the block.
-        size: Norm of its weighted residual, per root of the number of components (1 is what noise gives).
-        weight: Weight it was left with, 0..1.
-    """
-
-    block: str
-    row: int
-    size: float
-    weight: float
+    block: str  # name of its block
+    row: int  # row in the block
+    size: float  # norm of its weighted residual, per root of the number of components (1 is what noise gives)
+    weight: float  # weight it was left with, 0..1
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Result of :func:`counterflex.identify.solver.solve.solve`.
-
-    Attributes:
-        values: (p,) SI.
-        sigma: (p,) standard deviations, SI (0 for held ones).
-        covariance: (f, f) of the free parameters in fit coordinates.
-        free_index: (f,) which parameters these are.
-        seen: (p,) how much of each comes from the data.
-        residuals: Per block (rows, components) at the solution, unweighted by robustness.
-        weights: Per block (rows,) robust weight.
-        sigma_factors: Per block, the factor by which the residuals exceed the stated standard deviations, at least 1;
-            the block's standard deviations were widened by it (Birge ratio; with robust weights Huber's form of it).
-        chi2_reduced: Weighted sum of squares per degree of freedom.
-        dof: Measured numbers minus what the data determine (effective number of parameters).
-        rank: Rank of the weighted Jacobian without priors, in fit coordinates.
-        condition: Its condition number (largest by smallest singular value).
-        hidden: Sentences: which parameters cannot be separated from which.
-        reason: Why the solver stopped, in words.
-        evaluations: Number of evaluations.
-        converged: Whether it came to rest (else ``reason`` says what it was doing).
-        at_bound: Names of the free parameters that rest against a bound and that the data see: they would have them
-            beyond it.
-    """
+    """Result of :func:`counterflex.identify.solver.solve.solve`."""
 
     parameters: Parameters
-    values: Float
-    sigma: Float
-    covariance: Float
-    free_index: Int
-    seen: tuple[Seen, ...]
-    residuals: tuple[Float, ...]
-    weights: tuple[Float, ...]
+    values: Float  # (p,) SI
+    sigma: Float  # (p,) standard deviations, SI (0 for held ones)
+    covariance: Float  # (f, f) of the free parameters in fit coordinates
+    free_index: Int  # (f,) which parameters these are
+    seen: tuple[Seen, ...]  # (p,) how much of each comes from the data
+    residuals: tuple[Float, ...]  # per block (rows, components) at the solution, unweighted by robustness
+    weights: tuple[Float, ...]  # per block (rows,) robust weight
     outliers: tuple[Outlier, ...]
+    # per block, the factor by which the residuals exceed the stated standard deviations, at least 1; the block's
+    # standard deviations were widened by it (Birge ratio; with robust weights Huber's form of it)
     sigma_factors: tuple[float, ...]
-    chi2_reduced: float
-    dof: float
-    rank: int
-    condition: float
-    hidden: tuple[str, ...]
-    reason: str
-    evaluations: int
-    converged: bool = True
+    chi2_reduced: float  # weighted sum of squares per degree of freedom
+    dof: float  # measured numbers minus what the data determine (effective number of parameters)
+    rank: int  # rank of the weighted Jacobian without priors, in fit coordinates
+    condition: float  # its condition number (largest by smallest singular value)
+    hidden: tuple[str, ...]  # sentences: which parameters cannot be separated from which
+    reason: str  # why the solver stopped, in words
+    evaluations: int  # number of evaluations
+    converged: bool = True  # whether it came to rest (else `reason` says what it was doing)
+    # names of the free parameters that rest against a bound and that the data see: they would have them beyond it
     at_bound: tuple[str, ...] = ()
 
     def value(self, name: str) -> float:

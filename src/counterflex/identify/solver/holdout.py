@@ -33,16 +33,12 @@ RowError = Callable[[Residuals, Float], Float]
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Dealing of rows to the folds that hold them out.
-
-    Attributes:
-        seed: Of the dealing.
-        parts: Per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of
-            ``count`` folds of groups dealt at random.
-    """
+    """Dealing of rows to the folds that hold them out."""
 
     count: int = FOLDS
-    seed: int = 0
+    seed: int = 0  # of the dealing
+    # per scored block (rows,) the part 0.. that each row is held out with (regions, files), in place of `count` folds
+    # of groups dealt at random
     parts: Mapping[int, Int] | None = None
 
 
@@ -50,14 +46,10 @@ DEALT: Final = Folds()
 
 
 class Local(NamedTuple):
-    """Parameters that only a separate file has.
-
-    Attributes:
-        blocks: Residuals that they are fitted to; empty is the file's own.
-    """
+    """Parameters that only a separate file has."""
 
     names: Collection[str] = ()
-    blocks: Sequence[Residuals] = ()
+    blocks: Sequence[Residuals] = ()  # residuals that they are fitted to; empty is the file's own
 
 
 def row_error(block: Residuals, x: Float) -> Float:
@@ -74,25 +66,15 @@ def position_error(block: Residuals, x: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of held-out rows.
+    """Errors of held-out rows."""
 
-    Attributes:
-        block: (n,) place of each scored row's block in what was given.
-        row: (n,) its row in that block.
-        fold: (n,) the fold that held it out; 0 for a separate file.
-        nominal: (n,) error with the values known before, SI.
-        identified: (n,) error with the values found, SI.
-        gross: (n,) gross errors of the measurement, left out of the figures: see :data:`GROSS`.
-        fits: The fits of the folds; of a separate file one.
-    """
-
-    block: Int
-    row: Int
-    fold: Int
-    nominal: Float
-    identified: Float
-    gross: Bool
-    fits: tuple[Fit, ...]
+    block: Int  # (n,) place of each scored row's block in what was given
+    row: Int  # (n,) its row in that block
+    fold: Int  # (n,) the fold that held it out; 0 for a separate file
+    nominal: Float  # (n,) error with the values known before, SI
+    identified: Float  # (n,) error with the values found, SI
+    gross: Bool  # (n,) gross errors of the measurement, left out of the figures: see GROSS
+    fits: tuple[Fit, ...]  # the fits of the folds; of a separate file one
 
     @property
     def count(self) -> int:

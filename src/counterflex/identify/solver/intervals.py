@@ -30,18 +30,13 @@ OFF: Final = 4.0
 
 @dataclass(frozen=True)
 class Agreement:
-    """Comparison of identified with former values.
+    """Comparison of identified with former values."""
 
-    Attributes:
-        chance: Probability of at least such a difference if the former values are true; 1 without any to compare.
-        directions: Combinations of parameters that the data determine.
-        growth: Largest ratio by which a held-out error may exceed that of true former values by the noise of the fit
-            alone: ``1 + 4 p / n``, p determined parameters, n degrees of freedom. A fit adds p / n of the variance; few
-            rows are held out, so the ratio of two means scatters by as much again.
-    """
-
-    chance: float
-    directions: int
+    chance: float  # probability of at least such a difference if the former values are true; 1 without any to compare
+    directions: int  # combinations of parameters that the data determine
+    # largest ratio by which a held-out error may exceed that of true former values by the noise of the fit alone: `1 +
+    # 4 p / n`, p determined parameters, n degrees of freedom. A fit adds p / n of the variance; few rows are held out,
+    # so the ratio of two means scatters by as much again
     growth: float
 
     @property
@@ -87,19 +82,12 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Derived:
-    """Quantities that follow from the parameters.
+    """Quantities that follow from the parameters."""
 
-    Attributes:
-        value: (m,) in the unit of the derivative times the parameter's.
-        sigma: (m,) standard deviation of the value.
-        lower: (m,) lower end of its interval.
-        upper: (m,) upper end.
-    """
-
-    value: Float
-    sigma: Float
-    lower: Float
-    upper: Float
+    value: Float  # (m,) in the unit of the derivative times the parameter's
+    sigma: Float  # (m,) standard deviation of the value
+    lower: Float  # (m,) lower end of its interval
+    upper: Float  # (m,) upper end
 
 
 def coverage_factor(fit: Fit, level: float = LEVEL) -> float:

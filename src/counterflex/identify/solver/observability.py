@@ -31,7 +31,7 @@ _BLIND = 1.0
 
 @dataclass(frozen=True)
 class Observability:
-    """What :func:`examine` finds; see :class:`counterflex.identify.solver.fit.Fit`."""
+    """Result of :func:`examine`; see :class:`counterflex.identify.solver.fit.Fit`."""
 
     seen: tuple[Seen, ...]
     rank: int
@@ -137,10 +137,8 @@ def _echelon(basis: Float) -> tuple[Float, Int]:
 
 
 def _partners(direction: Float, lead: int, reach: Float, known: bool) -> list[int]:
-    """What stands in for the parameter that a direction is about, by its part in what would be seen.
-
-    None where the parameter itself moves nothing that could be seen.
-    """
+    """Parameters that can replace the one that a direction is about, by their part in the measured values."""
+    # None where the parameter itself moves nothing that could be seen.
     effect = np.abs(direction) * reach
     if effect[lead] < (_BLIND * abs(direction[lead]) if known else 0.0) or effect[lead] == 0.0:
         return []

@@ -18,31 +18,20 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number to find.
+    """One number to find."""
 
-    Attributes:
-        name: Unique and telling, for example ``axis1.rz`` or ``T_base_tracker.x``.
-        unit: SI unit, for messages and reports: ``m``, ``rad``, ``rad/(N m)``, ``Pa``, ``1``.
-        nominal: Value before the measurement, SI.
-        prior_sigma: Standard deviation of that knowledge: SI, or relative for a logarithmic parameter; infinity is no
-            knowledge at all (then ``scale`` says what a change of ordinary size is).
-        lower: Least value that makes sense.
-        free: False holds it at ``nominal``.
-        log: Logarithmic; ``nominal`` must be positive.
-        scale: Size of an ordinary change where the prior is infinite; else unused.
-        label: What a user calls it, for tables; the name where empty.
-    """
-
-    name: str
-    unit: str
-    nominal: float
+    name: str  # unique and telling, for example `axis1.rz` or `T_base_tracker.x`
+    unit: str  # SI unit, for messages and reports: `m`, `rad`, `rad/(N m)`, `Pa`, `1`
+    nominal: float  # value before the measurement, SI
+    # standard deviation of that knowledge: SI, or relative for a logarithmic parameter; infinity is no knowledge at all
+    # (then `scale` says what a change of ordinary size is)
     prior_sigma: float
-    lower: float = -np.inf
+    lower: float = -np.inf  # least value that makes sense
     upper: float = np.inf
-    free: bool = True
-    log: bool = False
-    scale: float = 1.0
-    label: str = ""
+    free: bool = True  # False holds it at `nominal`
+    log: bool = False  # logarithmic; `nominal` must be positive
+    scale: float = 1.0  # size of an ordinary change where the prior is infinite; else unused
+    label: str = ""  # what a user calls it, for tables; the name where empty
 
     def __post_init__(self) -> None:
         """Check the numbers.

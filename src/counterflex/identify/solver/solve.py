@@ -167,15 +167,10 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class Stop:
-    """Limits at which the solver stops.
+    """Limits at which the solver stops."""
 
-    Attributes:
-        tolerance: Relative change of cost, step or gradient at which the inner solver rests.
-        evaluations: Most evaluations of one inner solve.
-    """
-
-    tolerance: float = 1e-9
-    evaluations: int = 200
+    tolerance: float = 1e-9  # relative change of cost, step or gradient at which the inner solver rests
+    evaluations: int = 200  # most evaluations of one inner solve
 
 
 def solve(
@@ -296,11 +291,9 @@ def _believed_more(factors: Sequence[float], share: float) -> list[float]:
 
 
 def _priors_too_tight(problem: Stacked, state: _State, share: float) -> bool:
-    """Return whether believing the data more would make their residuals much smaller, by the tangent at the solution.
-
-    Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
-    hold because the residuals are large.
-    """
+    """Return whether to believe the data more would make residuals much smaller, by the tangent at the solution."""
+    # Wide factors and narrow priors can hold each other up: residuals are large because the priors hold, and the priors
+    # hold because the residuals are large.
     if max(state.factors) < _MISFIT_FACTOR or not np.any(problem.known):
         return False
     less = _believed_more(state.factors, share)

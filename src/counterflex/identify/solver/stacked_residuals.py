@@ -34,17 +34,11 @@ _GOOD: Final = 0.75
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """Values at which an inner fit came to rest.
+    """Values at which an inner fit came to rest."""
 
-    Attributes:
-        x: (f,) values.
-        status: As SciPy has them: 0 too many evaluations, 1 gradient, 2 misfit, 3 values.
-        jac: (k, f) derivative there.
-    """
-
-    x: Float
-    status: int
-    jac: Float
+    x: Float  # (f,) values
+    status: int  # as SciPy has them: 0 too many evaluations, 1 gradient, 2 misfit, 3 values
+    jac: Float  # (k, f) derivative there
 
 
 def within_bounds(
@@ -129,6 +123,40 @@ def triangle(rows: Float, scale: Float) -> Float:
 def _reduction(rows: int, k: int) -> tuple[int, Float]:
     """Work space that LAPACK wants for (rows, k) numbers, and ones in an upper triangle (k, k)."""
     return int(scipy.linalg.lapack.dgeqrf_lwork(rows, k)[0]), np.triu(np.ones((k, k)))
+
+
+class _Weighted:
+    """The sum of squares with fixed weights as SciPy asks for it, reduced to a triangle and kept for one place."""
+
+    def __init__(self, stacked: Stacked, weights: Sequence[Float], factors: Sequence[float]) -> None:
+        """Of all blocks, each with its weights (rows,) and the factor that its residuals are divided by."""
+        self.stacked, self.weights, self.factors = stacked, weights, factors
+        self.crossed = False
+        self._last: tuple[bytes, Float | None] = (b"", None)
+
+    def reduced(self, u: Float) -> Float | None:
+        """None where a residual is absurd or not finite: the trust region then refuses the step."""
+        key, stacked = u.tobytes(), self.stacked
+        if self._last[0] != key:
+            self._last = (key, None)
+            if all(np.all(np.abs(r) < _ABSURD) for r in stacked.rows(u)):
+                prior = np.column_stack([np.diag(stacked.known), stacked.known * u])
+                stack = np.concatenate([*stacked.triangles(u, self.weights, self.factors), prior])
+                if np.all(np.abs(stack) < _ABSURD):
+                    self._last = (key, triangle(stack, np.ones(len(stack))))
+        return self._last[1]
+
+    def cost(self, u: Float) -> Float:
+        """(f + 1,) residuals of the triangle; NaN beyond the bounds, which is noted."""
+        outside = bool(np.any(u < self.stacked.lower) or np.any(u > self.stacked.upper))
+        self.crossed |= outside
+        here = None if outside else self.reduced(u)
+        return np.full(len(u) + 1, np.nan) if here is None else np.ascontiguousarray(here[:, len(u)])
+
+    def slope(self, u: Float) -> Float:
+        """(f + 1, f) derivative of :meth:`cost`."""
+        here = self.reduced(u)
+        return np.zeros((len(u) + 1, len(u))) if here is None else np.ascontiguousarray(here[:, : len(u)])
 
 
 class Stacked:
@@ -228,39 +256,12 @@ class Stacked:
             tolerance: Relative change of cost, step and gradient at which it rests.
             most: Most evaluations.
         """
-        f = len(u)
-        crossed = False
-        last: tuple[bytes, Float | None] = (b"", None)
-
-        def reduced(u: Float) -> Float | None:
-            """None where a residual is absurd or not finite: the trust region then refuses the step."""
-            nonlocal last
-            key = u.tobytes()
-            if last[0] != key:
-                last = (key, None)
-                if all(np.all(np.abs(r) < _ABSURD) for r in self.rows(u)):
-                    prior = np.column_stack([np.diag(self.known), self.known * u])
-                    stack = np.concatenate([*self.triangles(u, weights, factors), prior])
-                    if np.all(np.abs(stack) < _ABSURD):
-                        last = (key, triangle(stack, np.ones(len(stack))))
-            return last[1]
-
-        def cost(u: Float) -> Float:
-            nonlocal crossed
-            outside = bool(np.any(u < self.lower) or np.any(u > self.upper))
-            crossed |= outside
-            here = None if outside else reduced(u)
-            return np.full(f + 1, np.nan) if here is None else np.ascontiguousarray(here[:, f])
-
-        def slope(u: Float) -> Float:
-            here = reduced(u)
-            return np.zeros((f + 1, f)) if here is None else np.ascontiguousarray(here[:, :f])
-
+        problem = _Weighted(self, weights, factors)
         if not self._bounded:
             result = scipy.optimize.least_squares(
-                cost,
+                problem.cost,
                 u,
-                slope,
+                problem.slope,
                 method="trf",
                 x_scale=1.0,
                 ftol=tolerance,
@@ -269,10 +270,10 @@ class Stacked:
                 max_nfev=most,
             )
             u = np.asarray(result.x)
-            if not crossed:
+            if not problem.crossed:
                 return Rest(u, int(result.status), np.asarray(result.jac))
             self._bounded = True
-        return within_bounds(reduced, u, self.lower, self.upper, tolerance, most)
+        return within_bounds(problem.reduced, u, self.lower, self.upper, tolerance, most)
 
     def covariance(self, parts: Sequence[Float]) -> tuple[Float, list[float]]:
         """Covariance (f, f) in fit coordinates with the priors, and how many parameters each block determines.

@@ -57,29 +57,20 @@ Kind = Literal["half", "slope", "load_sign", "load_size"]
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """One compliance that changes with the row, ``phi = (raw - centre) / spread``.
+    """One compliance that changes with the row, ``phi = (raw - centre) / spread``."""
 
-    Attributes:
-        spring: Place in the springs.
-        name: Of its parameter: ``axis2.rz.q2_half``.
-        kind: What ``raw`` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the load, or
-            its size over the largest.
-        axis: Driven axis 0..5 of the angle.
-        at: Angle between the halves (rad) or the largest load (N, N m).
-        knots: (k,) rad, angles between which ``raw`` is linear, the measured ones at the ends; none for loads.
-        centre: Mean of ``raw``, weighted by the square of the load.
-        spread: Range of ``raw``.
-    """
-
-    spring: int
-    name: str
+    spring: int  # place in the springs
+    name: str  # of its parameter: `axis2.rz.q2_half`
     text: str
+    # what `raw` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the load, or its size
+    # over the largest
     kind: Kind
-    axis: int
-    at: float
+    axis: int  # driven axis 0..5 of the angle
+    at: float  # angle between the halves (rad) or the largest load (N, N m)
+    # (k,) rad, angles between which `raw` is linear, the measured ones at the ends; none for loads
     knots: tuple[float, ...] = ()
-    centre: float = 0.0
-    spread: float = 1.0
+    centre: float = 0.0  # mean of `raw`, weighted by the square of the load
+    spread: float = 1.0  # range of `raw`
 
     def phi(self, chain: ElasticChain, plan: Layout, pulls: Pulls) -> Float:
         """(n,) of some pulls."""
@@ -121,18 +112,12 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseSearch:
-    """Result of the search.
+    """Result of the search."""
 
-    Attributes:
-        regions: Kept ones, in the order found.
-        parameters: All parameters, those of the regions last.
-        blocks: With their shapes.
-        error: Mean error on data not used before any and after each region, m; empty where none was promising.
-    """
-
-    regions: tuple[Region, ...]
-    parameters: Parameters
-    blocks: tuple[PullResiduals, ...]
+    regions: tuple[Region, ...]  # kept ones, in the order found
+    parameters: Parameters  # all parameters, those of the regions last
+    blocks: tuple[PullResiduals, ...]  # with their shapes
+    # mean error on data not used before any and after each region, m; empty where none was promising
     error: tuple[float, ...]
 
 
@@ -225,7 +210,7 @@ def shaped_like(
 
 
 def elements(result: PiecewiseSearch | None, chain: ElasticChain, plan: Layout, fit: Fit) -> tuple[ElasticRegion, ...]:
-    """What a plan can use of the regions kept: those over an angle; a compliance that changes with load is its mean."""
+    """Regions that a plan can use: those over an angle; a compliance that changes with load is its mean."""
     regions = () if result is None else result.regions
     return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
 

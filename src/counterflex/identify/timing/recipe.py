@@ -150,15 +150,29 @@ def identify(inputs: Inputs) -> Identification:
     changes to ``[timing]``. Raises FileFormatError: damaged stamps or values, no standard deviations. Raises
     InputError: nothing moves, or a unit, a sign or which channel is which looks wrong.
     """
-    cell, data, holdout, settings, progress = inputs
-    order = str(settings["lag"])
+    order = str(inputs.settings["lag"])
     if order not in _ORDERS:
         raise InputError("order of the lag", value=order, limit=", ".join(_ORDERS))
-    requested = str(settings["pairs"])
+    estimates, remarks = _estimates(inputs, order)
+    measured = [d for d, _ in estimates]
+    return Identification(
+        recipe="timing",
+        fits={_name(d, i, estimates): d.fit for i, d in enumerate(measured)},
+        headline=tuple(_headline(d, h) for d, h in estimates),
+        figures=tuple(f for d in measured for f in _figures(d)),
+        changes=tuple(changes(measured)),
+        remarks=tuple(dict.fromkeys([*remarks, *(r for d in measured for r in _remarks(d))])),
+        pictures=tuple(p for d in measured for p in _pictures(d)),
+    )
+
+
+def _estimates(inputs: Inputs, order: str) -> tuple[list[tuple[Delay, HeldOut]], list[str]]:
+    """Delays of all pairs of all records with their errors on unseen stretches, and remarks."""
+    cell, data, holdout, settings, progress = inputs
     as_stated = bool(settings["as_stated"])
     estimates: list[tuple[Delay, HeldOut]] = []
     remarks: list[str] = []
-    every = [(pair, dataset) for dataset in data for pair in pairs(cell, dataset, requested)]
+    every = [(pair, dataset) for dataset in data for pair in pairs(cell, dataset, str(settings["pairs"]))]
     names = [f"{pair.name} of {dataset.name}" for pair, dataset in every]
     work = {f"{i + 1}: {name}": float(len(every[i][1])) for i, name in enumerate(names)}
     parts = list(in_parts(progress, work).values()) if work else []
@@ -169,15 +183,7 @@ def identify(inputs: Inputs) -> Identification:
         unseen = [p for other in holdout for p in pairs(cell, other, pair.name)] if holdout else []
         estimates.append((delay, _separate(delay, unseen) if unseen else delay.held_out))
         pair_progress(1.0, name)
-    return Identification(
-        recipe="timing",
-        fits={_name(d, i, estimates): d.fit for i, (d, _) in enumerate(estimates)},
-        headline=tuple(_headline(d, h) for d, h in estimates),
-        figures=tuple(f for d, _ in estimates for f in _figures(d)),
-        changes=tuple(changes([d for d, _ in estimates])),
-        remarks=tuple(dict.fromkeys([*remarks, *(r for d, _ in estimates for r in _remarks(d))])),
-        pictures=tuple(p for d, _ in estimates for p in _pictures(d)),
-    )
+    return estimates, remarks
 
 
 def _separate(estimate: Delay, unseen: Sequence[Pair]) -> HeldOut:
@@ -314,10 +320,6 @@ def _loop(estimate: Delay, c: int, label: str) -> Picture:
     ]
     grid = block.basis.start_s + block.basis.step_s * np.arange(len(block.basis.values))
 
-    def torque(at: Float) -> Float:
-        out: Float = -np.interp(at, grid, block.basis.values[:, torque_place[0]])
-        return out
-
     rest = x.copy()
     for key in ("compliance", "dry"):
         rest[estimate.parameters.index(f"{estimate.pair.name}.{key}{label}")] = 0.0
@@ -327,15 +329,16 @@ def _loop(estimate: Delay, c: int, label: str) -> Picture:
     as_is[block.places.delay[c]] = 0.0
     raw = (block.measured - block.predict(as_is))[:, c] / URAD
     every = slice(None, None, max(1, len(at) // _SHOWN))
-    span = np.array([torque(at).min(), torque(at).max()])
+    torque = -np.interp(at, grid, block.basis.values[:, torque_place[0]])
+    span = np.array([torque.min(), torque.max()])
     soft = estimate.value(f"compliance{label}")
     return Picture(
         f"Axis {label}: link minus motor over torque",
         "torque of the motor on the link side, N m",
         "urad",
         (
-            Curve("as recorded", torque(at)[every], raw[every]),
-            Curve("delay taken out", torque(at)[every], aligned[every]),
+            Curve("as recorded", torque[every], raw[every]),
+            Curve("delay taken out", torque[every], aligned[every]),
             Curve("torsion found", span, -soft * span / URAD, True),
         ),
         note="What opens the loop as recorded is the delay between the encoders.",

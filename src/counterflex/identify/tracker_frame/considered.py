@@ -38,25 +38,15 @@ SIGNIFICANT: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Motion of the tracker between the first round and a later one.
+    """Motion of the tracker between the first round and a later one."""
 
-    Attributes:
-        round: 1, 2, ...
-        time_s: Mean time after the first round, or the round's number where no time is known.
-        shift_m: (3,) how the fiducials seem to have moved, tracker axes, at their centre.
-        shift_sigma_m: (3,).
-        rotation_rad: (3,) rotation vector.
-        rotation_sigma_rad: (3,).
-        probability: Of as large a value without any motion.
-    """
-
-    round: int
-    time_s: float
-    shift_m: Float
-    shift_sigma_m: Float
-    rotation_rad: Float
-    rotation_sigma_rad: Float
-    probability: float
+    round: int  # 1, 2, ...
+    time_s: float  # mean time after the first round, or the round's number where no time is known
+    shift_m: Float  # (3,) how the fiducials seem to have moved, tracker axes, at their centre
+    shift_sigma_m: Float  # (3,)
+    rotation_rad: Float  # (3,) rotation vector
+    rotation_sigma_rad: Float  # (3,)
+    probability: float  # of as large a value without any motion
 
     @property
     def significant(self) -> bool:

@@ -35,16 +35,7 @@ from counterflex.identify.solver.holdout import HeldOut, cross_validate, positio
 from counterflex.identify.solver.parameters import Parameters
 from counterflex.identify.solver.residuals import Residuals
 from counterflex.identify.solver.solve import solve
-from counterflex.identify.tracker_frame import TITLE
-from counterflex.identify.tracker_frame.considered import (
-    SCALE,
-    Drift,
-    drifts,
-    rounds_of,
-    sigma_at,
-    unrest,
-    with_frame_sigma,
-)
+from counterflex.identify.tracker_frame import TITLE, considered
 from counterflex.identify.tracker_frame.proposal import propose
 
 FEWEST_FIDUCIALS: Final = 4
@@ -66,24 +57,9 @@ def identify(inputs: Inputs) -> Identification:
     cell, data, holdout, options, progress = inputs
     notes = _check(cell, [*data, *holdout], as_stated=bool(options["as_stated"]))
     known = known_frames(cell)
-    start_tracker, start_target = _start(cell, data)
-    T0 = start_tracker if known is None else known.T_base_tracker
-    X0 = start_target if known is None or start_target is None else known.T_tcp_target
-    # The robot's own errors are free within their priors, so that they do not pass for accuracy of the frames.
-    model = _arm(cell, data) if X0 is not None else None
-    first = 0 if model is None else len(model.parameters)
-    items = frame_parameters(TRACKER, "tracker in the base")
-    if X0 is not None:
-        items += frame_parameters(TARGET, "target on the tool")
-    parameters = Parameters.of([*(() if model is None else model.parameters), *items])
-    tracker = PlacedFrame(T0, np.arange(first, first + 6, dtype=np.int64))
-    target = None if X0 is None else PlacedFrame(X0, np.arange(first + 6, first + 12, dtype=np.int64))
+    model, parameters, tracker, target, start = _unknowns(cell, data, known)
     watch = _drift(data)
     blocks = _blocks(cell, data, model, tracker, target, last=any(d.significant for d in watch))
-    start = np.concatenate(
-        [parameters.nominal[:first], displacement_between(T0, start_tracker)]
-        + ([] if X0 is None or start_target is None else [displacement_between(X0, start_target)])
-    )
     parts = in_parts(progress, _WORK)
     parts["registering"](1.0)
     fit = solve(parameters, blocks, start=start, progress=parts["fitting"])
@@ -93,7 +69,7 @@ def identify(inputs: Inputs) -> Identification:
     if off and not options["as_stated"]:
         fewer = identify(inputs._replace(data=kept, progress=share_of(progress, _FITTED, 1.0)))
         return replace(fewer, remarks=(*more, *fewer.remarks))
-    fit = with_frame_sigma(
+    fit = considered.with_frame_sigma(
         fit,
         blocks,
         [_unrest(d, b, fit.values) for d, b in zip(data, blocks, strict=True)],
@@ -101,11 +77,11 @@ def identify(inputs: Inputs) -> Identification:
         bearing_m=bearing_of(options),
         scale=_share(options, "scale_sigma"),
     )
-    scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
     if holdout:
         unseen = _blocks(cell, holdout, model, tracker, target, last=False)
         held_out = score_separate(parameters, blocks, unseen, error=position_error, start=start)
     else:
+        scored = [i for i, b in enumerate(blocks) if isinstance(b, FiducialResiduals)] or list(range(len(blocks)))
         held_out = cross_validate(
             parameters, blocks, error=position_error, scored=scored, start=start, progress=parts["held out"]
         )
@@ -133,6 +109,28 @@ def identify(inputs: Inputs) -> Identification:
     )
 
 
+def _unknowns(
+    cell: CellModel, data: Sequence[Dataset], known: KnownFrames | None
+) -> tuple[ArmModel | None, Parameters, PlacedFrame, PlacedFrame | None, Float]:
+    """The arm, all parameters, tracker and target among them, and start values."""
+    start_tracker, start_target = _start(cell, data)
+    T0 = start_tracker if known is None else known.T_base_tracker
+    X0 = start_target if known is None or start_target is None else known.T_tcp_target
+    # The robot's own errors are free within their priors, so that they do not pass for accuracy of the frames.
+    model = _arm(cell, data) if X0 is not None else None
+    first = 0 if model is None else len(model.parameters)
+    items = frame_parameters(TRACKER, "tracker in the base")
+    if X0 is not None:
+        items += frame_parameters(TARGET, "target on the tool")
+    parameters = Parameters.of([*(() if model is None else model.parameters), *items])
+    tracker = PlacedFrame(T0, np.arange(first, first + 6, dtype=np.int64))
+    target = None if X0 is None else PlacedFrame(X0, np.arange(first + 6, first + 12, dtype=np.int64))
+    start = [parameters.nominal[:first], displacement_between(T0, start_tracker)]
+    if X0 is not None and start_target is not None:
+        start.append(displacement_between(X0, start_target))
+    return model, parameters, tracker, target, np.concatenate(start)
+
+
 def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tuple[str, ...]:
     """Refuse what a fit would hide; remarks."""
     notes: tuple[str, ...] = ()
@@ -143,21 +141,25 @@ def _check(cell: CellModel, data: Sequence[Dataset], *, as_stated: bool) -> tupl
     for d in poses:
         notes = (*notes, *check_tracker_data(cell, d, as_stated=as_stated))
     for d in fiducials:
-        check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
-        different = len(np.unique(d.group))
-        if different < FEWEST_FIDUCIALS and not poses:
-            raise InputError(
-                "too few fiducials",
-                where=d.where or d.name,
-                value=different,
-                limit=f"{FEWEST_FIDUCIALS} or more: with three none can be predicted from the others",
-                hint="Measure more fiducials, spread around the robot",
-            )
-        p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
-        check_spread(p_base, "fiducials", where=d.where or d.name)
-        check_spread(p_tracker, "fiducials as measured", where=d.where or d.name)
-        check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), d.where or d.name)
+        _check_fiducials(d, 0 if poses else FEWEST_FIDUCIALS)
     return notes
+
+
+def _check_fiducials(d: Dataset, fewest: int) -> None:
+    check_finite(d, ["p_base_fiducial", "p_tracker_fiducial"])
+    different, where = len(np.unique(d.group)), d.where or d.name
+    if different < fewest:
+        raise InputError(
+            "too few fiducials",
+            where=where,
+            value=different,
+            limit=f"{fewest} or more: with three none can be predicted from the others",
+            hint="Measure more fiducials, spread around the robot",
+        )
+    p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
+    check_spread(p_base, "fiducials", where=where)
+    check_spread(p_tracker, "fiducials as measured", where=where)
+    check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), where)
 
 
 def _sessions(data: Sequence[Dataset]) -> list[Session]:
@@ -196,7 +198,7 @@ def _blocks(
         if d.kind == "fiducials":
             rows = np.ones(len(d), dtype=np.bool_)
             if last:  # the tracker has moved: where it stands now is what counts
-                rounds = rounds_of(d.group, _time(d))
+                rounds = considered.rounds_of(d.group, _time(d))
                 latest = {int(g): int(rounds[d.group == g].max()) for g in np.unique(d.group)}
                 rows = np.array([rounds[i] == latest[int(g)] for i, g in enumerate(d.group)])
             part = d.rows(rows)
@@ -227,11 +229,11 @@ def _share(options: Mapping[str, Any], name: str) -> float:
 
 
 def _unrest(d: Dataset, block: Residuals, x: Float) -> Float:
-    """What :func:`.considered.unrest` says of a dataset whose rounds are all in its block."""
+    """Result of :func:`.considered.unrest` for a dataset whose rounds are all in its block."""
     if not isinstance(block, FiducialResiduals) or len(block.group) < len(d):
         return np.zeros((len(block.group), len(block.components), 0))
     p = d.channel("p_tracker_fiducial")
-    return unrest(block, p.values, p.need_sigma(), _time(d), x)
+    return considered.unrest(block, p.values, p.need_sigma(), _time(d), x)
 
 
 def _part_figures(cell: CellModel, fit: Fit, tracker: PlacedFrame) -> tuple[Figure, ...]:
@@ -239,7 +241,7 @@ def _part_figures(cell: CellModel, fit: Fit, tracker: PlacedFrame) -> tuple[Figu
         zero = cell.T_base_part[:3, 3]
     except FileFormatError:
         return ()
-    size = _length(sigma_at(fit, tracker, zero))
+    size = _length(considered.sigma_at(fit, tracker, zero))
     return (Figure("part_sigma_um", "standard deviation of the part zero measured by the tracker", size / UM),)
 
 
@@ -255,12 +257,12 @@ def _arm(cell: CellModel, data: Sequence[Dataset]) -> ArmModel | None:
     return arm_model(cell, ArmPriors(), sag=sag_as_known(cell.nominal_chain), base=fiducials)
 
 
-def _drift(data: Sequence[Dataset]) -> tuple[Drift, ...]:
-    out: tuple[Drift, ...] = ()
+def _drift(data: Sequence[Dataset]) -> tuple[considered.Drift, ...]:
+    out: tuple[considered.Drift, ...] = ()
     for d in data:
         if d.kind == "fiducials":
             p = d.channel("p_tracker_fiducial")
-            out = (*out, *drifts(d.group, p.values, p.need_sigma(), _time(d)))
+            out = (*out, *considered.drifts(d.group, p.values, p.need_sigma(), _time(d)))
     return out
 
 
@@ -303,7 +305,7 @@ def _length(v: Float) -> float:
     return float(np.linalg.norm(v))
 
 
-def _figures(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift]) -> tuple[Figure, ...]:
+def _figures(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[considered.Drift]) -> tuple[Figure, ...]:
     out = []
     for block, residuals, factor in zip(blocks, fit.residuals, fit.sigma_factors, strict=True):
         if isinstance(block, FiducialResiduals):
@@ -326,7 +328,7 @@ def _figures(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift]) -> t
     return tuple(out)
 
 
-def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[Drift], target: bool) -> tuple[str, ...]:
+def _remarks(fit: Fit, blocks: Sequence[Residuals], watch: Sequence[considered.Drift], target: bool) -> tuple[str, ...]:
     out = []
     for o in fit.outliers:
         block = next(b for b in blocks if b.name == o.block)
@@ -376,7 +378,7 @@ RECIPE: Final = Recipe(
         "measure": "poses",
         "compliance_sigma": 0.1,
         "bearing_mm": 10.0,
-        "scale_sigma": SCALE,
+        "scale_sigma": considered.SCALE,
         "as_stated": False,
         "seed": 0,
     },

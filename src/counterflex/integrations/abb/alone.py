@@ -72,25 +72,15 @@ def controller(order: ControllerOrder) -> SimulatedController:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoneEgm(LoneController):
-    """An ABB controller alone, in a cell with the tables ``[online]`` and ``[egm]``.
+    """An ABB controller alone, in a cell with the tables ``[online]`` and ``[egm]``."""
 
-    Attributes:
-        program: G-code that it runs; guided by poses, the path that it is judged by.
-        cell: Cell file.
-        peer: Where messages go.
-        robotware: 6 or 7.
-        force: (6,) N, N m that the robot measures itself, or None.
-        timeout_s: CommTimeout, or None for the cell's.
-        dead_s: Dead time of guidance.
-    """
-
-    program: Path
-    cell: Path
-    peer: Address
-    robotware: int = 7
-    force: Float | None = None
-    timeout_s: float | None = None
-    dead_s: float = 12e-3
+    program: Path  # G-code that it runs; guided by poses, the path that it is judged by
+    cell: Path  # Cell file
+    peer: Address  # Where messages go
+    robotware: int = 7  # 6 or 7
+    force: Float | None = None  # (6,) N, N m that the robot measures itself, or None
+    timeout_s: float | None = None  # CommTimeout, or None for the cell's
+    dead_s: float = 12e-3  # Dead time of guidance
 
 
 def run(settings: LoneEgm, watched: Watched) -> dict[str, Any]:

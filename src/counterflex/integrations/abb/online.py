@@ -41,11 +41,9 @@ def egm_link(order: LinkOrder) -> EgmPathLink | EgmGuidanceLink:
     table.require(cell.tables.online or OnlineTable(), str(cell.path))
     if cell.tables.override is not None and table.mode == "path":
         raise InputError(
-            "path correction cannot change the speed of the program",
-            where=str(cell.path),
-            value="[override]",
+            "path correction cannot change the speed of the program", where=str(cell.path), value="[override]",
             hint='Leave the table [override] out, or set [egm] mode = "pose"',
-        )
+        )  # fmt: skip
     T_part_frame = None if table.frame == "part" else pose.inverse(cell.T_base_part)
     where: dict[str, Any] = {
         "host": order.host,

@@ -33,41 +33,23 @@ LIMITED: Final = 2
 
 @dataclass(frozen=True)
 class EgmContext:
-    """What the RAPID program and the configuration of the controller say.
+    """Facts of the RAPID program and of the configuration of the controller."""
 
-    Attributes:
-        mode: ``path``: EGMActMove, EGMMoveL; ``pose``: EGMActPose, EGMRunPose.
-        cycle_s: SampleRate: multiples of 24 ms for path correction, of 4 ms for guidance.
-        timeout_s: CommTimeout.
-        robotware: 6 or 7: how the robot's own force is written.
-        gain_per_s: Default Proportional Position Gain times PosCorrGain, 0 .. 20.
-        low_pass_hz: Of the reference; 0 leaves it out.
-        dead_s: Time until a reference acts.
-        speed_m_s: Limit of the speed, from MaxSpeedDeviation and the arm's length.
-        turn_rad_s: The same for the orientation.
-        ramp_in_s: RampInTime.
-        window_m: egm_minmax of x, y, z.
-        window_rad: Of rx, ry, rz.
-        condition_s: CondTime.
-        first_ms: Clock of the controller at the first message.
-        axes: How the controller counts the axes.
-    """
-
-    mode: Literal["path", "pose"] = "path"
-    cycle_s: float = 24.0 * MS
-    timeout_s: float = 0.1
-    robotware: int = 7
-    gain_per_s: float = 20.0
-    low_pass_hz: float = 20.0
-    dead_s: float = 12.0 * MS
-    speed_m_s: float = 0.5
-    turn_rad_s: float = 1.0
-    ramp_in_s: float = 0.1
-    window_m: float = 0.05 * MM
-    window_rad: float = 0.05 * DEG
-    condition_s: float = 30.0
-    first_ms: int = 86_400_000
-    axes: ControllerAxes = AS_MODEL
+    mode: Literal["path", "pose"] = "path"  # ``path``: EGMActMove, EGMMoveL; ``pose``: EGMActPose, EGMRunPose
+    cycle_s: float = 24.0 * MS  # SampleRate: multiples of 24 ms for path correction, of 4 ms for guidance
+    timeout_s: float = 0.1  # CommTimeout
+    robotware: int = 7  # 6 or 7: how the robot's own force is written
+    gain_per_s: float = 20.0  # Default Proportional Position Gain times PosCorrGain, 0 .. 20.
+    low_pass_hz: float = 20.0  # Of the reference; 0 leaves it out
+    dead_s: float = 12.0 * MS  # Time until a reference acts
+    speed_m_s: float = 0.5  # Limit of the speed, from MaxSpeedDeviation and the arm's length
+    turn_rad_s: float = 1.0  # The same for the orientation
+    ramp_in_s: float = 0.1  # RampInTime
+    window_m: float = 0.05 * MM  # egm_minmax of x, y, z
+    window_rad: float = 0.05 * DEG  # Of rx, ry, rz
+    condition_s: float = 30.0  # CondTime
+    first_ms: int = 86_400_000  # Clock of the controller at the first message
+    axes: ControllerAxes = AS_MODEL  # How the controller counts the axes
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -99,42 +81,35 @@ class FakeEgm:
         T_part_frame: (4, 4) frame of its messages in the part frame; None: they are in the part frame.
 
     Attributes:
-        counter: Sequence number of the newest message.
         late: Cycles without a usable message so far, while a movement was corrected or guided.
         stopped: Why the movement was ended, or empty.
         refused: Why the last datagram was refused, or empty.
-        correction: (6,) correction of the path in force, m, path frame; zero where poses guide.
-        axes: (6,) zero: EGM corrects no axes here.
         stat: 0, 1 correcting, 2 limited.
         override: 1: EGM asks for no other speed.
         feed_hold: False: EGM has no word for it.
-        enabled: The program is in a movement that is corrected or guided.
-        force: (6,) N, N m that the robot measures itself, or None; set from outside.
-        utilization: Share of the admitted speed.
-        converged: The tool stands within the window.
-        reference: (4, 4) newest pose that guides, part frame, or None.
     """
 
     def __init__(self, context: EgmContext, T_part_frame: Float | None = None) -> None:
         self.context = context
         self._T_part_frame = np.eye(4) if T_part_frame is None else T_part_frame
         self._T_frame_part = pose.inverse(self._T_part_frame)
-        self.counter = -1
+        self.counter = -1  # Sequence number of the newest message
         self.late, self.stopped, self.refused = 0, "", ""
+        # (6,) correction of the path in force, m, path frame; zero where poses guide
         self.correction: Float = np.zeros(6)
-        self.axes: Float = np.zeros(6)
+        self.axes: Float = np.zeros(6)  # (6,) zero: EGM corrects no axes here
         self.stat, self.override, self.feed_hold = FREE, 1.0, False
-        self.enabled = False
-        self.force: Float | None = None
-        self.utilization = 0.0
-        self.converged = False
+        self.enabled = False  # The program is in a movement that is corrected or guided
+        self.force: Float | None = None  # (6,) N, N m that the robot measures itself, or None; set from outside
+        self.utilization = 0.0  # Share of the admitted speed
+        self.converged = False  # The tool stands within the window
         self._sent = 0
         self._last = -1
         self._silent_s = self._guided_s = self._standing_s = 0.0
         self._before: Float | None = None
         self._R_part_path: Float | None = None
         self._now: Float | None = None
-        self.reference: Float | None = None
+        self.reference: Float | None = None  # (4, 4) newest pose that guides, part frame, or None
         self._twist: Float = np.zeros(6)
         self._queue: list[tuple[Float, Float]] = []
         self._smooth: Float | None = None
@@ -184,7 +159,7 @@ class FakeEgm:
         return bool(data)
 
     def answer(self, data: bytes | None) -> None:
-        """What came in the cycle (the last datagram), or None; without a new one the last one counts."""
+        """Return the last datagram of the cycle, or None; without a new one the last one counts."""
         if self.stopped:
             return
         self.refused = self._accept(data)

@@ -35,14 +35,6 @@ class NetftServer:
         http_port: Of the scaling document; 0 takes a free one, None serves none.
         rate_hz: Records per second it claims to send.
         faults: Scripted, by the time of the samples and their number.
-
-    Attributes:
-        address: Where requests go.
-        http_address: Where the scaling document is, or None.
-        peer: Who gets the records, or None.
-        status: Status word of the records.
-        dead: It never sends again.
-        records: That left it.
     """
 
     def __init__(
@@ -64,21 +56,21 @@ class NetftServer:
             self._socket.close()
             raise _taken(fault, host, port) from fault
         self._socket.setblocking(False)
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self.peer: tuple[str, int] | None = None
-        self.status = netft.GOOD
+        self.address: tuple[str, int] = self._socket.getsockname()  # Where requests go
+        self.peer: tuple[str, int] | None = None  # Who gets the records, or None
+        self.status = netft.GOOD  # Status word of the records
         self._sequence = 0
         self._sample = 0
         self._remaining = 0
         self._time_s = 0.0
         self._asker: tuple[str, int] | None = None
-        self.dead = False
-        self.records = 0
+        self.dead = False  # It never sends again
+        self.records = 0  # That left it
         self._bias: Float = np.zeros(6)
         self._last: Float = np.zeros(6)
         self._shown: list[float] = [0.0] * 6
         self._http: http.server.ThreadingHTTPServer | None = None
-        self.http_address: tuple[str, int] | None = None
+        self.http_address: tuple[str, int] | None = None  # Where the scaling document is, or None
         if http_port is not None:
             document = netft.write_scaling(COUNTS, COUNTS, rate_hz, "Net F/T")
             try:

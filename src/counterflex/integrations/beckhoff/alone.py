@@ -34,27 +34,17 @@ _AHEAD: Final = StandingTarget(pose.make(p=np.array([3.0, 0.0, 0.0])))
 
 @dataclass(frozen=True, eq=False)
 class LoneAds:
-    """A TwinCAT alone.
+    """A TwinCAT alone."""
 
-    Attributes:
-        cell: Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL.
-        force_n: (3,) force at the tool, holder axes, that the strain terminals show.
-        source: What the tracker sees.
-        noise: Standard deviation of a strain.
-        host: Address to bind.
-        port: TCP port.
-        seconds: How long, or None for ever.
-        faults: Scripted.
-    """
-
-    cell: Path
+    cell: Path  # Cell file with a table ``[ads]``; its symbols are there, as LREAL, ``beam_ok`` as BOOL
+    # (3,) force at the tool, holder axes, that the strain terminals show
     force_n: Float = field(default_factory=lambda: np.zeros(3))
-    source: PoseSource = _AHEAD
-    noise: float = 0.0
-    host: str = "127.0.0.1"
-    port: int = TCP_PORT
-    seconds: float | None = None
-    faults: FaultSchedule = field(default_factory=FaultSchedule)
+    source: PoseSource = _AHEAD  # What the tracker sees
+    noise: float = 0.0  # Standard deviation of a strain
+    host: str = "127.0.0.1"  # Address to bind
+    port: int = TCP_PORT  # TCP port
+    seconds: float | None = None  # How long, or None for ever
+    faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted
 
 
 def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
@@ -87,11 +77,9 @@ def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable
     holder = strain_holder(cell.tables.holder)
     if holder is None or len(holder.gauges) != len(table.strain):
         raise InputError(
-            "strain terminals without a holder of as many bridges",
-            where=str(cell.path),
-            value=len(table.strain),
+            "strain terminals without a holder of as many bridges", where=str(cell.path), value=len(table.strain),
             hint="Add a table [holder] with one gauge for each terminal, or leave out strain",
-        )
+        )  # fmt: skip
     strain = holder.bias + holder.sensitivity @ lever(holder.p_holder_tcp) @ settings.force_n
     volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0  # gauge factor 2, full bridge
     unit = si_of(table.strain_unit)[1]
@@ -120,11 +108,9 @@ def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) ->
     table, holder = ads_table(cell), strain_holder(cell.tables.holder)
     if holder is None or len(table.strain) != len(amplifiers.shown):
         raise InputError(
-            "strain terminals and bridges of the holder",
-            where=str(cell.path),
-            value=len(table.strain),
+            "strain terminals and bridges of the holder", where=str(cell.path), value=len(table.strain),
             limit=f"{len(amplifiers.shown)}, one symbol in [ads] strain for each bridge",
-        )
+        )  # fmt: skip
     volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0
     unit = si_of(table.strain_unit)[1]
 
@@ -173,10 +159,7 @@ def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
 
 
 def run(
-    settings: LoneAds,
-    *,
-    started: Callable[[AdsServer], None] = lambda _: None,
-    ending: threading.Event | None = None,
+    settings: LoneAds, *, started: Callable[[AdsServer], None] = lambda _: None, ending: threading.Event | None = None
 ) -> dict[str, Any]:
     """Run a TwinCAT until its time is over, it dies, or somebody presses Ctrl-C.
 
@@ -194,11 +177,7 @@ def run(
     cell = read_cell(settings.cell)
     table = ads_table(cell)
     server = AdsServer(
-        variables(settings, cell),
-        host=settings.host,
-        port=settings.port,
-        ams_port=table.port,
-        faults=settings.faults,
+        variables(settings, cell), host=settings.host, port=settings.port, ams_port=table.port, faults=settings.faults
     )
     ending = ending if ending is not None else threading.Event()
     remaining = settings.seconds

@@ -94,7 +94,7 @@ def connected(table: AdsTable, *, symbols: bool = True) -> Iterator[AdsLink]:
 
 
 def list_symbols(cell: str | Path, containing: str = "") -> list[DeviceSymbol]:
-    """What the TwinCAT of a cell has, by name; only names that contain a text, whatever its case."""
+    """Return symbols of the TwinCAT of a cell, by name; only names that contain a text, whatever its case."""
     with connected(ads_table(read_cell(cell)), symbols=False) as link:
         symbols = link.device_symbols()
     return sorted((one for one in symbols if containing.lower() in one.name.lower()), key=lambda one: one.name)
@@ -166,11 +166,9 @@ def holder_force(cell: Cell, values: Mapping[str, float]) -> Float | None:
         return None
     if len(table.strain) != len(holder.gauges):
         raise InputError(
-            "strain terminals and bridges of the holder",
-            where=str(cell.path),
-            value=len(table.strain),
+            "strain terminals and bridges of the holder", where=str(cell.path), value=len(table.strain),
             limit=f"{len(holder.gauges)}, one symbol for each gauge in its order",
-        )
+        )  # fmt: skip
     strain = strains_of(table, holder.beam.poisson_ratio, values)
     if not np.all(np.isfinite(strain)):
         raise InputError("a strain terminal shows no number", value=strain.tolist(), hint="Is its cable broken?")
@@ -219,7 +217,7 @@ def tracker_pose(values: Mapping[str, float], sequence: int, time_ns: int) -> Tr
 
 @dataclass
 class Forwarded:
-    """What a bridge has done so far: datagrams sent, readings that could not be used, readings that failed."""
+    """Counts of a bridge so far: datagrams sent, readings that could not be used, readings that failed."""
 
     sent: int = 0
     unusable: int = 0
@@ -285,7 +283,7 @@ class _PoseSender:
         self.close = self._forwarder.close
 
     def take(self, reading: Reading) -> tuple[bool, bool]:
-        """Whether it was sent, and can be used."""
+        """Return whether it was sent, and can be used."""
         measured = tracker_pose(reading.values, reading.number, reading.time_ns)
         self._forwarder.send(write_pose(measured))
         return True, not measured.status & (BEAM_BROKEN | INACCURATE)
@@ -300,7 +298,7 @@ class _StrainSender:
         self.close = self._forwarder.close
 
     def take(self, reading: Reading) -> tuple[bool, bool]:
-        """Whether it was sent, and can be used."""
+        """Return whether it was sent, and can be used."""
         values = reading.values
         stamp = values.get(HOLDER_TIME, math.nan)
         time_ns = round(stamp) if math.isfinite(stamp) else reading.time_ns

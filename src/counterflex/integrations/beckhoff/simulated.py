@@ -24,19 +24,13 @@ _TICK_S: Final = 0.05
 
 @dataclass
 class PlcVariable:
-    """A variable of the simulated PLC.
+    """A variable of the simulated PLC."""
 
-    Attributes:
-        kind: Type, as :data:`counterflex.integrations.beckhoff.link.telegram.TYPES` names it.
-        value: What it holds, in the PLC's own unit; used until somebody writes it.
-        source: What it holds at a time, s since the start; takes the place of ``value``.
-        comment: Of the PLC program.
-    """
-
-    kind: str = "LREAL"
-    value: float = 0.0
+    kind: str = "LREAL"  # Type, as :data:`counterflex.integrations.beckhoff.link.telegram.TYPES` names it
+    value: float = 0.0  # What it holds, in the PLC's own unit; used until somebody writes it
+    # What it holds at a time, s since the start; takes the place of ``value``
     source: Callable[[float], float] | None = None
-    comment: str = ""
+    comment: str = ""  # Of the PLC program
 
 
 class _AdsFault(Exception):
@@ -57,11 +51,6 @@ class AdsServer:
         ams_port: Of the PLC.
         faults: Scripted, by the time since the start and the numbers of requests.
         clock: s.
-
-    Attributes:
-        address: Where it listens.
-        requests: Taken so far.
-        dead: It never answers again.
 
     Raises:
         OutputError: The port cannot be opened.
@@ -86,8 +75,8 @@ class AdsServer:
         self._memory = [ads.pack(one.kind, one.value) for one in self._variables]
         self._ams_port, self._clock, self._start = ams_port, clock, clock()
         self._lock = threading.Lock()
-        self.requests = 0
-        self.dead = False
+        self.requests = 0  # Taken so far
+        self.dead = False  # It never answers again
         self._ending = False
         self._threads: list[threading.Thread] = []
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -102,12 +91,12 @@ class AdsServer:
                 where=f"{host}:{port}",
                 hint="Is another program there, or a real TwinCAT on this computer?",
             ) from fault
-        self.address: tuple[str, int] = self._listener.getsockname()
+        self.address: tuple[str, int] = self._listener.getsockname()  # Where it listens
         self._listener.settimeout(_TICK_S)
         self._begin(self._accept)
 
     def value(self, name: str) -> float:
-        """What a variable holds now, as its type holds it."""
+        """Value of a variable now, in its type."""
         place = self._place[name.upper()]
         with self._lock:
             return ads.unpack(self._variables[place].kind, self._content(place, frozen=False))

@@ -52,20 +52,14 @@ def controller(order: ControllerOrder) -> SimulatedController:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LoneRsi(LoneController):
-    """A KUKA controller alone; without a program it stands still, without a cell any pose goes with any angles.
+    """A KUKA controller alone; without a program it stands still, without a cell any pose goes with any angles."""
 
-    Attributes:
-        rsi: ETHERNET configuration; telegrams go to its IP_NUMBER and PORT where ``peer`` is None.
-        T_part_tcp: (4, 4) where it stands still; with a cell the angles say where.
-        q: (6,) rad, angles there.
-        context: Settings of RSI on the controller.
-    """
-
-    rsi: Path
+    rsi: Path  # ETHERNET configuration; telegrams go to its IP_NUMBER and PORT where ``peer`` is None
+    # (4, 4) where it stands still; with a cell the angles say where
     T_part_tcp: Float = field(default_factory=lambda: np.eye(4))
-    q: Float = field(default_factory=lambda: np.zeros(6))
+    q: Float = field(default_factory=lambda: np.zeros(6))  # (6,) rad, angles there
     seconds: float | None = 10.0
-    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))
+    context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))  # Settings of RSI on the controller
 
 
 def run(settings: LoneRsi, watched: Watched) -> dict[str, Any]:

@@ -29,7 +29,7 @@ _KINDS: Final = {"TOOL": "tool", "BASE": "base"}
 
 
 def is_kuka(text: str) -> bool:
-    """Whether a text is a ``$config.dat``."""
+    """Return whether a text is a ``$config.dat``."""
     return _HEAD.search(text) is not None
 
 

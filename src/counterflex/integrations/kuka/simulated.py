@@ -36,35 +36,21 @@ _LOCKED: Final = 1e-12
 
 @dataclass(frozen=True)
 class RsiContext:
-    """Settings of the RSI context and of RSI_ON on the controller.
+    """Settings of the RSI context and of RSI_ON on the controller."""
 
-    Attributes:
-        mode: ``absolute``: the answer is the total correction; ``relative``: it is added every cycle.
-        cycle_s: 4 ms (#IPO_FAST) or 12 ms (#IPO).
-        timeout: Late answers at which the motion stops (RSITimeout).
-        precision: Decimal places that are sent.
-        clamp_m: POSCORR: largest correction per axis; beyond it is clamped silently.
-        clamp_rad: POSCORR: MaxRotAngle.
-        monitor_m: POSCORRMON: MaxTrans; beyond it the motion stops.
-        monitor_rad: POSCORRMON: MaxRotAngle.
-        axis_clamp_rad: AXISCORR, per axis.
-        empty_first: KR C2: the first telegram contains the counter only.
-        first_counter: First IPOC, ms.
-        axes: How the controller counts the axes.
-    """
-
+    # ``absolute``: the answer is the total correction; ``relative``: it is added every cycle
     mode: Literal["absolute", "relative"] = "absolute"
-    cycle_s: float = 4.0 * MS
-    timeout: int = 10
-    precision: int = 4
-    clamp_m: float = 5.0 * MM
-    clamp_rad: float = 5.0 * DEG
-    monitor_m: float = 6.0 * MM
-    monitor_rad: float = 6.0 * DEG
-    axis_clamp_rad: float = 5.0 * DEG
-    empty_first: bool = False
-    first_counter: int = 4208163000
-    axes: ControllerAxes = AS_MODEL
+    cycle_s: float = 4.0 * MS  # 4 ms (#IPO_FAST) or 12 ms (#IPO)
+    timeout: int = 10  # Late answers at which the motion stops (RSITimeout)
+    precision: int = 4  # Decimal places that are sent
+    clamp_m: float = 5.0 * MM  # POSCORR: largest correction per axis; beyond it is clamped silently
+    clamp_rad: float = 5.0 * DEG  # POSCORR: MaxRotAngle
+    monitor_m: float = 6.0 * MM  # POSCORRMON: MaxTrans; beyond it the motion stops
+    monitor_rad: float = 6.0 * DEG  # POSCORRMON: MaxRotAngle
+    axis_clamp_rad: float = 5.0 * DEG  # AXISCORR, per axis
+    empty_first: bool = False  # KR C2: the first telegram contains the counter only
+    first_counter: int = 4208163000  # First IPOC, ms
+    axes: ControllerAxes = AS_MODEL  # How the controller counts the axes
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -85,18 +71,6 @@ class FakeRsi:
         frees: Values of free tags that the robot program sets, by name (``Enable``); changed from outside at will.
         currents: Shows the motor currents of the drives, where the configuration sends MACur; None: they are 0.
         job: Number of the job that the program says by ``Enable`` instead of 1, see ``rsi make``; 0: it says none.
-
-    Attributes:
-        counter: IPOC of the telegram to be answered.
-        late: Late or unusable answers so far (``Delay``); never counted back.
-        stopped: Why the motion was stopped, or empty.
-        refused: Why the last answer was refused, or empty.
-        correction: (6,) total Cartesian correction in force, m and rad (A B C taken as a rotation about z, y, x).
-        axes: (6,) total axis correction in force, rad.
-        stat: POSCORR status: 0, 1 correcting, 2 clamped.
-        override: Speed of the program that the answer asks for, 0..1 (tag ``Override``, %).
-        feed_hold: The answer asks for a feed hold (tag ``FeedHold``).
-        reported_state: What the sensor program says it is doing (tag ``State``); -1 where the configuration has none.
     """
 
     def __init__(
@@ -115,17 +89,19 @@ class FakeRsi:
         self._has_currents = currents is not None and any(value.element == "MACur" for value in sent)
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
         self.frees: dict[str, float] = dict(frees or {})
-        self.counter = context.first_counter - self._increment
-        self.late = 0
-        self.stopped = ""
-        self.refused = ""
+        self.counter = context.first_counter - self._increment  # IPOC of the telegram to be answered
+        self.late = 0  # Late or unusable answers so far (``Delay``); never counted back
+        self.stopped = ""  # Why the motion was stopped, or empty
+        self.refused = ""  # Why the last answer was refused, or empty
+        # (6,) total Cartesian correction in force, m and rad (A B C taken as a rotation about z, y, x)
         self.correction: Float = np.zeros(6)
-        self.axes: Float = np.zeros(6)
-        self.stat = FREE
-        self.override = 1.0
-        self.feed_hold = False
+        self.axes: Float = np.zeros(6)  # (6,) total axis correction in force, rad
+        self.stat = FREE  # POSCORR status: 0, 1 correcting, 2 clamped
+        self.override = 1.0  # Speed of the program that the answer asks for, 0..1 (tag ``Override``, %)
+        self.feed_hold = False  # The answer asks for a feed hold (tag ``FeedHold``)
         received = config.received()
         places = {value.name: k for k, value in enumerate(received)}
+        # What the sensor program says it is doing (tag ``State``); -1 where the configuration has none
         self.reported_state = 0 if "State" in places else -1
         self._sent = 0
         self._hold = np.array([value.tag.hold for value in received])
@@ -191,11 +167,11 @@ class FakeRsi:
         return self._writer.telegram(self.counter)
 
     def answers(self, data: bytes) -> bool:
-        """Whether a datagram carries the IPOC of the newest telegram."""
+        """Return whether a datagram carries the IPOC of the newest telegram."""
         return f"<IPOC>{self.counter}</IPOC>".encode("ascii") in data
 
     def answer(self, data: bytes | None) -> None:
-        """What came in the cycle (the last datagram), or None; then :attr:`correction` is what is in force.
+        """Return the last datagram of the cycle, or None; then :attr:`correction` is what is in force.
 
         An answer that is late, for another cycle, of another SENTYPE or not readable counts as none. With ONLYSEND
         none is expected.
@@ -266,7 +242,7 @@ class FakeRsi:
 
 
 def _source(value: Value) -> tuple[str, int, str]:
-    """Where the number of a value comes from: element and place in what is measured, or no element; and its name."""
+    """Return element and place of the measured value, or no element; and its name."""
     if value.element != "MACur" and not (value.element in _MEASURED and value.tag.tag.startswith("DEF_")):
         return "", 0, value.name
     place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1

@@ -89,27 +89,16 @@ NEAR: Final = 3
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """A program whose place is searched, thinned.
+    """A program whose place is searched, thinned."""
 
-    Attributes:
-        cut: Thinned path.
-        robot: Robot and tool; the pose of the part, or of the spindle that stands, is replaced.
-        freedom: Rotations that are tried.
-        rows: (m,) rows of the whole path that the thinned one has, rising.
-        around: Bodies that must not touch, tools by the rows of the thinned path; None: nobody looks.
-        datum_points: (k, 3) m points of the part that the robot must touch, or None.
-        error: Tells the error that is left in a posture.
-        feeding: How the cut feeds swings; None: nobody looks.
-    """
-
-    cut: CutPath
-    robot: RobotHere
-    freedom: Freedom
-    rows: Int
-    around: Surroundings | None
-    datum_points: Float | None
-    error: ErrorLeft
-    feeding: Feeding | None = None
+    cut: CutPath  # thinned path
+    robot: RobotHere  # robot and tool; the pose of the part, or of the spindle that stands, is replaced
+    freedom: Freedom  # rotations that are tried
+    rows: Int  # (m,) rows of the whole path that the thinned one has, rising
+    around: Surroundings | None  # bodies that must not touch, tools by the rows of the thinned path; None: nobody looks
+    datum_points: Float | None  # (k, 3) m points of the part that the robot must touch, or None
+    error: ErrorLeft  # tells the error that is left in a posture
+    feeding: Feeding | None = None  # how the cut feeds swings; None: nobody looks
 
     @property
     def poses(self) -> int:
@@ -119,33 +108,23 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A pose of the part, judged.
+    """A pose of the part, judged."""
 
-    Attributes:
-        refused: What refuses it; empty where it can be run.
-        passed: Share of the points that the robot can reach in some posture, 0 to 1.
-        deflection_m: Power mean of the deflection along the cut in the best posture, at rest; infinite where refused.
-        error_m: The same with lost motion and swing, by which candidates are ranked.
-        least_damping: Damping ratio that the modes have left in the cut; below 0 the cut feeds a swing. NaN: not known.
-        time_s: Duration of the program, with the time that axes at their largest speeds need between its points.
-        margin_rad: Smallest of the distances to a joint limit or cable and to the wrist singularity.
-        clearance_m: Smallest distance of coarse bodies, tools left out; infinite where nothing is compared.
-        branch: Of the best posture.
-        rotation_rad: About the tool axis.
-        q: (m, 6) rad along the thinned path.
-    """
-
-    refused: str = ""
-    passed: float = 0.0
+    refused: str = ""  # what refuses it; empty where it can be run
+    passed: float = 0.0  # share of the points that the robot can reach in some posture, 0 to 1
+    # power mean of the deflection along the cut in the best posture, at rest; infinite where refused
     deflection_m: float = np.inf
-    error_m: float = np.inf
+    error_m: float = np.inf  # the same with lost motion and swing, by which candidates are ranked
+    # damping ratio that the modes have left in the cut; below 0 the cut feeds a swing. NaN: not known
     least_damping: float = np.nan
+    # duration of the program, with the time that axes at their largest speeds need between its points
     time_s: float = np.inf
-    margin_rad: float = -np.inf
+    margin_rad: float = -np.inf  # smallest of the distances to a joint limit or cable and to the wrist singularity
+    # smallest distance of coarse bodies, tools left out; infinite where nothing is compared
     clearance_m: float = np.inf
-    branch: str = ""
-    rotation_rad: float = 0.0
-    q: Float | None = None
+    branch: str = ""  # of the best posture
+    rotation_rad: float = 0.0  # about the tool axis
+    q: Float | None = None  # (m, 6) rad along the thinned path
 
 
 def site_of(task: Task, stretches: Sequence[Stretch] = (), rotations: int = ROTATIONS) -> Site:

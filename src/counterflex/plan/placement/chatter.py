@@ -39,21 +39,13 @@ DIRECTIONS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class Feeding:
-    """What the cut does to a swing at k points of a thinned path.
+    """Effect of the cut on a swing at k points of a thinned path."""
 
-    Attributes:
-        rows: (k,) rows of the thinned path, rising.
-        A_part: (k, 3, 3) N/m mean directional matrices at the depth that is cut, part axes.
-        period_s: (k,) s, tooth periods.
-        measured: Lowest mode of a tap test, or None.
-        damping: Of the robot's own modes.
-    """
-
-    rows: Int
-    A_part: Float
-    period_s: Float
-    measured: Mode | None
-    damping: Damping
+    rows: Int  # (k,) rows of the thinned path, rising
+    A_part: Float  # (k, 3, 3) N/m mean directional matrices at the depth that is cut, part axes
+    period_s: Float  # (k,) s, tooth periods
+    measured: Mode | None  # lowest mode of a tap test, or None
+    damping: Damping  # of the robot's own modes
 
     def least_damping(self, chain: ElasticChain, q: Float, to_part: Float) -> float:
         """Least damping ratio that nine of ten robots have left while they cut; at most the robot's own.
@@ -77,7 +69,7 @@ class Feeding:
 
 
 def feeding(stretches: Sequence[Stretch], rows: Int, setting: Setting, law: ForceLaw) -> Feeding:
-    """What feeds swings along a thinned path.
+    """Compute the effect of the cut on swings along a thinned path.
 
     ``rows``: (m,) rows of the whole path that the thinned one has, rising. ``setting``: tools; a mode of a tap test;
     damping.

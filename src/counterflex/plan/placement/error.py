@@ -42,21 +42,13 @@ STEPS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class ErrorLeft:
-    """What is needed of a program to tell the error in any posture.
+    """Data of a program from which the error in any posture follows."""
 
-    Attributes:
-        loose: The chain with the lost motion of its axes.
-        rows: (k,) rows of the thinned path with the largest steps of the force.
-        steps_part: (k, 3) N, part axes.
-        speed_m_s: (k,) of the tool there.
-        measured: Lowest mode of a tap test, or None.
-    """
-
-    loose: ElasticChain
-    rows: Int
-    steps_part: Float
-    speed_m_s: Float
-    measured: Mode | None
+    loose: ElasticChain  # the chain with the lost motion of its axes
+    rows: Int  # (k,) rows of the thinned path with the largest steps of the force
+    steps_part: Float  # (k, 3) N, part axes
+    speed_m_s: Float  # (k,) of the tool there
+    measured: Mode | None  # lowest mode of a tap test, or None
 
     @classmethod
     def of(cls, whole: CutPath, thin: CutPath, rows: Int, chain: ElasticChain, measured: Mode | None) -> ErrorLeft:

@@ -35,31 +35,21 @@ MOST: Final = 12
 
 @dataclass(frozen=True)
 class Operation:
-    """A piece of the path.
+    """A piece of the path."""
 
-    Attributes:
-        first: Its first row.
-        last: Its last row: of all but the last one, where the tool is clear of the blank.
-        arrival: Row at which external axes have arrived at their next place: the end of the rapid behind, where that
-            stays clear; else ``last``, where the tool stands meanwhile.
-    """
-
-    first: int
-    last: int
+    first: int  # its first row
+    last: int  # its last row: of all but the last one, where the tool is clear of the blank
+    # row at which external axes have arrived at their next place: the end of the rapid behind, where that stays clear;
+    # else `last`, where the tool stands meanwhile
     arrival: int
 
 
 @dataclass(frozen=True, eq=False)
 class OperationSite:
-    """An operation whose place is searched.
+    """An operation whose place is searched."""
 
-    Attributes:
-        site: Its thinned path on the robot.
-        length_m: Path in the cut.
-    """
-
-    site: Site
-    length_m: float
+    site: Site  # its thinned path on the robot
+    length_m: float  # path in the cut
 
     def posture_costs(self, seen: Seen) -> Float:
         """(r, 8) m^(POWER + 1), deflection of each posture held in a place; infinite where it is not reached."""

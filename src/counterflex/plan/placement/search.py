@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -26,46 +27,32 @@ search back to where the part can be reached."""
 
 @dataclass(frozen=True)
 class Region:
-    """Where the part may stand.
+    """Bounds of the pose of the part."""
 
-    Attributes:
-        low: (4 + k,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base at
-            zero of its external axes; least rotation about z; least values of k external axes, m or rad.
-        high: (4 + k,) largest.
-    """
-
+    # (4 + k,) m, m, m, rad: least x and y of the middle of the program and z of the part frame, robot base at zero of
+    # its external axes; least rotation about z; least values of k external axes, m or rad
     low: tuple[float, ...]
-    high: tuple[float, ...]
+    high: tuple[float, ...]  # (4 + k,) largest
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Where a candidate puts things, as the robot sees them.
+    """Poses that a candidate gives, relative to the robot."""
 
-    Attributes:
-        T_base_standing: (4, 4) in the robot base: frame of the program, or tool frame of the spindle where the robot
-            holds the part.
-        T_base_before: (4, 4) robot base of the present cell in that of the candidate: external axes may carry the robot
-            away from what stands on the floor. None: it stays.
-    """
-
+    # (4, 4) in the robot base: frame of the program, or tool frame of the spindle where the robot holds the part
     T_base_standing: Float
+    # (4, 4) robot base of the present cell in that of the candidate: external axes may carry the robot away from what
+    # stands on the floor. None: it stays
     T_base_before: Float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """All candidates that were judged.
+    """All candidates that were judged."""
 
-    Attributes:
-        places: (n, 4 + k) m, m, m, rad, as :class:`Region` has them.
-        candidates: n, in the order in which they were judged.
-        least_damping: Damping ratio in the cut that was asked for; -inf: nobody looked.
-    """
-
-    places: Float
-    candidates: list[Candidate]
-    least_damping: float = -np.inf
+    places: Float  # (n, 4 + k) m, m, m, rad, as Region has them
+    candidates: list[Candidate]  # n, in the order in which they were judged
+    least_damping: float = -np.inf  # damping ratio in the cut that was asked for; -inf: nobody looked
 
     def ranked(self) -> list[int]:
         """Indices of those that can be run, the smallest error first."""
@@ -87,7 +74,7 @@ class Judged:
         return Judged(self.places, kept, limit)
 
     def refusals(self) -> dict[str, int]:
-        """How many candidates each constraint refused, the most first."""
+        """Number of candidates that each constraint refused, the most first."""
         reasons = [candidate.refused for candidate in self.candidates if candidate.refused]
         return {reason: reasons.count(reason) for reason in sorted(set(reasons), key=reasons.count, reverse=True)}
 
@@ -139,19 +126,8 @@ def search(
     low, high = np.array(region.low), np.array(region.high)
     free = high > low
     generations = max(1, -(-count // POPULATION))
-    places: list[Float] = []
-    candidates: list[Candidate] = []
-
-    def cost(x: Float) -> float:
-        place = low.copy()
-        place[free] = x
-        there = seen(place)
-        candidate = judge(site, there.T_base_standing, there.T_base_before)
-        places.append(place)
-        candidates.append(candidate)
-        progress(min(1.0, len(places) / (generations * POPULATION)))
-        return _cost(candidate)
-
+    judged: list[tuple[Float, Candidate]] = []
+    cost = partial(_judge, site, region, seen, judged, generations * POPULATION, progress)
     if free.any():
         bounds = list(zip(low[free], high[free], strict=True))
         best = scipy.optimize.differential_evolution(
@@ -169,11 +145,30 @@ def search(
             scipy.optimize.minimize(cost, best.x, method="Nelder-Mead", bounds=bounds, options=refined)
     else:
         cost(np.empty(0))
-    return Judged(np.array(places), candidates)
+    return Judged(np.array([place for place, _ in judged]), [candidate for _, candidate in judged])
+
+
+def _judge(
+    site: Site,
+    region: Region,
+    seen: Callable[[Float], Seen],
+    judged: list[tuple[Float, Candidate]],
+    total: int,
+    progress: Progress,
+    x: Float,
+) -> float:
+    """Judge one candidate by its free coordinates x, and keep it."""
+    place, high = np.array(region.low), np.array(region.high)
+    place[high > place] = x
+    there = seen(place)
+    candidate = judge(site, there.T_base_standing, there.T_base_before)
+    judged.append((place, candidate))
+    progress(min(1.0, len(judged) / total))
+    return _cost(candidate)
 
 
 def _cost(candidate: Candidate) -> float:
-    """What differential evolution compares: error, then chatter, then what refuses a candidate."""
+    """Cost for differential evolution: error, then chatter, then what refuses a candidate."""
     if candidate.refused:
         return _REFUSED * (2.0 - candidate.passed)
     if candidate.least_damping < 0.0:

@@ -24,19 +24,12 @@ NEIGHBOURS: Final = 3
 
 @dataclass(frozen=True)
 class TooFast:
-    """The axis that is asked for most beyond its limit.
+    """The axis that is asked for most beyond its limit."""
 
-    Attributes:
-        point: Row of the path.
-        axis: 0..5.
-        acceleration_rad_s2: Its size.
-        limit_rad_s2: Of the drive.
-    """
-
-    point: int
-    axis: int
-    acceleration_rad_s2: float
-    limit_rad_s2: float
+    point: int  # row of the path
+    axis: int  # 0..5
+    acceleration_rad_s2: float  # its size
+    limit_rad_s2: float  # of the drive
 
 
 def too_fast(path: ToolPath, robot: RobotHere, q: Float) -> TooFast | None:

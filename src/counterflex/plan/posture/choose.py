@@ -34,21 +34,13 @@ SURVEY, WAY, JUDGEMENT = "trying every posture", "finding the way", "comparing"
 
 @dataclass(frozen=True)
 class Freedom:
-    """What may be chosen.
+    """Freedoms of the choice of a posture."""
 
-    Attributes:
-        rotations: Rotations about the tool axis that are tried, evenly over a turn.
-        rate_rad_s: How fast the tool may turn about its axis in the cut; 0: it stays as it is.
-        air_rate_rad_s: How fast between the cuts.
-        weights: Of what costs beside the deflection.
-        about: Branch and rotation in rad from which the posture at the beginning must not be further than
-            :data:`ABOUT_RAD`; None: any.
-    """
-
-    rotations: int = ROTATIONS
-    rate_rad_s: float = 0.0
-    air_rate_rad_s: float = 0.0
-    weights: Weights = field(default_factory=Weights)
+    rotations: int = ROTATIONS  # rotations about the tool axis that are tried, evenly over a turn
+    rate_rad_s: float = 0.0  # how fast the tool may turn about its axis in the cut; 0: it stays as it is
+    air_rate_rad_s: float = 0.0  # how fast between the cuts
+    weights: Weights = field(default_factory=Weights)  # of what costs beside the deflection
+    # branch and rotation in rad from which the posture at the beginning must not be further than ABOUT_RAD; None: any
     about: tuple[str, float] | None = None
 
     @property
@@ -85,25 +77,15 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """The posture that was chosen.
+    """The posture that was chosen."""
 
-    Attributes:
-        present: As the cell file has it; None where the program cannot be run so.
-        best: As chosen.
-        way: Through the grid.
-        rows: (m + 1,) rows of the path that are stations.
-        costs_m: (r, 8) m, deflection in the power mean of each posture held all along; infinite where impossible.
-        bound_m: m, the same with every point in its best posture, free of all constraints: no posture is better.
-        poses: Postures that were tried.
-    """
-
-    present: Held | None
-    best: Held
-    way: Way
-    rows: Int
-    costs_m: Float
-    bound_m: float
-    poses: int
+    present: Held | None  # as the cell file has it; None where the program cannot be run so
+    best: Held  # as chosen
+    way: Way  # through the grid
+    rows: Int  # (m + 1,) rows of the path that are stations
+    costs_m: Float  # (r, 8) m, deflection in the power mean of each posture held all along; infinite where impossible
+    bound_m: float  # m, the same with every point in its best posture, free of all constraints: no posture is better
+    poses: int  # postures that were tried
 
 
 def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
@@ -145,10 +127,8 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> Chosen:
 
 
 def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
-    """The best way on which no bodies come too close and no axis has to accelerate beyond its drive.
-
-    ``blocked`` learns of the postures left out for that.
-    """
+    """The best way on which no bodies come too close and no axis has to accelerate beyond its drive."""
+    # `blocked` learns of the postures left out for that.
     cut, robot, around = task.cut, task.robot, task.around
     steps = allowed_steps(
         in_contact(cut, rows), np.diff(cut.time_s[rows]), freedom.step_rad, freedom.rate_rad_s, freedom.air_rate_rad_s

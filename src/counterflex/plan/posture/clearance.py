@@ -22,17 +22,11 @@ _NEAR_M: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Bodies that must not touch.
+    """Bodies that must not touch."""
 
-    Attributes:
-        bodies: Coarse bodies, see :mod:`counterflex.plan.preflight.bodies`.
-        tool: (n,) number of the tool in the spindle at each point of the path.
-        clearance_m: Least distance; tools need none.
-    """
-
-    bodies: Sequence[Body]
-    tool: Int
-    clearance_m: float
+    bodies: Sequence[Body]  # coarse bodies, see counterflex.plan.preflight.bodies
+    tool: Int  # (n,) number of the tool in the spindle at each point of the path
+    clearance_m: float  # least distance; tools need none
 
     def seen_from(self, T_base_before: Float) -> Surroundings:
         """The same from a robot that was carried away: what stands on the floor is elsewhere in its base.

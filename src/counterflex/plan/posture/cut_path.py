@@ -20,25 +20,15 @@ _PARALLEL: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CutPath:
-    """n points of a program in the part frame, with the load of the undisturbed cut.
+    """n points of a program in the part frame, with the load of the undisturbed cut."""
 
-    Attributes:
-        p_part: (n, 3) m, tool tips.
-        axis_part: (n, 3) unit vectors from the tip towards the spindle.
-        w_tcp_part: (n, 6) N, N m about the tip.
-        normals_part: (n, k, 3) unit vectors square to each other, normal to the machined surface; zero: nothing.
-        weight_m: (n,) m of path that the point stands for; 0 where no material is cut.
-        time_s: (n,) s, not decreasing.
-        run: (n,) number of the uninterrupted stretch of rapid or feed that the point belongs to, not decreasing.
-    """
-
-    p_part: Float
-    axis_part: Float
-    w_tcp_part: Float
-    normals_part: Float
-    weight_m: Float
-    time_s: Float
-    run: Int
+    p_part: Float  # (n, 3) m, tool tips
+    axis_part: Float  # (n, 3) unit vectors from the tip towards the spindle
+    w_tcp_part: Float  # (n, 6) N, N m about the tip
+    normals_part: Float  # (n, k, 3) unit vectors square to each other, normal to the machined surface; zero: nothing
+    weight_m: Float  # (n,) m of path that the point stands for; 0 where no material is cut
+    time_s: Float  # (n,) s, not decreasing
+    run: Int  # (n,) number of the uninterrupted stretch of rapid or feed that the point belongs to, not decreasing
 
     def __len__(self) -> int:
         """Number of points."""

@@ -23,54 +23,31 @@ SHARE: Final = 0.997
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A program on a cell whose posture is to be chosen.
+    """A program on a cell whose posture is to be chosen."""
 
-    Attributes:
-        path: n points of the program.
-        line: (n,) source line of each.
-        cut: The same with load and directions.
-        setting: Of the plan, with the present posture.
-        robot: Robot, tool and place of the part.
-        around: Bodies that must not touch, or None where nobody looks.
-    """
-
-    path: ToolPath
-    line: Int
-    cut: CutPath
-    setting: Setting
-    robot: RobotHere
-    around: Surroundings | None = None
+    path: ToolPath  # n points of the program
+    line: Int  # (n,) source line of each
+    cut: CutPath  # the same with load and directions
+    setting: Setting  # of the plan, with the present posture
+    robot: RobotHere  # robot, tool and place of the part
+    around: Surroundings | None = None  # bodies that must not touch, or None where nobody looks
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A program run in one posture.
+    """A program run in one posture."""
 
-    Attributes:
-        branch: Of the arm.
-        rotation_rad: About the tool axis at the beginning.
-        turning: How the tool turns about its axis along the program; None where it does not.
-        q: (n, 6) rad.
-        deflection_m: (n,) m, size of the deflection in the directions that matter; 0 out of the cut.
-        share_m: What 99.7 % of the path in the cut stay below.
-        largest_m: The largest.
-        reversals: Axes that turn round in the cut.
-        unloadings: Drives whose torque changes its sign in the cut.
-        limit_margin_rad: Smallest distance to a joint limit.
-        wrist_rad: Smallest angle between axes 4 and 6.
-    """
-
-    branch: str
-    rotation_rad: float
-    turning: ToolRotation | None
-    q: Float
-    deflection_m: Float
-    share_m: float
+    branch: str  # of the arm
+    rotation_rad: float  # about the tool axis at the beginning
+    turning: ToolRotation | None  # how the tool turns about its axis along the program; None where it does not
+    q: Float  # (n, 6) rad
+    deflection_m: Float  # (n,) m, size of the deflection in the directions that matter; 0 out of the cut
+    share_m: float  # what 99.7 % of the path in the cut stay below
     largest_m: float
-    reversals: int
-    unloadings: int
-    limit_margin_rad: float
-    wrist_rad: float
+    reversals: int  # axes that turn round in the cut
+    unloadings: int  # drives whose torque changes its sign in the cut
+    limit_margin_rad: float  # smallest distance to a joint limit
+    wrist_rad: float  # smallest angle between axes 4 and 6
 
 
 def held(task: Task, setting: Setting) -> Held:

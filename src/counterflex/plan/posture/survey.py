@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,29 +29,18 @@ _PARTS = 32
 
 @dataclass(frozen=True, eq=False)
 class RobotHere:
-    """A robot with its tool, and the part in its cell.
+    """A robot with its tool, and the part in its cell."""
 
-    Attributes:
-        chain: Elastic chain as it is known to be.
-        controller_chain: Geometry as the controller has it; its angles are what is commanded.
-        T_base_part: (4, 4) pose of the part; says nothing where the robot carries it.
-        limits: Margins to joint limits and wrist singularity.
-        joint_speeds_rad_s: (6,) largest speeds, or None where they are not known.
-        joint_accelerations_rad_s2: (6,) of the drives, or None where they are not known.
-        acceleration_m_s2: With which the controller changes the speed of the tool.
-        cables_rad: By axis 0..5 the largest angle from 0 that its cables allow, where known.
-        T_base_tcp: (4, 4) tool frame of a spindle that stands, against which the robot holds the part; None: it holds
-            the tool.
-    """
-
-    chain: ElasticChain
-    controller_chain: ElasticChain
-    T_base_part: Float
-    limits: Limits
-    joint_speeds_rad_s: Float | None = None
-    joint_accelerations_rad_s2: Float | None = None
-    acceleration_m_s2: float = 1.0
+    chain: ElasticChain  # elastic chain as it is known to be
+    controller_chain: ElasticChain  # geometry as the controller has it; its angles are what is commanded
+    T_base_part: Float  # (4, 4) pose of the part; says nothing where the robot carries it
+    limits: Limits  # margins to joint limits and wrist singularity
+    joint_speeds_rad_s: Float | None = None  # (6,) largest speeds, or None where they are not known
+    joint_accelerations_rad_s2: Float | None = None  # (6,) of the drives, or None where they are not known
+    acceleration_m_s2: float = 1.0  # with which the controller changes the speed of the tool
+    # by axis 0..5 the largest angle from 0 that its cables allow, where known
     cables_rad: Mapping[int, float] = field(default_factory=dict)
+    # (4, 4) tool frame of a spindle that stands, against which the robot holds the part; None: it holds the tool
     T_base_tcp: Float | None = None
 
     @property
@@ -88,7 +78,7 @@ class RobotHere:
         return np.minimum(own, room(axes, self.controller_chain.joint_limits_rad, q) - self.limits.joint_margin_rad)
 
     def grid(self, rotations_rad: Float) -> Grid:
-        """What the kernels try.
+        """Grid of candidates for the kernels.
 
         Raises:
             ModelError: The robot has no closed-form geometry.
@@ -202,11 +192,9 @@ def survey_path(
     share = np.linspace(0, n, min(m, _PARTS) + 1)
     parts = np.unique(np.clip(np.searchsorted(rows, share), 0, m))
 
-    def work(part: int) -> None:
-        survey_edges(robot.chain.compact, grid, points, rows, survey, int(parts[part]), int(parts[part + 1]))
-
+    work = partial(survey_edges, robot.chain.compact, grid, points, rows, survey)
     with ThreadPoolExecutor(thread_count()) as threads:
-        for done, _ in enumerate(threads.map(work, range(len(parts) - 1)), start=1):
+        for done, _ in enumerate(threads.map(work, parts[:-1].tolist(), parts[1:].tolist()), start=1):
             progress(done / (len(parts) - 1))
     if robot.controller_chain.axes.coupled:
         survey.q[np.any(robot.room(survey.q) < 0.0, axis=-1)] = np.nan

@@ -30,68 +30,43 @@ STRETCHED: Final = 0.02
 
 
 class Points(NamedTuple):
-    """The path of n points, base axes.
+    """The path of n points, base axes."""
 
-    Attributes:
-        p: (n, 3) m, tool tips.
-        x: (n, 3) x axis of the tool frame at rotation 0.
-        z: (n, 3) its z axis, out of the spindle.
-        w: (n, 6) N, N m about the tip.
-        normals: (n, k, 3) directions that matter.
-        weight: (n,) m, length that the point stands for; 0 where the deflection does not count.
-        fraction: (n,) how far the point lies along its edge, 0 to 1.
-        T_tcp_flange: (1, 4, 4) flange in the tool frame where the robot carries the tool; (n, 4, 4) in that at
-            rotation 0 where it carries the part.
-        part_carried: 1 where the robot carries the part against a tool that stands. Then the part turns about the tool
-            axis the other way, load and directions with it, and the tip is a point of the part.
-    """
-
-    p: Float2
-    x: Float2
-    z: Float2
-    w: Float2
-    normals: Float3
-    weight: Float1
-    fraction: Float1
+    p: Float2  # (n, 3) m, tool tips
+    x: Float2  # (n, 3) x axis of the tool frame at rotation 0
+    z: Float2  # (n, 3) its z axis, out of the spindle
+    w: Float2  # (n, 6) N, N m about the tip
+    normals: Float3  # (n, k, 3) directions that matter
+    weight: Float1  # (n,) m, length that the point stands for; 0 where the deflection does not count
+    fraction: Float1  # (n,) how far the point lies along its edge, 0 to 1
+    # (1, 4, 4) flange in the tool frame where the robot carries the tool; (n, 4, 4) in that at rotation 0 where it
+    # carries the part
     T_tcp_flange: Float3
+    # 1 where the robot carries the part against a tool that stands. Then the part turns about the tool axis the other
+    # way, load and directions with it, and the tip is a point of the part
     part_carried: int
 
 
 class Grid(NamedTuple):
-    """What is tried at each point, and what the robot can do.
+    """Candidates at each point, and limits of the robot."""
 
-    Attributes:
-        arms: (1,) ARM geometry.
-        cosine: (r,) of the rotations about the tool axis.
-        sine: (r,) likewise.
-        limits: (6, 2) rad, with the margins taken off.
-        wrist: Smallest ``|sin|`` of axis 5.
-    """
-
-    arms: Annotated[Records, (ARM,)]
-    cosine: Float1
-    sine: Float1
-    limits: Float2
-    wrist: float
+    arms: Annotated[Records, (ARM,)]  # (1,) ARM geometry
+    cosine: Float1  # (r,) of the rotations about the tool axis
+    sine: Float1  # (r,) likewise
+    limits: Float2  # (6, 2) rad, with the margins taken off
+    wrist: float  # smallest `|sin|` of axis 5
 
 
 class Survey(NamedTuple):
-    """What is found; m edges between m + 1 stations.
+    """Costs of all postures; m edges between m + 1 stations."""
 
-    Attributes:
-        early: (m, r, 8) m^(POWER + 1): sum of ``weight size^POWER`` as far as it belongs to the rotation at the edge's
-            beginning; infinite where the edge cannot be run there.
-        late: (m, r, 8) as far as it belongs to the rotation at its end.
-        q: (m + 1, r, 8, 6) rad at the stations; NaN in postures that fail.
-        least: (n,) m, smallest deflection at each point; infinite where no posture is possible.
-        failed: (n, 5) postures by what they fail by.
-    """
-
+    # (m, r, 8) m^(POWER + 1): sum of `weight size^POWER` as far as it belongs to the rotation at the edge's beginning;
+    # infinite where the edge cannot be run there
     early: Float3
-    late: Float3
-    q: Float4
-    least: Float1
-    failed: Int2
+    late: Float3  # (m, r, 8) as far as it belongs to the rotation at its end
+    q: Float4  # (m + 1, r, 8, 6) rad at the stations; NaN in postures that fail
+    least: Float1  # (n,) m, smallest deflection at each point; infinite where no posture is possible
+    failed: Int2  # (n, 5) postures by what they fail by
 
 
 _POINTS = bundle(Points)
@@ -101,7 +76,7 @@ _SURVEY = bundle(Survey)
 
 @kernel("int64(Arm, Grid, float64[::1])", Arm=ARM, Grid=_GRID)
 def within(arm: Record, grid: Grid, q: Float) -> int:
-    """What a posture fails by; its axes are turned into their limits where a full turn does that.
+    """Code of the limit that a posture breaks; its axes are turned into their limits where a full turn does that.
 
     Args:
         arm: Geometry.

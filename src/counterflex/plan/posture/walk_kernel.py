@@ -26,43 +26,25 @@ _TURN = 2.0 * math.pi
 
 
 class Edges(NamedTuple):
-    """Costs of one branch; m edges, r rotations. Costs without unit.
+    """Costs of one branch; m edges, r rotations. Costs without unit."""
 
-    Attributes:
-        early: (m, r) of an edge, by the rotation at its beginning; infinite where impossible.
-        late: (m, r) by that at its end.
-        q: (m + 1, r, 6) rad at the stations; NaN where impossible.
-        lost: (m + 1, r, 6) of lost motion of each axis.
-        torque: (m + 1, r, 6) N m on each axis.
-        contact: (m,) material is cut on the edge.
-        duration: (m,) s.
-        steps: (m,) steps of the grid that the tool may turn: 0 or 1 in contact, any number in the air.
-    """
-
-    early: Float2
-    late: Float2
-    q: Float3
-    lost: Float3
-    torque: Float3
-    contact: Annotated[Bool, "boolean[::1]"]
+    early: Float2  # (m, r) of an edge, by the rotation at its beginning; infinite where impossible
+    late: Float2  # (m, r) by that at its end
+    q: Float3  # (m + 1, r, 6) rad at the stations; NaN where impossible
+    lost: Float3  # (m + 1, r, 6) of lost motion of each axis
+    torque: Float3  # (m + 1, r, 6) N m on each axis
+    contact: Annotated[Bool, "boolean[::1]"]  # (m,) material is cut on the edge
     duration: Float1
-    steps: Int1
+    steps: Int1  # (m,) steps of the grid that the tool may turn: 0 or 1 in contact, any number in the air
 
 
 class Rules(NamedTuple):
-    """What is allowed, and what it costs.
+    """Limits and costs of a way through the postures."""
 
-    Attributes:
-        limits: (6, 2) rad.
-        speed: (6,) rad/s.
-        turning: Cost of a step of the grid.
-        winding: Cost of axes 4 and 6 at the ends of their ranges, at every station.
-    """
-
-    limits: Float2
-    speed: Float1
-    turning: float
-    winding: float
+    limits: Float2  # (6, 2) rad
+    speed: Float1  # (6,) rad/s
+    turning: float  # cost of a step of the grid
+    winding: float  # cost of axes 4 and 6 at the ends of their ranges, at every station
 
 
 _EDGES = bundle(Edges)

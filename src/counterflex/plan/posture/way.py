@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Final
+from functools import partial
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,37 +27,25 @@ data sheets of the series RV-E, RV-N and RV-C: lost motion and backlash 1 arc.mi
 
 @dataclass(frozen=True)
 class Weights:
-    """What a posture costs beside its deflection, in shares of the least cost of the deflection; without unit.
+    """Costs of a posture beside its deflection, in shares of the least cost of the deflection; without unit."""
 
-    Attributes:
-        turning: A full turn about the tool axis.
-        winding: Axes 4 and 6 at the end of their ranges all along.
-        reversals: Factor on what a reversal or an unloading of an axis costs: 0 leaves them out, 1 takes lost motion
-            for a deflection along the edge that follows.
-    """
-
-    turning: float = 0.02
-    winding: float = 0.02
+    turning: float = 0.02  # A full turn about the tool axis
+    winding: float = 0.02  # axes 4 and 6 at the end of their ranges all along
+    # factor on what a reversal or an unloading of an axis costs: 0 leaves them out, 1 takes lost motion for a
+    # deflection along the edge that follows
     reversals: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A way through the postures.
+    """A way through the postures."""
 
-    Attributes:
-        slot: Branch, index into :data:`counterflex.robot.model.opw.BRANCHES`.
-        index: (m + 1,) rotation of the grid at each station.
-        steps: (m,) steps of the grid turned on each edge.
-        q: (m + 1, 6) rad at the stations, full turns of axes 4 and 6 chosen.
-        cost: Deflection and all else; 1 is every point in its best posture, free of all constraints: no way
-            through the grid is below.
-    """
-
-    slot: int
-    index: Int
-    steps: Int
-    q: Float
+    slot: int  # branch, index into counterflex.robot.model.opw.BRANCHES
+    index: Int  # (m + 1,) rotation of the grid at each station
+    steps: Int  # (m,) steps of the grid turned on each edge
+    q: Float  # (m + 1, 6) rad at the stations, full turns of axes 4 and 6 chosen
+    # deflection and all else; 1 is every point in its best posture, free of all constraints: no way through the grid is
+    # below
     cost: float
 
 
@@ -92,6 +81,38 @@ def allowed_steps(contact: Bool, duration_s: Float, step_rad: float, rate_rad_s:
     return out
 
 
+class _Stations(NamedTuple):
+    """Arrays along a path of m + 1 stations, whatever the branch."""
+
+    w: Float
+    normals: Float
+    tips: Float
+    contact: Bool
+    duration: Float
+    reversals: Float  # (m + 1, 1, 1) weight of lost motion
+    scale: float  # m, size of a cost of 1
+
+
+def _best_in_branch(
+    robot: RobotHere, survey: Survey, at: _Stations, steps: Int, rules: Rules, lost: Float, slot: int
+) -> tuple[float, int, Way | None]:
+    """Cost of the cheapest way in one branch, edges that it could pass, and the way."""
+    m, r = survey.early.shape[:2]
+    q = np.ascontiguousarray(survey.q[:, :, slot])
+    torque, gain = np.zeros((m + 1, r, 6)), np.zeros((m + 1, r, 6))
+    burdens(robot.chain.compact, q, at.w, at.normals, at.tips, torque, gain)
+    cost = at.reversals * (gain * lost) ** POWER / at.scale
+    early, late = (np.ascontiguousarray(part[:, :, slot] / at.scale) for part in (survey.early, survey.late))
+    edges = Edges(early, late, q, cost, torque, at.contact, at.duration, steps)
+    back, hop = (np.zeros((m, r * PER_ROTATION), dtype=np.int16) for _ in range(2))
+    value = np.empty(r * PER_ROTATION)
+    passed = walk(edges, rules, back, hop, value)
+    if passed < m:
+        return np.inf, passed, None
+    end = int(np.argmin(value))
+    return float(value[end]), passed, _traced(slot, q, back, hop, end, float(value[end]))
+
+
 def best_way(
     path: CutPath, robot: RobotHere, survey: Survey, rows: Int, steps: Int, weights: Weights
 ) -> tuple[Way | None, Int]:
@@ -105,7 +126,6 @@ def best_way(
     """
     scale = least_cost(path, survey) or 1.0
     m, r = survey.early.shape[:2]
-    states = r * PER_ROTATION
     points, contact = hand_points(path, robot, rows), in_contact(path, rows)
     w, normals = load_by_rotation(points, rows, TURN * np.arange(r) / r)
     tips = np.ascontiguousarray(points.p[rows] if points.part_carried else np.empty((0, 3)))
@@ -113,24 +133,9 @@ def best_way(
     after = np.append(weight, weight[-1:])
     speed = np.full(6, np.inf) if robot.joint_speeds_rad_s is None else np.array(robot.joint_speeds_rad_s)
     rules = Rules(robot.joint_limits_rad, speed, weights.turning / r, weights.winding / m)
-    lost = lost_motion(robot)
     duration = np.ascontiguousarray(np.diff(path.time_s[rows]))
-
-    def one(slot: int) -> tuple[float, int, Way | None]:
-        q = np.ascontiguousarray(survey.q[:, :, slot])
-        torque, gain = np.zeros((m + 1, r, 6)), np.zeros((m + 1, r, 6))
-        burdens(robot.chain.compact, q, w, normals, tips, torque, gain)
-        cost = weights.reversals * after[:, None, None] * (gain * lost) ** POWER / scale
-        early, late = (np.ascontiguousarray(part[:, :, slot] / scale) for part in (survey.early, survey.late))
-        edges = Edges(early, late, q, cost, torque, contact, duration, steps)
-        back, hop = np.zeros((m, states), dtype=np.int16), np.zeros((m, states), dtype=np.int16)
-        value = np.empty(states)
-        passed = walk(edges, rules, back, hop, value)
-        if passed < m:
-            return np.inf, passed, None
-        end = int(np.argmin(value))
-        return float(value[end]), passed, _traced(slot, q, back, hop, end, float(value[end]))
-
+    stations = _Stations(w, normals, tips, contact, duration, weights.reversals * after[:, None, None], scale)
+    one = partial(_best_in_branch, robot, survey, stations, steps, rules, lost_motion(robot))
     possible = [slot for slot in range(SLOTS) if not np.isnan(survey.q[0, :, slot, 0]).all()]
     passed = np.zeros(SLOTS, dtype=np.int64)
     results = []

@@ -33,23 +33,14 @@ LEAST_M: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """Places where one block ends and the next one goes on without a standstill, in order.
+    """Places where one block ends and the next one goes on without a standstill, in order."""
 
-    Attributes:
-        point: (k,) row of the path at which the block ends.
-        after: (k,) row at which the first segment behind it ends.
-        turn_rad: (k,) angle between both, 0 straight on, pi back.
-        side_m: (k,) length of the shorter of both blocks.
-        given_m: (k,) approximation distance that is asked for.
-        exact: (k,) the program stops there.
-    """
-
-    point: Int
-    after: Int
-    turn_rad: Float
-    side_m: Float
-    given_m: Float
-    exact: Bool
+    point: Int  # (k,) row of the path at which the block ends
+    after: Int  # (k,) row at which the first segment behind it ends
+    turn_rad: Float  # (k,) angle between both, 0 straight on, pi back
+    side_m: Float  # (k,) length of the shorter of both blocks
+    given_m: Float  # (k,) approximation distance that is asked for
+    exact: Bool  # (k,) the program stops there
 
     @property
     def sharp(self) -> Bool:
@@ -105,7 +96,7 @@ def corners_of(path: ToolPath, blocks: Blocks, approximation_m: Float, blending_
 
 
 def approximation_rows(corners: Corners, cutting: Bool, bounds: Bounds) -> list[Row]:
-    """Whether the approximation fits between the points, and what it leaves of the corners.
+    """Return whether the approximation fits between the points, and what it leaves of the corners.
 
     Args:
         corners: Of the path.

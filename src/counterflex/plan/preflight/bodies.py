@@ -54,40 +54,26 @@ STOCK: Final = "stock"
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A convex body fixed to a frame.
+    """A convex body fixed to a frame."""
 
-    Attributes:
-        name: For messages, and by which a cell file replaces it.
-        frame: One of :data:`FRAMES`.
-        shape: ``box``, ``capsule``, ``cylinder`` or ``mesh``.
-        T_frame_body: (4, 4) its centre; the axis of a capsule or cylinder is z.
-        size_m: Half lengths along x, y, z of a box, or of the box around a mesh; radius and half length of the axis
-            otherwise (a capsule's caps come on top of it).
-        assumed: Not given by the cell file.
-        tool: Number of the tool that it is, or None.
-        surrounds: Belongs to the surroundings; False for bodies of the robot.
-        cuts: It removes what it meets of the stock.
-        of_spindle: Stands in the base with a spindle against which the robot holds the part.
-        vertices_m: (k, 3) m, corners of the convex hull of a mesh, from its centre.
-        faces: (f, 4) outward normals and offsets of its faces: ``n p + d <= 0`` inside.
-    """
-
-    name: str
-    frame: str
-    shape: Shape
-    T_frame_body: Float
+    name: str  # for messages, and by which a cell file replaces it
+    frame: str  # one of FRAMES
+    shape: Shape  # `box`, `capsule`, `cylinder` or `mesh`
+    T_frame_body: Float  # (4, 4) its centre; the axis of a capsule or cylinder is z
+    # half lengths along x, y, z of a box, or of the box around a mesh; radius and half length of the axis otherwise (a
+    # capsule's caps come on top of it)
     size_m: tuple[float, ...]
-    assumed: bool = True
-    tool: int | None = None
-    surrounds: bool = field(default=False)
-    cuts: bool = False
-    of_spindle: bool = False
-    vertices_m: Float | None = None
-    faces: Float | None = None
+    assumed: bool = True  # not given by the cell file
+    tool: int | None = None  # number of the tool that it is, or None
+    surrounds: bool = field(default=False)  # belongs to the surroundings; False for bodies of the robot
+    cuts: bool = False  # it removes what it meets of the stock
+    of_spindle: bool = False  # stands in the base with a spindle against which the robot holds the part
+    vertices_m: Float | None = None  # (k, 3) m, corners of the convex hull of a mesh, from its centre
+    faces: Float | None = None  # (f, 4) outward normals and offsets of its faces: `n p + d <= 0` inside
 
     @property
     def link(self) -> int:
-        """How many axes move it: 0 is fixed, 6 is carried by the flange."""
+        """Number of axes that move it: 0 is fixed, 6 is carried by the flange."""
         return _LINK[self.frame]
 
 
@@ -177,7 +163,7 @@ def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Body]:
 
 
 def joint_offsets(chain: ElasticChain) -> list[Float]:
-    """Where the frame of the next axis stands in the frame of each body: base, axis 1 ... axis 6 (there the flange).
+    """Place of the frame of the next axis in the frame of each body: base, axis 1 ... axis 6 (there the flange).
 
     These places do not depend on the joint angles: an axis turns about its own origin.
 
@@ -340,7 +326,7 @@ def with_given(assumed: Iterable[Body], given: Sequence[Body], removed: Iterable
 
 
 def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Which bodies are compared, by their index.
+    """Pairs of bodies that are compared, by their index.
 
     Whatever an axis moves is compared with the surroundings, but a tool not with the stock, which it cuts (that rapids
     cut is another check). What the flange carries is compared with foot, column, link arm, elbow and forearm. Links
@@ -349,14 +335,17 @@ def pairs(bodies: Sequence[Body]) -> tuple[list[tuple[int, int]], list[tuple[int
     Returns:
         Against the surroundings, and against the own arm.
     """
-    fixed = [k for k, body in enumerate(bodies) if body.link == 0 and body.surrounds]
-    moved = [k for k, body in enumerate(bodies) if body.link > 0]
+    link = np.array([body.link for body in bodies])
+    surrounds = np.array([body.surrounds for body in bodies], dtype=np.bool_)
+    carried = np.array([body.name != "hand" and body.tool is None for body in bodies], dtype=np.bool_) & (link == 6)
+    fixed, moved = np.flatnonzero((link == 0) & surrounds).tolist(), np.flatnonzero(link > 0).tolist()
+    hand, arm = np.flatnonzero(carried).tolist(), np.flatnonzero((link <= 4) & ~surrounds).tolist()
     outer = [
-        (a, b) for a in moved for b in fixed if not _cuts(bodies[a], bodies[b]) and not _cuts(bodies[b], bodies[a])
+        (a, b)
+        for a, b in itertools.product(moved, fixed)
+        if not _cuts(bodies[a], bodies[b]) and not _cuts(bodies[b], bodies[a])
     ]
-    hand = [k for k in moved if bodies[k].link == 6 and bodies[k].name != "hand" and bodies[k].tool is None]
-    arm = [k for k, body in enumerate(bodies) if body.link <= 4 and not body.surrounds]
-    return outer, [(a, b) for a in hand for b in arm]
+    return outer, list(itertools.product(hand, arm))
 
 
 def _cuts(first: Body, second: Body) -> bool:

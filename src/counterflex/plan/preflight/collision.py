@@ -12,11 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
-from counterflex.core.progress import Progress, silent
+from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.plan.preflight.bodies import Body, pairs, tool_of
@@ -59,6 +58,8 @@ class Scene:
         Args:
             bodies: At least one.
         """
+        import mujoco  # of whoever looks for collisions alone
+
         kinds = {
             "box": mujoco.mjtGeom.mjGEOM_BOX,
             "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -81,10 +82,13 @@ class Scene:
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         mujoco.mj_forward(self._model, self._data)
+        self._distance_of: Any = mujoco.mj_geomDistance
         self._T_body_geom = {k: self._shifted(name) for k, name in meshes.items()}
 
     def _shifted(self, mesh: str) -> Float:
         """(4, 4) where MuJoCo has put the axes of a mesh: along those of its inertia."""
+        import mujoco
+
         number = self._model.mesh(mesh).id
         R = np.zeros(9)
         mujoco.mju_quat2Mat(R, self._model.mesh_quat[number])
@@ -121,39 +125,27 @@ class Scene:
         return value - radius
 
     def _ask(self, a: int, b: int, most_m: float) -> float:
-        return float(mujoco.mj_geomDistance(self._model, self._data, a, b, most_m, None))
+        return float(self._distance_of(self._model, self._data, a, b, most_m, None))
 
 
 @dataclass(frozen=True)
 class Closest:
-    """The smallest distance along a path.
+    """The smallest distance along a path."""
 
-    Attributes:
-        distance_m: Signed, m.
-        point: Row of the path.
-        first: Index of the body that moves.
-        second: Index of the other.
-    """
-
-    distance_m: float
-    point: int
-    first: int
-    second: int
+    distance_m: float  # signed, m
+    point: int  # row of the path
+    first: int  # index of the body that moves
+    second: int  # index of the other
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """Part and floor in the robot base along a path of n rows, where external axes carry them or the robot.
+    """Part and floor in the robot base along a path of n rows, where external axes carry them or the robot."""
 
-    Attributes:
-        Ts_base_part: (n, 4, 4), or (4, 4) where nothing moves.
-        Ts_base_before: (n, 4, 4) the base that bodies on the floor are given in, in the base along the path; None where
-            the robot stands.
-        moved_m: (n,) bound of the way that a point of these bodies has gone from row 0 on, rising; None: nothing moves.
-    """
-
-    Ts_base_part: Float
+    Ts_base_part: Float  # (n, 4, 4), or (4, 4) where nothing moves
+    # (n, 4, 4) the base that bodies on the floor are given in, in the base along the path; None where the robot stands
     Ts_base_before: Float | None = None
+    # (n,) bound of the way that a point of these bodies has gone from row 0 on, rising; None: nothing moves
     moved_m: Float | None = None
 
     def rows(self, rows: Int | slice) -> Standing:
@@ -192,7 +184,7 @@ def poses(chain: ElasticChain, bodies: Sequence[Body], q: Float, standing: Stand
 
 
 def at_least(bodies: Sequence[Body], compared: Sequence[tuple[int, int]], Ts_base_body: Float) -> Float:
-    """What pairs of bodies are surely apart: the core of one (axis or box) against the sphere around the other.
+    """Lower bounds of distances of pairs of bodies: core of one (axis or box) against the sphere around the other.
 
     Args:
         bodies: k bodies.
@@ -233,7 +225,6 @@ def closest(
 
     Args:
         chain: As the controller has it.
-        bodies: The bodies.
         compared: Pairs of indices.
         q: (n, 6) rad.
         tool: (n,) number of the tool in the spindle.
@@ -296,7 +287,6 @@ class Placed:
 
         Args:
             compared: Pairs of indices.
-            row: It.
             tool: Number of the tool in the spindle.
             least_m: Least distance of the rows before: of what is farther away, a bound will do.
         """
@@ -346,24 +336,20 @@ def collision_rows(
         machined: Begins to cut the stock anew; None compares with the blank as it is.
         rapid: (n,) rows of rapids, in which tools keep away from the bodies that the cell file gives.
     """
-    outer, inner = pairs(bodies)
-    holders = [pair for pair in outer if _holds(bodies, pair)]
-    blunt = [(a, b) for a, b in outer if tool_of(bodies[a], bodies[b]) is None]
-    sharp = [(a, b) for a, b in outer if (a, b) not in holders and (a, b) not in blunt]
+    compared_by = _by_row(bodies)
     rows = []
-    for k, (name, compared, least) in enumerate(
-        ((ROBOT, blunt, clearance_m), (TOOL, sharp, None), (HOLDER, holders, 0.0), (ARM, inner, clearance_m))
-    ):
-        part: Progress = lambda fraction, k=k: progress((k + fraction) / 4.0)  # noqa: E731
+    for k, (name, compared) in enumerate(compared_by.items()):
+        least = {TOOL: None, HOLDER: 0.0}.get(name, clearance_m)
         near = HOLDER_NEAR_M if name == HOLDER else least
         left = None if machined is None or near is None or not compared else LeftOver(machined(), bodies, near)
+        part = share_of(progress, k / 4.0, (k + 1.0) / 4.0)
         result = closest(chain, bodies, compared, q, tool, standing, part, left)
         if name == HOLDER:
             rows.append(_holder_row(result, bodies, tool, 0.0 if left is None else left.grain_m))
         else:
             rows.append(_row(name, result, bodies, least))
-    given = [pair for pair in sharp if not any(bodies[k].assumed and bodies[k].tool is None for k in pair)]
     if rapid is not None and rows[1].verdict == "ok":
+        given = [pair for pair in compared_by[TOOL] if not any(_is_assumed(bodies[k]) for k in pair)]
         at = np.flatnonzero(rapid)
         passed = closest(chain, bodies, given, q[at], tool[at], standing.rows(at))
         if passed is not None and passed.distance_m < RAPID_CLEARANCE_M:
@@ -371,6 +357,21 @@ def collision_rows(
             rows[1] = Row(TOOL, "warning", passed.distance_m, RAPID_CLEARANCE_M, "m", int(at[passed.point]), what,
                           advice="Raise the rapids, or go there at feed")  # fmt: skip
     return rows
+
+
+def _by_row(bodies: Sequence[Body]) -> dict[str, list[tuple[int, int]]]:
+    """Pairs that each row compares, in the order of the rows."""
+    outer, inner = pairs(bodies)
+    out: dict[str, list[tuple[int, int]]] = {ROBOT: [], TOOL: [], HOLDER: [], ARM: inner}
+    for a, b in outer:
+        out[HOLDER if _holds(bodies, (a, b)) else ROBOT if tool_of(bodies[a], bodies[b]) is None else TOOL].append(
+            (a, b)
+        )
+    return out
+
+
+def _is_assumed(body: Body) -> bool:
+    return body.assumed and body.tool is None
 
 
 def _holds(bodies: Sequence[Body], pair: tuple[int, int]) -> bool:

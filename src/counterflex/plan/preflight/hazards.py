@@ -15,21 +15,13 @@ from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
 
 @dataclass(frozen=True)
 class Hazard:
-    """One thing that can go wrong.
+    """One thing that can go wrong."""
 
-    Attributes:
-        check: Name of the row.
-        value: What is compared.
-        limit: With what.
-        keys: Keys of the cell file that are read; without those marked ``!`` the hazard is not looked at.
-        beyond: Verdict beyond the limit.
-    """
-
-    check: str
-    value: str
-    limit: str
-    keys: tuple[str, ...]
-    beyond: str
+    check: str  # name of the row
+    value: str  # what is compared
+    limit: str  # with what
+    keys: tuple[str, ...]  # keys of the cell file that are read; without those marked `!` the hazard is not looked at
+    beyond: str  # verdict beyond the limit
 
     @property
     def read(self) -> tuple[str, ...]:
@@ -186,12 +178,3 @@ def complete(rows: Iterable[Row], reasons: dict[str, str]) -> tuple[Row, ...]:
     for check, given in given_rows.items():
         out += given or [Row(check, NOT_LOOKED_AT, what=reasons.get(check, reasons.get("", "")))]
     return tuple(out)
-
-
-def as_table() -> str:
-    """The table of hazards as docs/preflight.md prints it, in Markdown."""
-    lines = ["| check | value | limit | keys of the cell file | beyond the limit |", "|---|---|---|---|---|"]
-    for hazard in HAZARDS:
-        keys = ", ".join(f"**`{key[:-1]}`**" if key.endswith("!") else f"`{key}`" for key in hazard.keys)
-        lines.append(f"| {hazard.check} | {hazard.value} | {hazard.limit} | {keys} | {hazard.beyond} |")
-    return "\n".join(lines) + "\n"

@@ -24,7 +24,7 @@ from counterflex.plan.preflight.spacing import Blocks, reached_feed
 
 
 class Cause(IntEnum):
-    """What a path speed is limited by."""
+    """Cause that limits a path speed."""
 
     PROGRAMMED = 0
     JOINT_SPEED = 1
@@ -43,27 +43,16 @@ _STATION_M: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class HeldSpeed:
-    """Path speed along a path of n rows; a value of a segment stands at the row at which it ends.
+    """Path speed along a path of n rows; a value of a segment stands at the row at which it ends."""
 
-    Attributes:
-        programmed_m_s: (n,) on the segment; 0 where nothing moves.
-        mean_m_s: (n,) that the robot holds on the segment in the mean.
-        lowest_m_s: (n,) the lower one of its two ends.
-        at_m_s: (n,) at the row itself.
-        duration_s: (n,) of the segment, standstill included.
-        cause: (n,) :class:`Cause` of what is missing of the programmed speed.
-        axis: (n,) 0..5 where the cause is an axis, else -1.
-        length_m: (n,) of the segment.
-    """
-
-    programmed_m_s: Float
-    mean_m_s: Float
-    lowest_m_s: Float
-    at_m_s: Float
-    duration_s: Float
-    cause: Int
-    axis: Int
-    length_m: Float
+    programmed_m_s: Float  # (n,) on the segment; 0 where nothing moves
+    mean_m_s: Float  # (n,) that the robot holds on the segment in the mean
+    lowest_m_s: Float  # (n,) the lower one of its two ends
+    at_m_s: Float  # (n,) at the row itself
+    duration_s: Float  # (n,) of the segment, standstill included
+    cause: Int  # (n,) Cause of what is missing of the programmed speed
+    axis: Int  # (n,) 0..5 where the cause is an axis, else -1
+    length_m: Float  # (n,) of the segment
 
     def slower(self, share: float) -> Bool:
         """(n,) segments on which the robot is slower in the mean than a share of the programmed speed."""
@@ -194,15 +183,8 @@ def _round(segment: _Speeds, station: Float, along: Float, k: int, distance_m: f
 
 
 def _driven(node_m_s: Float, gain: Float) -> tuple[Float, Int]:
-    """Speeds that are reached and braked from: ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards.
-
-    Args:
-        node_m_s: (m + 1,) largest speeds.
-        gain: (m,) ``2 a L`` of the segments between.
-
-    Returns:
-        (m + 1,) m/s, and of which node each is a consequence.
-    """
+    """Speeds that are reached and braked from: ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards."""
+    # Returned beside the speeds: of which node each is a consequence.
     forward, source = _reached(node_m_s**2, gain)
     backward, later = _reached(forward[::-1], gain[::-1])
     later = len(node_m_s) - 1 - later[::-1]

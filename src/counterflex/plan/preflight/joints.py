@@ -199,7 +199,7 @@ def acceleration_row(path: ToolPath, joint_accelerations_rad_s2: Float, bounds: 
 
 
 def cable_rows(q: Float, cables_rad: dict[int, float]) -> list[Row]:
-    """How far axes 4 and 6 turn from where cables and hoses lie straight, 0 deg, to either side.
+    """Turns of axes 4 and 6 to either side from 0 deg, where cables and hoses lie straight.
 
     Args:
         q: (n, 6) rad, continuous, full turns included.

@@ -74,7 +74,6 @@ class MachinedStock:
         """Signed distance of a body to the material, m.
 
         Args:
-            body: It.
             T_stock_body: (4, 4) m, its pose in the frame of the stock.
             most_m: Distances from here on need not be told apart.
 

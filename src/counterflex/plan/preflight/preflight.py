@@ -88,46 +88,27 @@ _NOT_REACHED: Final = "the start of the program is not reached"
 
 @dataclass(frozen=True, eq=False)
 class AlongPath:
-    """Curves along the first m rows of the path.
+    """Curves along the first m rows of the path."""
 
-    Attributes:
-        held: Path speed.
-        joint_speeds_rad_s: (m, 6) at the programmed feed.
-        joint_accelerations_rad_s2: (m, 6) likewise.
-        blocks: Of the path.
-        reversals: Axes that turn round in the cut.
-        cutting: (m,) segments that remove material; all at feed where none does.
-    """
-
-    held: HeldSpeed
-    joint_speeds_rad_s: Float
-    joint_accelerations_rad_s2: Float
-    blocks: Blocks
-    reversals: Sequence[Event]
-    cutting: Bool
+    held: HeldSpeed  # path speed
+    joint_speeds_rad_s: Float  # (m, 6) at the programmed feed
+    joint_accelerations_rad_s2: Float  # (m, 6) likewise
+    blocks: Blocks  # of the path
+    reversals: Sequence[Event]  # axes that turn round in the cut
+    cutting: Bool  # (m,) segments that remove material; all at feed where none does
 
 
 @dataclass(frozen=True, eq=False)
 class Preflight:
-    """What was found.
+    """Result of all checks."""
 
-    Attributes:
-        rows: The table.
-        path: The path that was looked at: rapids have points between.
-        q: (m, 6) rad, controller angles of its first m rows: all of them where everything is reached.
-        margin_rad: (m, 6) distance of each axis to its nearer limit.
-        bodies: Coarse bodies.
-        along: Curves for a picture; None where nothing is reached.
-        bounds: What was compared with.
-    """
-
-    rows: tuple[Row, ...]
-    path: ToolPath
-    q: Float
-    margin_rad: Float
-    bodies: tuple[Body, ...]
-    along: AlongPath | None
-    bounds: Bounds
+    rows: tuple[Row, ...]  # the table
+    path: ToolPath  # the path that was looked at: rapids have points between
+    q: Float  # (m, 6) rad, controller angles of its first m rows: all of them where everything is reached
+    margin_rad: Float  # (m, 6) distance of each axis to its nearer limit
+    bodies: tuple[Body, ...]  # coarse bodies
+    along: AlongPath | None  # curves for a picture; None where nothing is reached
+    bounds: Bounds  # what was compared with
 
     @property
     def failed(self) -> bool:
@@ -234,7 +215,7 @@ def _at(row: Row, out: Swung) -> Row:
 
 
 def _reason(setting: Setting, path: ToolPath) -> ReachError | None:
-    """Why a path is not reached, as planning says it: a singularity has its name, which a search that fails has not."""
+    """Reason of planning that a path is not reached: a singularity has its name, which a search that fails has not."""
     try:
         joint_angles(path, setting, enforce_limits=False)
     except ReachError as fault:
@@ -243,7 +224,7 @@ def _reason(setting: Setting, path: ToolPath) -> ReachError | None:
 
 
 def _unreached(fault: ReachError, stop: int, reserve: Float | None) -> Row:
-    """Why the path ends there; the arm that is stretched before it is out of reach is said to be so."""
+    """Reason that the path ends there; the arm that is stretched before it is out of reach is said to be so."""
     text = fault.what if fault.value is None else f"{fault.what}, {fault.value}"
     if fault.limit is not None:
         text += f" (expected {fault.limit})"
@@ -273,10 +254,8 @@ def _along(
     path: ToolPath, q: Float, swung_path: Swung, bounds: Bounds, written: AsWritten, turns: Sequence[Event],
     cutting: Bool,
 ) -> AlongPath:  # fmt: skip
-    """Curves along the rows that are reached.
-
-    Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
-    """
+    """Curves along the rows that are reached."""
+    # Motions by axes, and those of external axes, keep to the speeds of the axes by themselves.
     setting = swung_path.setting
     q = setting.controller_chain.axes.shown(q)
     speeds = np.where((swung_path.made[: len(path)] | moving(path))[:, None], 0.0, joint_checks.joint_speeds(path, q))

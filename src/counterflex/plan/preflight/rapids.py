@@ -109,13 +109,10 @@ def with_points_in_rapids(path: ToolPath, step_m: float = STEP_M, lines: Bool | 
     within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + 1
     share = within / count[row]
     before = np.maximum(row - 1, 0)
-
-    def between(values: Float) -> Float:
-        at = share if values.ndim == 1 else share[:, None]
-        out: Float = np.where(at == 1.0, values[row], values[before] + at * (values[row] - values[before]))
-        return out
-
-    axis = between(path.axis_part)
     columns = {item.name: getattr(path, item.name)[row] for item in dataclasses.fields(path)}
-    columns |= {"p_part_tcp": between(path.p_part_tcp), "time_s": between(path.time_s), "place": between(path.place)}
-    return ToolPath(**(columns | {"axis_part": axis / np.linalg.norm(axis, axis=1, keepdims=True)}))
+    for name in ("p_part_tcp", "time_s", "place", "axis_part"):
+        values: Float = getattr(path, name)
+        at = share if values.ndim == 1 else share[:, None]
+        columns[name] = np.where(at == 1.0, values[row], values[before] + at * (values[row] - values[before]))
+    columns["axis_part"] /= np.linalg.norm(columns["axis_part"], axis=1, keepdims=True)
+    return ToolPath(**columns)

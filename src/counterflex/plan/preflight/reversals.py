@@ -25,23 +25,16 @@ _ADVICE: Final = "Turn the tool about its axis (counterflex plan posture), move 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """One reversal or one unloading.
+    """One reversal or one unloading."""
 
-    Attributes:
-        axis: 0..5.
-        point: Row of the path.
-        torque_nm: Of the cutting force about the axis, its size, N m.
-        lost_m: Twice the half play times the lever of the axis to the tool tip, m; NaN where no play is known.
-    """
-
-    axis: int
-    point: int
-    torque_nm: float
-    lost_m: float
+    axis: int  # 0..5
+    point: int  # row of the path
+    torque_nm: float  # of the cutting force about the axis, its size, N m
+    lost_m: float  # twice the half play times the lever of the axis to the tool tip, m; NaN where no play is known
 
 
 def turning_points(angle: Float, least_rad: float = LEAST_RAD) -> Int:
-    """Where one axis turns round, and where it has gone back by ``least_rad``.
+    """Rows where one axis turns round, and where it has gone back by ``least_rad``.
 
     A turn is an extremum that the axis leaves again by at least ``least_rad`` after having come to it by as much.
 

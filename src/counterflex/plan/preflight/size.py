@@ -12,35 +12,22 @@ LINE_LENGTH: Final = "line length"
 
 @dataclass(frozen=True)
 class ProgramSize:
-    """A program as a controller gets it.
+    """A program as a controller gets it."""
 
-    Attributes:
-        language: Name of its language.
-        source: Where the limits come from.
-        points: Motions of the whole program.
-        points_limit: Largest number of motions of one file.
-        names: Names of its files without endings: the program that is started, and the parts that it calls.
-        name_limit: Longest name, characters.
-        written: It is what ``counterflex compensate --as`` makes of another program; else it is checked as it stands.
-        line: Longest line, characters, of a program as it stands; None for one that is written.
-        line_limit: Longest line that the controller reads.
-        line_number: Where it is, 1-based.
-        line_point: Row of the path at the first motion of the longest line, or behind it; None where there is none.
-        foreign: Why the robot's controller does not run the language; empty where it may.
-    """
-
-    language: str
-    source: str
-    points: int
-    points_limit: int
+    language: str  # name of its language
+    source: str  # where the limits come from
+    points: int  # motions of the whole program
+    points_limit: int  # largest number of motions of one file
+    # names of its files without endings: the program that is started, and the parts that it calls
     names: tuple[str, ...]
-    name_limit: int
-    written: bool
-    line: int | None = None
-    line_limit: int = 0
-    line_number: int = 0
+    name_limit: int  # longest name, characters
+    written: bool  # it is what `counterflex compensate --as` makes of another program; else it is checked as it stands
+    line: int | None = None  # longest line, characters, of a program as it stands; None for one that is written
+    line_limit: int = 0  # longest line that the controller reads
+    line_number: int = 0  # where it is, 1-based
+    # row of the path at the first motion of the longest line, or behind it; None where there is none
     line_point: int | None = None
-    foreign: str = ""
+    foreign: str = ""  # why the robot's controller does not run the language; empty where it may
 
 
 def size_rows(size: ProgramSize) -> list[Row]:

@@ -22,21 +22,13 @@ _ADVICE: Final = "Use arcs, fewer points (a larger chord tolerance in the CAM pr
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Moving blocks of a program in order.
+    """Moving blocks of a program in order."""
 
-    Attributes:
-        point: (k,) row of the path at which each ends.
-        length_m: (k,) of the path.
-        feed_m_s: (k,) programmed.
-        cuts: (k,) at feed, not a rapid.
-        stands: (k,) the tool stands behind it (a dwell, the end): there it brakes anyway.
-    """
-
-    point: Int
-    length_m: Float
-    feed_m_s: Float
-    cuts: Bool
-    stands: Bool
+    point: Int  # (k,) row of the path at which each ends
+    length_m: Float  # (k,) of the path
+    feed_m_s: Float  # (k,) programmed
+    cuts: Bool  # (k,) at feed, not a rapid
+    stands: Bool  # (k,) the tool stands behind it (a dwell, the end): there it brakes anyway
 
 
 def blocks_of(path: ToolPath) -> Blocks:

@@ -55,31 +55,22 @@ def slower(held: HeldSpeed) -> Bool:
 
 
 def words(cause: int, axis: int) -> str:
-    """What limits the speed, in words."""
+    """Cause that limits the speed, in words."""
     return _WORDS[Cause(cause)].format(axis + 1)
 
 
 @dataclass(frozen=True, eq=False)
 class SpeedInCut:
-    """How the path speed is held in the cut.
+    """Part of the cut on which the robot is slower than programmed, and its causes."""
 
-    Attributes:
-        cut_m: Way that counts.
-        slower_m: On which of it the robot is slower than programmed.
-        more_s: Time that it takes more there.
-        causes: Words, cause and share 0..1 of what is slower, the largest first; axes are causes of their own.
-        row: Row of the path with the lowest speed there; where it is held everywhere the one nearest to being slower.
-        lowest_m_s: Lowest speed at this row.
-        programmed_m_s: Programmed there.
-    """
-
-    cut_m: float
-    slower_m: float
-    more_s: float
+    cut_m: float  # way that counts
+    slower_m: float  # on which of it the robot is slower than programmed
+    more_s: float  # time that it takes more there
+    # words, cause and share 0..1 of what is slower, the largest first; axes are causes of their own
     causes: Sequence[tuple[str, Cause, float]]
-    row: int
-    lowest_m_s: float
-    programmed_m_s: float
+    row: int  # row of the path with the lowest speed there; where it is held everywhere the one nearest to being slower
+    lowest_m_s: float  # lowest speed at this row
+    programmed_m_s: float  # programmed there
 
     @property
     def share(self) -> float:
@@ -88,7 +79,7 @@ class SpeedInCut:
 
 
 def speed_in_cut(held: HeldSpeed, cutting: Bool) -> SpeedInCut | None:
-    """How the path speed is held; None where nothing is cut.
+    """Compare path speed and feed in the cut; None where nothing is cut.
 
     Args:
         held: Along the path.

@@ -116,8 +116,6 @@ def sweep_between(
     The axes between move the one against the other. What the flange carries has its own bound against what stands.
 
     Args:
-        chain: The chain.
-        bodies: The bodies.
         q: (n, 6) rad.
         tool: (n,).
         low: Axes that move the one body.
@@ -138,8 +136,6 @@ def sweep_of_joints(
     ``R_j`` is the longest way from axis j outward along the chain, with the farthest corner of what the flange carries.
 
     Args:
-        chain: The chain.
-        bodies: The bodies.
         q: (n, 6) rad.
         tool: (n,).
         low: Axes that move the one body of a pair.

@@ -36,21 +36,13 @@ _MOST: Final = 4000
 
 @dataclass(frozen=True, eq=False)
 class Swung:
-    """A path with the arcs of its motions by axes.
+    """A path with the arcs of its motions by axes."""
 
-    Attributes:
-        path: m rows.
-        setting: The same, with a rotation along the program counted along this path.
-        solution: Of the first rows, those that are reached; None where the start is not.
-        row: (n,) row of this path that each row of the given path is.
-        made: (m,) rows on the way of a motion by axes, its end included.
-    """
-
-    path: ToolPath
-    setting: Setting
-    solution: PathSolution | None
-    row: Int
-    made: Bool
+    path: ToolPath  # m rows
+    setting: Setting  # the same, with a rotation along the program counted along this path
+    solution: PathSolution | None  # of the first rows, those that are reached; None where the start is not
+    row: Int  # (n,) row of this path that each row of the given path is
+    made: Bool  # (m,) rows on the way of a motion by axes, its end included
 
 
 def linear_rows(path: ToolPath, setting: Setting) -> ToolPath:

@@ -39,16 +39,11 @@ TOOL = "spindle and tool"
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """The swinging structure.
+    """The swinging structure."""
 
-    Attributes:
-        damping: Of the robot's modes.
-        measured: Lowest mode of the robot by a tap test, or None.
-        tip: Spindle and tool in the TCP frame, by a measured response or by modes; None: rigid.
-    """
-
-    damping: Damping
-    measured: Mode | None
+    damping: Damping  # of the robot's modes
+    measured: Mode | None  # lowest mode of the robot by a tap test, or None
+    # spindle and tool in the TCP frame, by a measured response or by modes; None: rigid
     tip: Response | Modes | None = None
 
     @property
@@ -72,31 +67,18 @@ class Structure:
 
 @dataclass(frozen=True, eq=False)
 class Margin:
-    """A stretch and how far it is from chatter.
-
-    Attributes:
-        stretch: The stretch.
-        process: Its directional coefficients, feed frame.
-        R_part_feed: (3, 3) feed frame (x along the feed, z along the tool axis) in part axes.
-        R_part_tcp: (3, 3) TCP frame in part axes.
-        robot: Modes of the robot there, part axes.
-        low_frequency: Factor on the depth by the low-frequency criterion with the slow modes; inf without a limit.
-        robot_margin: Factor on the depth of all modes of the robot, at most :data:`LARGEST`.
-        tool_margin: The same of spindle and tool; :data:`LARGEST` without a response.
-        method: How the smaller one was found.
-        chatter_hz: Frequency of chatter at the limit; nan without one.
-    """
+    """A stretch and how far it is from chatter."""
 
     stretch: Stretch
-    process: Process
-    R_part_feed: Float
-    R_part_tcp: Float
-    robot: Modes
-    low_frequency: float
-    robot_margin: float
-    tool_margin: float
-    method: str
-    chatter_hz: float
+    process: Process  # its directional coefficients, feed frame
+    R_part_feed: Float  # (3, 3) feed frame (x along the feed, z along the tool axis) in part axes
+    R_part_tcp: Float  # (3, 3) TCP frame in part axes
+    robot: Modes  # modes of the robot there, part axes
+    low_frequency: float  # factor on the depth by the low-frequency criterion with the slow modes; inf without a limit
+    robot_margin: float  # factor on the depth of all modes of the robot, at most LARGEST
+    tool_margin: float  # the same of spindle and tool; LARGEST without a response
+    method: str  # how the smaller one was found
+    chatter_hz: float  # frequency of chatter at the limit; nan without one
 
     @property
     def margin(self) -> float:

@@ -9,6 +9,7 @@ is below 0. The damping of the modes is that of :mod:`counterflex.plan.lowest_mo
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Complex, Float
 from counterflex.cutting.stability import lobes, low_frequency
 from counterflex.cutting.stability.delayed import least_damping as least_damping
 from counterflex.cutting.stability.modes import Modes
@@ -30,19 +31,12 @@ _SAME: Final = 5e-3
 
 @dataclass(frozen=True)
 class Limit:
-    """Factor on the depth at which a structure chatters.
+    """Factor on the depth at which a structure chatters."""
 
-    Attributes:
-        factor: inf without a limit.
-        omega: Angular frequency of chatter, rad/s; nan without a limit.
-        method: How it was found.
-        low: By the low-frequency criterion with the slow modes.
-    """
-
-    factor: float
-    omega: float
-    method: str
-    low: float = math.inf
+    factor: float  # inf without a limit
+    omega: float  # angular frequency of chatter, rad/s; nan without a limit
+    method: str  # how it was found
+    low: float = math.inf  # by the low-frequency criterion with the slow modes
 
 
 def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
@@ -59,9 +53,16 @@ def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
     low, omega = low_frequency.limit(modes.only(slow), A, T)
     if np.all(slow) and math.isfinite(low):
         return Limit(low, omega, LOW, low)
-    grid = lobes.frequencies_for(modes)
-    factors, chatter = lobes.limits(A, modes.response(grid), grid, np.array([T]))
+    grid, response = _responses(modes)
+    factors, chatter = lobes.limits(A, response, grid, np.array([T]))
     return Limit(float(factors[0]), float(chatter[0]), ZEROTH, low)
+
+
+@functools.lru_cache(maxsize=16)
+def _responses(modes: Modes) -> tuple[Float, Complex]:
+    """Frequencies and response of modes: the same for hundreds of cuts in one posture."""
+    grid = lobes.frequencies_for(modes)
+    return grid, modes.response(grid)
 
 
 class SharedLimits:

@@ -25,19 +25,12 @@ CHECKED: Final = 15
 
 @dataclass(frozen=True, eq=False)
 class Diagram:
-    """Limits of the depth over the spindle speed, all modes together.
-
-    Attributes:
-        spindle_rad_s: (m,).
-        zeroth: (m,) factor on the depth; inf without a limit.
-        checked_rad_s: (c,) speeds of the next.
-        semi_discretisation: (c,) factor, inf above 1.5 times the lobes and the programmed depth.
-    """
+    """Limits of the depth over the spindle speed, all modes together."""
 
     spindle_rad_s: Float
-    zeroth: Float
-    checked_rad_s: Float
-    semi_discretisation: Float
+    zeroth: Float  # (m,) factor on the depth; inf without a limit
+    checked_rad_s: Float  # (c,) speeds of the next
+    semi_discretisation: Float  # (c,) factor, inf above 1.5 times the lobes and the programmed depth
 
 
 def diagram(at: Margin, structure: Structure, *, progress: Progress = silent) -> Diagram:
@@ -73,13 +66,14 @@ def needed_damping(at: Margin) -> float:
     """
     A = at.R_part_feed @ at.process.mean @ at.R_part_feed.T
     low, high = 1e-3, 0.5
-
-    def reserve(ratio: float) -> float:
-        modes = Modes(at.robot.omega_rad_s, np.full(len(at.robot), ratio), at.robot.shape)
-        return min(robot_limit(modes, A, at.stretch.period_s).factor, 1e3) - 1.0
-
-    if len(at.robot) == 0 or reserve(low) >= 0.0:
+    if len(at.robot) == 0 or _reserve(low, at, A) >= 0.0:
         return 0.0
-    if reserve(high) < 0.0:
+    if _reserve(high, at, A) < 0.0:
         return math.inf
-    return float(scipy.optimize.brentq(reserve, low, high, xtol=1e-4))
+    return float(scipy.optimize.brentq(_reserve, low, high, args=(at, A), xtol=1e-4))
+
+
+def _reserve(ratio: float, at: Margin, A: Float) -> float:
+    """Factor of the depth that the robot's modes allow with a damping ratio, less 1."""
+    modes = Modes(at.robot.omega_rad_s, np.full(len(at.robot), ratio), at.robot.shape)
+    return min(robot_limit(modes, A, at.stretch.period_s).factor, 1e3) - 1.0

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -43,25 +44,15 @@ _CONTACT_M3: Final = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A piece of the path with nearly one direction, one tool and one spindle speed.
+    """A piece of the path with nearly one direction, one tool and one spindle speed."""
 
-    Attributes:
-        row: Point of the path in its middle.
-        tool: Number of the tool.
-        arcs: (m, 4) arcs of engagement, see :class:`counterflex.cutting.stability.process.Process`.
-        direction_part: (3,) unit vector of the feed, square to the axis.
-        axis_part: (3,) unit vector from the tip to the spindle.
-        feed_per_tooth_m: Square to the axis, m.
-        period_s: Tooth period, s.
-    """
-
-    row: int
-    tool: int
-    arcs: Float
-    direction_part: Float
-    axis_part: Float
-    feed_per_tooth_m: float
-    period_s: float
+    row: int  # point of the path in its middle
+    tool: int  # number of the tool
+    arcs: Float  # (m, 4) arcs of engagement, see counterflex.cutting.stability.process.Process
+    direction_part: Float  # (3,) unit vector of the feed, square to the axis
+    axis_part: Float  # (3,) unit vector from the tip to the spindle
+    feed_per_tooth_m: float  # square to the axis, m
+    period_s: float  # tooth period, s
 
     @property
     def R_part_feed(self) -> Float:
@@ -222,19 +213,11 @@ def _collected(
 
 
 def _pieces(path: ToolPath, begin: int, contact: Bool, aside: Float, enough_m: float) -> list[tuple[int, int]]:
-    """Segments [first, last) in contact, up to a length, not around a corner nor over a change of feed or speed.
-
-    A rest shorter than half the length is added to the piece before.
-    """
+    """Segments [first, last) in contact, up to a length, not around a corner nor over a change of feed or speed."""
+    # A rest shorter than half the length is added to the piece before.
     length = np.linalg.norm(aside, axis=1)
     heading = aside / np.maximum(length, _STILL_M)[:, None]
-    axis = path.axis_part[begin : begin + len(length)]
-    feed, speed = path.feed_m_s[begin : begin + len(length)], path.spindle_rad_s[begin : begin + len(length)]
-
-    def alike(i: int, j: int) -> bool:
-        turned = min(float(heading[i] @ heading[j]), float(axis[i] @ axis[j])) < _ALIKE
-        return bool(not turned and feed[i] == feed[j] and speed[i] == speed[j])
-
+    alike = partial(_alike, path, begin, heading)
     out: list[tuple[int, int]] = []
     at = 0
     while at < len(length):
@@ -253,6 +236,14 @@ def _pieces(path: ToolPath, begin: int, contact: Bool, aside: Float, enough_m: f
     return out
 
 
+def _alike(path: ToolPath, begin: int, heading: Float, i: int, j: int) -> bool:
+    """Return whether two segments run the same way, with one axis, feed and speed."""
+    a, b = begin + i, begin + j
+    turned = min(float(heading[i] @ heading[j]), float(path.axis_part[a] @ path.axis_part[b])) < _ALIKE
+    same = path.feed_m_s[a] == path.feed_m_s[b] and path.spindle_rad_s[a] == path.spindle_rad_s[b]
+    return bool(not turned and same)
+
+
 def smoothed(depth: Float, cell_share: float) -> Float:
     """Spread the engagement of each bin across the feed by the width of a cell of the stock.
 
@@ -267,14 +258,15 @@ def smoothed(depth: Float, cell_share: float) -> Float:
     across = np.cos(np.linspace(0.0, np.pi, depth.shape[1] + 1))  # 1 on the left to -1 on the right
     width = -np.diff(across)
     high, low = across[:-1], across[1:]
-
-    def below(x: Float) -> Float:
-        """Share of each bin's volume at offsets below x, (bins of x, bins)."""
-        half, x = 0.5 * cell_share, x[:, None]
-        ramps = [np.maximum(x - edge, 0.0) ** 2 for edge in (low - half, high - half, low + half, high + half)]
-        out: Float = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2.0 * width * cell_share)
-        return out
-
+    below = partial(_below, low, high, width, cell_share)
     share = below(high) - below(low) + below(2.0 - low) - below(2.0 - high) + below(-2.0 - low) - below(-2.0 - high)
     out: Float = ((depth * width) @ share.T) / width
+    return out
+
+
+def _below(low: Float, high: Float, width: Float, cell_share: float, x: Float) -> Float:
+    """Share of each bin's volume at offsets below x, (bins of x, bins)."""
+    half, x = 0.5 * cell_share, x[:, None]
+    ramps = [np.maximum(x - edge, 0.0) ** 2 for edge in (low - half, high - half, low + half, high + half)]
+    out: Float = (ramps[0] - ramps[1] - ramps[2] + ramps[3]) / (2.0 * width * cell_share)
     return out

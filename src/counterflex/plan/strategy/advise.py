@@ -43,19 +43,12 @@ that quantile of :data:`_DRAWS` draws is 4 %, and what is not drawn (entry, exit
 
 @dataclass(frozen=True)
 class Doubt:
-    """What is not known, as standard deviations of logarithms (0.3 is 30 %).
+    """Uncertainties, as standard deviations of logarithms (0.3 is 30 %)."""
 
-    Attributes:
-        force_common_sigma: Of all force constants together.
-        force_each_sigma: Of the cutting, radial and axial constants separately.
-        wear_share: A worn tool needs up to this share more.
-        compliance_sigma: Of the robot's compliance.
-    """
-
-    force_common_sigma: float = 0.0
-    force_each_sigma: float = 0.0
-    wear_share: float = 0.0
-    compliance_sigma: float = 0.0
+    force_common_sigma: float = 0.0  # of all force constants together
+    force_each_sigma: float = 0.0  # of the cutting, radial and axial constants separately
+    wear_share: float = 0.0  # A worn tool needs up to this share more
+    compliance_sigma: float = 0.0  # of the robot's compliance
 
     def factors(self) -> Float:
         """(draws, 3) factors on the displacement by the cutting, radial and axial constants."""
@@ -69,58 +62,33 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where and against what the cut is made. Part axes are those whose z is the tool axis in the place.
+    """Place of a cut: stiffness and frames. Part axes are those whose z is the tool axis in the place."""
 
-    Attributes:
-        chain: The robot.
-        q: (6,) rad.
-        compliance_part: (6, 6) at the tool tip, part axes.
-        to_part: (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes.
-        normal_part: (3,) unit normal of the wall, horizontal, out of the material.
-        height_m: Of the wall, cut in levels of a_p.
-        standings: The robot in postures along the cut, against chatter; none: nobody looks.
-        swings: Modes of the postures along the cut, that spindle and teeth are kept off.
-    """
-
-    chain: ElasticChain
-    q: Float
-    compliance_part: Float
-    to_part: Float
-    normal_part: Float
-    height_m: float
-    standings: tuple[Standing, ...] = ()
-    swings: tuple[Swing, ...] = ()
+    chain: ElasticChain  # the robot
+    q: Float  # (6,) rad
+    compliance_part: Float  # (6, 6) at the tool tip, part axes
+    to_part: Float  # (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes
+    normal_part: Float  # (3,) unit normal of the wall, horizontal, out of the material
+    height_m: float  # of the wall, cut in levels of a_p
+    standings: tuple[Standing, ...] = ()  # the robot in postures along the cut, against chatter; none: nobody looks
+    swings: tuple[Swing, ...] = ()  # modes of the postures along the cut, that spindle and teeth are kept off
 
 
 @dataclass(frozen=True, eq=False)
 class Choices:
-    """Choices and what they lead to; n of them.
+    """Choices and what they lead to; n of them."""
 
-    Attributes:
-        cuts: Side, width, depth, feed per tooth.
-        spindle_rad_s: (n,).
-        error_m: (n,) normal to the wall by the stated constants; positive leaves material.
-        expected_m: (n, 3) size of the error: median of what may be, and the range of nine of ten.
-        high_m: (n,) size that nine of ten stay below.
-        force_n: (n,) mean force.
-        peak_n: (n,) largest force square to the axis, without helix: an upper bound.
-        torque_nm: (n,) mean, of the spindle.
-        power_w: (n,).
-        time_s_per_m: (n,) for a metre of wall, all levels.
-        use: For each limit that is known, (n,) share of it that is used; above 1 it is violated.
-    """
-
-    cuts: SideCuts
+    cuts: SideCuts  # side, width, depth, feed per tooth
     spindle_rad_s: Float
-    error_m: Float
-    expected_m: Float
-    high_m: Float
-    force_n: Float
-    peak_n: Float
-    torque_nm: Float
+    error_m: Float  # (n,) normal to the wall by the stated constants; positive leaves material
+    expected_m: Float  # (n, 3) size of the error: median of what may be, and the range of nine of ten
+    high_m: Float  # (n,) size that nine of ten stay below
+    force_n: Float  # (n,) mean force
+    peak_n: Float  # (n,) largest force square to the axis, without helix: an upper bound
+    torque_nm: Float  # (n,) mean, of the spindle
     power_w: Float
-    time_s_per_m: Float
-    use: dict[str, Float]
+    time_s_per_m: Float  # (n,) for a metre of wall, all levels
+    use: dict[str, Float]  # for each limit that is known, (n,) share of it that is used; above 1 it is violated
 
     @property
     def levels(self) -> Int:
@@ -173,19 +141,13 @@ class Choices:
 
 @dataclass(frozen=True, eq=False)
 class Demands:
-    """What is asked of a choice beside the limits of the process.
+    """Demands on a choice beside the limits of the process."""
 
-    Attributes:
-        slowest_s_per_m: Longest time for a metre of wall; None is any.
-        allowance_m: Least radial width: roughing is off by so much; None is any.
-        chips_in_range: Hold the mean chip within the range of the law.
-        present: What the program does now. Where its chips or its margin to chatter are beyond a limit, a choice is
-            held against the program instead: such limits are drawn wide, and the program runs.
-    """
-
-    slowest_s_per_m: float | None = None
-    allowance_m: float | None = None
-    chips_in_range: bool = True
+    slowest_s_per_m: float | None = None  # longest time for a metre of wall; None is any
+    allowance_m: float | None = None  # least radial width: roughing is off by so much; None is any
+    chips_in_range: bool = True  # hold the mean chip within the range of the law
+    # what the program does now. Where its chips or its margin to chatter are beyond a limit, a choice is held against
+    # the program instead: such limits are drawn wide, and the program runs
     present: Choices | None = None
 
 
@@ -220,7 +182,7 @@ def outcomes(
     doubt: Doubt,
     demands: Demands,
 ) -> Choices:
-    """What each choice leads to.
+    """Predict the outcome of each choice.
 
     Args:
         cuts: (n) the cuts.

@@ -37,19 +37,12 @@ from counterflex.signals.preview import Mode
 
 @dataclass(frozen=True, eq=False)
 class Swing:
-    """The modes of a posture as they move the tool normal to a wall.
+    """The modes of a posture as they move the tool normal to a wall."""
 
-    Attributes:
-        omega_rad_s: (m,) angular frequencies, the lowest first.
-        damping_ratio: (m,).
-        share: (m,) of the displacement at rest; their sum is at most 1.
-        line: Line of the program at which the posture is taken; 0 without a program.
-    """
-
-    omega_rad_s: Float
+    omega_rad_s: Float  # (m,) angular frequencies, the lowest first
     damping_ratio: Float
-    share: Float
-    line: int = 0
+    share: Float  # (m,) of the displacement at rest; their sum is at most 1
+    line: int = 0  # line of the program at which the posture is taken; 0 without a program
 
     def magnification(self, omega_rad_s: Float) -> Float:
         """Displacement under a harmonic force over that at rest.
@@ -109,15 +102,10 @@ def worst(swings: Sequence[Swing], omega_rad_s: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """The robot in a posture along a wall.
+    """The robot in a posture along a wall."""
 
-    Attributes:
-        modes: Its modes, part axes.
-        normal_part: (3,) unit normal of the wall there, out of the material.
-    """
-
-    modes: Modes
-    normal_part: Float
+    modes: Modes  # its modes, part axes
+    normal_part: Float  # (3,) unit normal of the wall there, out of the material
 
 
 def depth_used(cuts: SideCuts, law: ForceLaw, spindle_rad_s: Float, standings: Sequence[Standing]) -> Float:

@@ -19,19 +19,12 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """An arc in a level plane.
+    """An arc in a level plane."""
 
-    Attributes:
-        start: (2,) m.
-        end: (2,) m.
-        centre: (2,) m.
-        left: It turns left (G3).
-    """
-
-    start: Float
-    end: Float
-    centre: Float
-    left: bool
+    start: Float  # (2,) m
+    end: Float  # (2,) m
+    centre: Float  # (2,) m
+    left: bool  # it turns left (G3)
 
 
 def arc_in(point: Float, tangent: Float, free: Float, radius_m: float, angle_rad: float) -> Arc:

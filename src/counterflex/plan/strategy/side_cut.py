@@ -32,22 +32,15 @@ _ANGLES: Final = 60
 class SideCuts:
     """Cuts along a wall with one cutter; n of them.
 
-    Attributes:
-        cutter: The cutter.
-        up: (n,) True for up-milling.
-        ae_m: (n,) radial width of cut, m, above 0 and at most the diameter.
-        ap_m: (n,) axial depth, m.
-        fz_m: (n,) feed per tooth, m.
-
     Raises:
         InputError: A number is out of range.
     """
 
     cutter: Cutter
-    up: Bool
-    ae_m: Float
-    ap_m: Float
-    fz_m: Float
+    up: Bool  # (n,) True for up-milling
+    ae_m: Float  # (n,) radial width of cut, m, above 0 and at most the diameter
+    ap_m: Float  # (n,) axial depth, m
+    fz_m: Float  # (n,) feed per tooth, m
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -93,12 +86,6 @@ class SideCuts:
     def mean_chip_m(self) -> Float:
         """(n,) mean chip thickness over the arc, ``f_z (1 - cos phi) / phi`` (Berger2013 eq. 3)."""
         out: Float = self.fz_m * self.ae_m / self.cutter.radius_m / self.immersion_rad
-        return out
-
-    @property
-    def largest_chip_m(self) -> Float:
-        """(n,) largest chip thickness, ``f_z sin phi``, from 90 deg on f_z."""
-        out: Float = self.fz_m * np.sin(np.minimum(self.immersion_rad, 0.5 * math.pi))
         return out
 
 

@@ -35,19 +35,12 @@ _LEAST_LOOP: Final = 0.02
 
 @dataclass(frozen=True)
 class Loop:
-    """Loops of a slot.
+    """Loops of a slot."""
 
-    Attributes:
-        radius_m: Of the tool centre's circles, rho.
-        step_m: From loop to loop, s.
-        engagement_rad: Largest immersion on the half circle ahead.
-        mean_rad: Its mean over that half circle.
-    """
-
-    radius_m: float
-    step_m: float
-    engagement_rad: float
-    mean_rad: float
+    radius_m: float  # of the tool centre's circles, rho
+    step_m: float  # from loop to loop, s
+    engagement_rad: float  # largest immersion on the half circle ahead
+    mean_rad: float  # its mean over that half circle
 
 
 def immersions(width_m: float, tool_radius_m: float, step_m: float) -> Float:
@@ -91,26 +84,24 @@ def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> Loo
             value=f"{math.degrees(engagement_rad):g} deg",
             limit="above 0, below 120 deg",
         )
-
-    def excess(step: float) -> float:
-        return float(immersions(width_m, tool_radius_m, step).max()) - engagement_rad
-
-    step = float(scipy.optimize.brentq(excess, 1e-7 * tool_radius_m, 2.0 * tool_radius_m, xtol=1e-9))
+    step = float(
+        scipy.optimize.brentq(
+            lambda one: float(immersions(width_m, tool_radius_m, one).max()) - engagement_rad,
+            1e-7 * tool_radius_m,
+            2.0 * tool_radius_m,
+            xtol=1e-9,
+        )
+    )
     values = immersions(width_m, tool_radius_m, step)
     return Loop(rho, step, float(values.max()), float(values.mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A straight line or an arc about a centre; its end and centre in the plane, m.
+    """A straight line or an arc about a centre; its end and centre in the plane, m."""
 
-    Attributes:
-        end: (2,) m.
-        centre: (2,) m of an arc, else None.
-    """
-
-    end: Float
-    centre: Float | None = None
+    end: Float  # (2,) m
+    centre: Float | None = None  # (2,) m of an arc, else None
 
 
 def pieces(start: Float, end: Float, loop: Loop, *, up: bool) -> list[Piece]:

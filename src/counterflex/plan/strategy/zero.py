@@ -54,15 +54,22 @@ def zero_width(cutter: Cutter, ap_m: float, fz_m: float, value: Callable[[SideCu
     Returns:
         a_e in m, to 0.1 um; None where the value has one sign at every width up to the diameter.
     """
-
-    def at(widths: Float) -> Float:
-        one = np.ones(len(widths))
-        return value(SideCuts(cutter, one > 0.0, widths, ap_m * one, fz_m * one))
-
     widths = _WIDTHS * cutter.diameter_m
-    values = at(widths)
+    values = value(_up_milling(cutter, widths, ap_m, fz_m))
     change = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0.0)
     if not len(change):
         return None
     i = int(change[0])
-    return float(scipy.optimize.brentq(lambda ae: float(at(np.array([ae]))[0]), widths[i], widths[i + 1], xtol=1e-7))
+    return float(
+        scipy.optimize.brentq(
+            lambda ae: float(value(_up_milling(cutter, np.array([ae]), ap_m, fz_m))[0]),
+            widths[i],
+            widths[i + 1],
+            xtol=1e-7,
+        )
+    )
+
+
+def _up_milling(cutter: Cutter, ae_m: Float, ap_m: float, fz_m: float) -> SideCuts:
+    one = np.ones(len(ae_m))
+    return SideCuts(cutter, one > 0.0, ae_m, ap_m * one, fz_m * one)

@@ -107,11 +107,7 @@ class TurningCut:
             progress(at / n)
 
     def _make_room(self, tool: TurningTool, row: int, *, possible: bool) -> None:
-        """Give the columns room for more stretches before a row.
-
-        Raises:
-            ModelError: There is none.
-        """
+        """Give the columns room for more stretches before a row."""
         if not possible:
             raise ModelError(
                 "one row of the path leaves too many stretches of material in a column",

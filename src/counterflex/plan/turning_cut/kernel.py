@@ -47,7 +47,7 @@ TURNING_STATE: Final = record(
 
 
 class TurningTool(NamedTuple):
-    """What cuts: cutter and weights of its mean force, and working space for them."""
+    """Tool of a cut: cutter and weights of its mean force, and working space for them."""
 
     flutes: float
     space: StepSpace
@@ -232,7 +232,7 @@ def _descent(p_command: Float, axis: Float, i: int) -> float:
 
 @kernel()
 def _moves(ends: Float) -> bool:
-    """Whether tip or axis differ between start and end of a step."""
+    """Return whether tip or axis differ between start and end of a step."""
     change = 0.0
     for k in range(3):
         change += abs(ends[0, k] - ends[2, k]) + abs(ends[1, k] - ends[3, k])
@@ -305,11 +305,9 @@ def _face_on_material(
     ly: float,
     lz: float,
 ) -> tuple[float, float]:
-    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m.
-
-    Its components along the feed and to the left of it; see ``_end_face_lean`` of the upright cut. What the step has
-    just removed is behind the face, so points half a step further down are asked for.
-    """
+    """``integral of r_hat d_rho d_phi`` over the part of a descending end face that stands on material, m."""
+    # Its components along the feed and to the left of it; see `_end_face_lean` of the upright cut. What the step has
+    # just removed is behind the face, so points half a step further down are asked for.
     sum_f, sum_l = 0.0, 0.0
     ny, nx = columns.held.shape
     x0, y0, z0 = ends[2, 0] - 0.5 * drop * move[6], ends[2, 1] - 0.5 * drop * move[7], ends[2, 2] - 0.5 * drop * move[8]

@@ -13,22 +13,10 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
+from counterflex.programs.apt import words as apt_words
 from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, Argument, Statement, place
 from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
 from counterflex.programs.apt.word_table import NOTES
-from counterflex.programs.apt.words import (
-    CARRIED,
-    CODES,
-    COOLANT,
-    FEEDS,
-    HARMLESS,
-    MOVES_FRAMES,
-    NEUTRAL_M,
-    POST,
-    READ,
-    REFUSED,
-    TURNS,
-)
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
@@ -84,8 +72,8 @@ class Run:
         major = part.major
         if self._is_harmless(part):
             return []
-        if major in REFUSED:
-            raise self._fault(part, f"{REFUSED[major][0]}: {major}", hint=REFUSED[major][1])
+        if major in apt_words.REFUSED:
+            raise self._fault(part, f"{apt_words.REFUSED[major][0]}: {major}", hint=apt_words.REFUSED[major][1])
         if major in ("GOTO", "GODLTA"):
             return self._goto(part)
         if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI", "END"):
@@ -121,22 +109,26 @@ class Run:
         elif major in ("MSYS", SYSTEM):
             self._system(part)
         elif major == "TLON":
-            raise self._fault(part, f"{REFUSED['GOFWD'][0]}: {major}", hint=REFUSED["GOFWD"][1])
+            raise self._fault(part, f"{apt_words.REFUSED['GOFWD'][0]}: {major}", hint=apt_words.REFUSED["GOFWD"][1])
         elif major == "GOHOME":
             self._leave(part)
-        elif major == "INSERT" and CODES.search(re.sub(r"\([^)]*\)", "", part.text.upper().partition("INSERT")[2])):
+        elif major == "INSERT" and apt_words.CODES.search(
+            re.sub(r"\([^)]*\)", "", part.text.upper().partition("INSERT")[2])
+        ):
             raise self._fault(part, "text for the control with codes is not read: INSERT", hint="Use the words of APT")
         elif major.startswith(NOTES):
-            if MOVES_FRAMES.search(major):
-                raise self._fault(part, f"a word of SolidWorks CAM that may change frames or feeds: {major}", hint=POST)
-        elif major and major not in CARRIED:
-            close = close_to(major, [*READ, *CARRIED], 1)
+            if apt_words.MOVES_FRAMES.search(major):
+                raise self._fault(
+                    part, f"a word of SolidWorks CAM that may change frames or feeds: {major}", hint=apt_words.POST
+                )
+        elif major and major not in apt_words.CARRIED:
+            close = close_to(major, [*apt_words.READ, *apt_words.CARRIED], 1)
             hint = f"Did you mean {close[0]}?" if close else None
             raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
 
     def _is_harmless(self, part: Statement) -> bool:
         """Return whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
-        for major, arguments in HARMLESS:
+        for major, arguments in apt_words.HARMLESS:
             if part.major != major:
                 continue
             if part.numbers() and not part.words() and all(a.value == 0.0 for a in part.numbers()):
@@ -264,9 +256,9 @@ class Run:
         self._allow(part, ("TIMES", "ANGLE"))
         axis = [argument.value or 0.0 for argument in numbers[3:6]]
         if sorted(abs(value) for value in axis)[:2] != [0.0, 0.0] or abs(math.hypot(*axis) - 1.0) > 1e-6:
-            raise self._fault(part, "an arc about a slanted axis is not read", numbers[3], POST)
+            raise self._fault(part, "an arc about a slanted axis is not read", numbers[3], apt_words.POST)
         if "TIMES" in part.words():
-            raise self._fault(part, "an arc of several turns is not read", None, POST)
+            raise self._fault(part, "an arc of several turns is not read", None, apt_words.POST)
         self._arc = part
         places = [*numbers[:3], numbers[6]]
         return [Word(letter, a.value or 0.0, a.start, a.end) for letter, a in zip("IJKR", places, strict=True)]
@@ -330,13 +322,13 @@ class Run:
         self._unit_m = self._feed_unit_m = unit_m
 
     def _feedrate(self, part: Statement) -> list[Word]:
-        self._allow(part, tuple(FEEDS))
+        self._allow(part, tuple(apt_words.FEEDS))
         numbers, words = part.numbers(), part.words()
         if len(numbers) != 1 or len(words) > 1 or not 0.0 <= (numbers[0].value or 0.0) <= 1e6:
             raise self._fault(part, "FEDRAT needs one number from 0 to 1e6 and its unit",
-                              hint="FEDRAT/1500,MMPM; units: " + " ".join(FEEDS))  # fmt: skip
+                              hint="FEDRAT/1500,MMPM; units: " + " ".join(apt_words.FEEDS))  # fmt: skip
         self._lengths_in = self._lengths_in or f"FEDRAT in line {part.line}"
-        self._mode, unit_m = FEEDS[words[0]] if words else (94, 0.0)
+        self._mode, unit_m = apt_words.FEEDS[words[0]] if words else (94, 0.0)
         self._feed_unit_m = unit_m or self._unit_m
         self._feed, self._rapid = numbers[0].value, False
         return [Word("F", numbers[0].value or 0.0, numbers[0].start, numbers[0].end)]
@@ -347,7 +339,7 @@ class Run:
         value = numbers[0].value if numbers else None
         out: list[tuple[str, float]] = []
         if part.major == "SPINDL":
-            self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *TURNS))
+            self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *apt_words.TURNS))
             gears = [n for word, n in itertools.pairwise(part.arguments) if word.text == "RANGE"]
             numbers = [n for n in numbers if n not in gears]
             value = numbers[0].value if numbers else None
@@ -356,14 +348,14 @@ class Run:
             if value is not None:
                 self._rpm = value
                 out.append(("S", value))
-            turns = next((TURNS[word] for word in words if word in TURNS), 1)
+            turns = next((apt_words.TURNS[word] for word in words if word in apt_words.TURNS), 1)
             self._turns = turns
             out.append(("M", {0: 5, 1: 3, -1: 4}[turns]))
         elif part.major == "COOLNT":
-            self._allow(part, tuple(COOLANT))
+            self._allow(part, tuple(apt_words.COOLANT))
             if len(words) != 1 or numbers:
-                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(COOLANT))
-            out.append(("M", COOLANT[words[0]]))
+                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(apt_words.COOLANT))
+            out.append(("M", apt_words.COOLANT[words[0]]))
         elif part.major in ("LOADTL", "LOAD"):
             self._allow(part, (*_LOADS, "TOOL") if part.major == "LOAD" else _LOADS)
             if part.major == "LOAD" and words[:1] != ["TOOL"]:
@@ -373,7 +365,7 @@ class Run:
             self._tool, self._turns = int(value), 0
             out += [("T", value), ("M", 6)]
         elif part.major == "AUXFUN":
-            if value is None or value not in NEUTRAL_M:
+            if value is None or value not in apt_words.NEUTRAL_M:
                 raise self._fault(part, "a function of the machine that is not read: AUXFUN",
                                   hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
             out.append(("M", value))

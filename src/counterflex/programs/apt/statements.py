@@ -55,19 +55,12 @@ _CARRIED: Final = frozenset(row.word for row in TABLE.of(Treatment.NEUTRAL) if "
 
 @dataclass(frozen=True)
 class Statement:
-    """One statement, perhaps over several lines.
+    """One statement, perhaps over several lines."""
 
-    Attributes:
-        line: 1-based first line.
-        text: Its lines, joined by line feeds.
-        major: Major word, upper case; empty for blank lines and comments.
-        arguments: Behind the slash; none for words with free text.
-    """
-
-    line: int
-    text: str
-    major: str
-    arguments: tuple[Argument, ...] = ()
+    line: int  # 1-based first line
+    text: str  # Its lines, joined by line feeds
+    major: str  # Major word, upper case; empty for blank lines and comments
+    arguments: tuple[Argument, ...] = ()  # Behind the slash; none for words with free text
 
     def words(self) -> list[str]:
         """Arguments that are no numbers, upper case."""
@@ -199,7 +192,7 @@ def _arguments(flat: str, at: int, end: int, part: Statement, name: str) -> list
 
 
 def tilts(part: Statement) -> bool:
-    """Whether a statement gives a tool axis other than z."""
+    """Return whether a statement gives a tool axis other than z."""
     values = [argument.value or 0.0 for argument in part.numbers()]
     axis = values[3:6] if part.major in ("GOTO", "FROM") else values[:3] if part.major == "TLAXIS" else []
     if len(axis) != 3:

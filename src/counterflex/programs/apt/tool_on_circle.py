@@ -27,21 +27,13 @@ _DIRECTION_DIGITS: Final = 6
 
 @dataclass(frozen=True)
 class ToolOnCircle:
-    """Numbers of the statement, m.
+    """Numbers of the statement, m."""
 
-    Attributes:
-        p_centre: (3,).
-        radius_m: Of the circle.
-        p_line: (3,), where the line begins.
-        p_end: (3,), where it ends.
-        second: The second intersection is meant.
-    """
-
-    p_centre: Float
-    radius_m: float
-    p_line: Float
-    p_end: Float
-    second: bool
+    p_centre: Float  # (3,)
+    radius_m: float  # Of the circle
+    p_line: Float  # (3,), where the line begins
+    p_end: Float  # (3,), where it ends
+    second: bool  # The second intersection is meant
 
     @classmethod
     def of(cls, values: Sequence[float], unit_m: float, second: bool) -> ToolOnCircle:
@@ -50,7 +42,7 @@ class ToolOnCircle:
         return cls(v[:3], float(v[3]), v[4:7], v[7:], second)
 
     def fault(self, p_start: Float, direction: Sequence[float]) -> str | None:
-        """What is wrong with it at the start (3,) m of the motion with the direction (3,) of INDIRV; None: nothing."""
+        """Return its fault at the start (3,) m of the motion with the direction (3,) of INDIRV; None: none."""
         near = _SAME_M + 1e-3 * self.radius_m
         flat = float(np.ptp([p_start[2], self.p_end[2], self.p_centre[2]]))
         if flat > _SAME_M:

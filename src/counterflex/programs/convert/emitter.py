@@ -25,36 +25,23 @@ _SAME_M: Final = 1e-9
 
 @dataclass(frozen=True)
 class Conversion:
-    """A program that is to be written in another language.
+    """A program that is to be written in another language."""
 
-    Attributes:
-        program: As read.
-        stem: Name of what is written, without ending.
-        tolerance_m: Largest distance of straight pieces from a circle that the language does not have.
-        cell: The :class:`~counterflex.files.cell.cell.Cell`.
-        points_per_file: Most motions of a file; None takes the limit of the language.
-    """
-
-    program: Program
-    stem: str
-    tolerance_m: float
-    cell: Any
-    points_per_file: int | None = None
+    program: Program  # As read
+    stem: str  # Name of what is written, without ending
+    tolerance_m: float  # Largest distance of straight pieces from a circle that the language does not have
+    cell: Any  # The :class:`~counterflex.files.cell.cell.Cell`
+    points_per_file: int | None = None  # Most motions of a file; None takes the limit of the language
 
 
 @dataclass
 class Written:
-    """A program in another language.
+    """A program in another language."""
 
-    Attributes:
-        files: Text by name; the program itself first.
-        pieces: For each motion that is written, by its index: shares of its way at which its pieces end.
-        warnings: What the user should know, one sentence each.
-    """
-
-    files: dict[str, str] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)  # Text by name; the program itself first
+    # For each motion that is written, by its index: shares of its way at which its pieces end
     pieces: dict[int, list[float]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)  # What the user should know, one sentence each
 
 
 class Emitter(ABC):
@@ -159,7 +146,7 @@ class Emitter(ABC):
         )
 
     def origin(self) -> str:
-        """What made the program, from what."""
+        """Version that made the program, and its source."""
         plain = "".join(c if 32 <= ord(c) < 127 and c not in "()" else "?" for c in self.source)
         return f"converted by counterflex {__version__} from {plain[:80]}"
 

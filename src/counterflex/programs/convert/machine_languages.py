@@ -21,7 +21,7 @@ TURN_HINT: Final = "Post straight moves, or convert to a language of robots"
 
 
 class MachineEmitter(Emitter):
-    """What languages of machines share: planes, tool axes, feeds in mm/min."""
+    """Planes, tool axes, feeds in mm/min: common to languages of machines."""
 
     partial: ClassVar[bool] = True
 

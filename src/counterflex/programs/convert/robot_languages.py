@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from abc import abstractmethod
 from typing import ClassVar, Final, Generic, TypeVar
 
 from counterflex.core.arrays import Float
@@ -27,7 +26,7 @@ _STEM: Final = 20
 
 
 class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
-    """What languages of robots share.
+    """Writer of steps, common to languages of robots.
 
     Args:
         program: That is converted.
@@ -49,7 +48,7 @@ class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
         self._entered: int | None = None
 
     def begin(self) -> None:
-        """What made the program."""
+        """Say the origin of the program."""
         self.comment(self.origin())
 
     def comment(self, text: str) -> None:
@@ -76,7 +75,7 @@ class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
         self._enter(move)
         T = pose.make(self.orientation(move, share), move.at(share))
         free = self.first or (self.robot_source and move.motion.kind == "rapid")
-        self.point(T, self._speed(move), free=free)
+        self.lines += self.motion([T], self._speed(move), exact=self.exact or self.first, free=free)
 
     def _speed(self, move: Move) -> float:
         return move.motion.feed_m_s if move.motion.feed_m_s > 0.0 else self.settings.rapid_m_s
@@ -92,7 +91,7 @@ class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
         tool = move.motion.tool or self.tool
         if tool != self._entered:
             self._entered = self.tool = tool
-            self.frames(tool)
+            self.lines += self.frames(tool)
 
     def dwell(self, move: Move) -> None:
         """Wait."""
@@ -141,14 +140,7 @@ class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
         self.points += 1
         self._in_part += 1
 
-    def frames(self, tool: int) -> None:
-        """Set the frames of a tool, where motions do not name them."""
-        del tool
-
-    @abstractmethod
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """A point; ``free``: the robot takes its own way there."""
-
-    @abstractmethod
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
-        """A piece of a circle."""
+        """Write a piece of a circle."""
+        poses = self.through(move, start_share, end_share)
+        self.lines += self.motion(poses, self._speed(move), exact=self.exact or self.first)

@@ -26,25 +26,15 @@ _TOGETHER: Final = frozenset("SPQER")
 
 @dataclass(frozen=True)
 class Move:
-    """A motion, or a wait.
+    """A motion, or a wait."""
 
-    Attributes:
-        index: In the motions of the program.
-        motion: As read.
-        R_part_tcp: (3, 3) orientation of the cell's TCP frame at its end, in the part.
-        R_part_start: (3, 3) the same at its start.
-        named: Axes whose end is known: fewer than three at the beginning of programs for machines.
-        exact: The program stops there.
-        line: Of the program.
-    """
-
-    index: int
-    motion: Motion
-    R_part_tcp: Float
-    R_part_start: Float
-    named: str
-    exact: bool
-    line: int
+    index: int  # In the motions of the program
+    motion: Motion  # As read
+    R_part_tcp: Float  # (3, 3) orientation of the cell's TCP frame at its end, in the part
+    R_part_start: Float  # (3, 3) the same at its start
+    named: str  # Axes whose end is known: fewer than three at the beginning of programs for machines
+    exact: bool  # The program stops there
+    line: int  # Of the program
 
     @property
     def axis(self) -> Float:
@@ -72,7 +62,7 @@ class Move:
 
     @property
     def rise_m(self) -> float:
-        """How far a helix climbs along its axis, m; 0 of others."""
+        """Climb of a helix along its axis, m; 0 of others."""
         if self.motion.normal is None:
             return 0.0
         return float((np.asarray(self.motion.p_end) - np.asarray(self.motion.p_start)) @ self.motion.normal)
@@ -80,21 +70,15 @@ class Move:
 
 @dataclass(frozen=True)
 class Process:
-    """A machine function.
+    """A machine function."""
 
-    Attributes:
-        code: M-code.
-        block: With that code alone, the words that belong to it, and the modal state of its place.
-        line: Of the program.
-    """
-
-    code: int
-    block: Block
-    line: int
+    code: int  # M-code
+    block: Block  # With that code alone, the words that belong to it, and the modal state of its place
+    line: int  # Of the program
 
     @property
     def words(self) -> tuple[tuple[str, float], ...]:
-        """What it says: code, speed or tool, and words of the code."""
+        """Words: code, speed or tool, and words of the code."""
         out = [("M", float(self.code))]
         if self.code in (3, 4):
             out.append(("S", abs(self.block.modal.spindle_rpm)))
@@ -111,7 +95,7 @@ Step = Move | Process | str
 def steps(
     program: Program, R_part_tcp: Callable[[int], Float], *, to_robot: bool, comments: bool = True
 ) -> Iterator[Step]:
-    """What a program does, in order.
+    """Yield the steps of a program, in order.
 
     Args:
         program: As read.

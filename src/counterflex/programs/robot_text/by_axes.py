@@ -19,31 +19,19 @@ Move = TypeVar("Move")
 
 @dataclass(frozen=True, slots=True)
 class Away(Generic[Move]):
-    """A motion by axes that the program has made since the last Cartesian one, or a wait behind it.
+    """A motion by axes that the program has made since the last Cartesian one, or a wait behind it."""
 
-    Attributes:
-        block: Index of its block.
-        move: Its record in the language.
-        T_part_tcp: (4, 4) m, where it ends; None of a wait, and where that is not known.
-        spindle_rad_s: Speed of the spindle.
-        tool: Number of the tool.
-        time_s: Of a wait; 0 of a motion.
-        where: File and line.
-        unknown: Why its end is not known, where its value is not.
-        check: Refuses axes beside those of the robot that stand elsewhere than in the cell file.
-        axes_deg: (6,) axes at its end as the controller shows them; empty where they are not known.
-    """
-
-    block: int
-    move: Move
-    T_part_tcp: Float | None
-    spindle_rad_s: float
-    tool: int
-    time_s: float = 0.0
-    where: str = ""
-    unknown: Unknown | None = None
+    block: int  # Index of its block
+    move: Move  # Its record in the language
+    T_part_tcp: Float | None  # (4, 4) m, where it ends; None of a wait, and where that is not known
+    spindle_rad_s: float  # Speed of the spindle
+    tool: int  # Number of the tool
+    time_s: float = 0.0  # Of a wait; 0 of a motion
+    where: str = ""  # File and line
+    unknown: Unknown | None = None  # Why its end is not known, where its value is not
+    # Refuses axes beside those of the robot that stand elsewhere than in the cell file
     check: Callable[[], None] | None = None
-    axes_deg: Sequence[float] = ()
+    axes_deg: Sequence[float] = ()  # (6,) axes at its end as the controller shows them; empty where they are not known
 
     def motion(self, before: Motion) -> Motion:
         """Return its motion from the end of the one before."""
@@ -54,17 +42,12 @@ class Away(Generic[Move]):
 
 
 class ExecutionByAxes(Execution, Generic[Move]):
-    """Execution of a language that sends the robot to places by axes, too.
-
-    Attributes:
-        moves: What stands behind each motion in the text.
-        away: Motions by axes since the last Cartesian one, and waits there.
-    """
+    """Execution of a language that sends the robot to places by axes, too."""
 
     def __init__(self, in_spindle: ToolInSpindle) -> None:
         super().__init__(in_spindle)
-        self.moves: list[Move] = []
-        self.away: list[Away[Move]] = []
+        self.moves: list[Move] = []  # What stands behind each motion in the text
+        self.away: list[Away[Move]] = []  # Motions by axes since the last Cartesian one, and waits there
 
     def leave(
         self, move: Move, T_part_tcp: Float | None, where: str, unknown: Unknown | None = None,

@@ -25,26 +25,18 @@ _SAME_EXTERNAL: Final = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class RobotTextCell:
-    """What every language of robots needs of a cell.
+    """Facts of a cell that every language of robots needs."""
 
-    Attributes:
-        where: Path of the cell file, for messages.
-        tools: Numbers of ``[[tools]]``.
-        T_flange_tcp: (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame.
-        T_base_part: (4, 4) m, part frame in the world of the controller.
-        functions: ``[controller.spindle]`` of the language.
-        external_axes: Value of external axes by number, mm or deg.
-        tip_of_axes: Returns (4, 4) m, the TCP frame of the cell in the part frame, where the axes A1 to A6 (J1 to J6)
-            stand as the controller shows them, deg, and external axes at values by number, mm or deg; None where the
-            cell has no robot that tells it.
-    """
-
-    where: str
-    tools: Sequence[int]
+    where: str  # Path of the cell file, for messages
+    tools: Sequence[int]  # Numbers of ``[[tools]]``
+    # (4, 4) m, tool frame that the cell plans with; of a robot that holds the part the part's frame
     T_flange_tcp: Float
-    T_base_part: Float
-    functions: MachineFunctions
-    external_axes: Mapping[int, float] = field(default_factory=dict)
+    T_base_part: Float  # (4, 4) m, part frame in the world of the controller
+    functions: MachineFunctions  # ``[controller.spindle]`` of the language
+    external_axes: Mapping[int, float] = field(default_factory=dict)  # Value of external axes by number, mm or deg
+    # Returns (4, 4) m, the TCP frame of the cell in the part frame, where the axes A1 to A6 (J1 to J6) stand as the
+    # controller shows them, deg, and external axes at values by number, mm or deg; None where the cell has no robot
+    # that tells it
     tip_of_axes: Callable[[Sequence[float], Mapping[int, float]], Float] | None = None
 
     @property
@@ -111,46 +103,27 @@ class RobotTextCell:
 
 @dataclass(frozen=True, kw_only=True)
 class NumberedCell(RobotTextCell):
-    """Of a language that names tools and frames by the numbers of the controller.
+    """Of a language that names tools and frames by the numbers of the controller."""
 
-    Attributes:
-        tool_number: ``controller.tool_number``: the tool frame that the cell plans with.
-        base_number: ``controller.base_number``: the frame that is the part frame.
-        tool_of_data: Number of the tool by that of its frame (``tools.tool_data``).
-    """
-
-    tool_number: int
-    base_number: int
-    tool_of_data: Mapping[int, int]
+    tool_number: int  # ``controller.tool_number``: the tool frame that the cell plans with
+    base_number: int  # ``controller.base_number``: the frame that is the part frame
+    tool_of_data: Mapping[int, int]  # Number of the tool by that of its frame (``tools.tool_data``)
 
 
 @dataclass
 class NumberedFrames:
-    """Tools and frames that a program names by the numbers of the controller, and what is active.
+    """Tools and frames that a program names by the numbers of the controller, and what is active."""
 
-    Attributes:
-        cell: What they are held against; None takes every frame.
-        tool_word: What a tool frame is called, with ``{}`` for its number: ``TOOL_DATA[{}]``.
-        base_word: The same of the frame of the targets.
-        tool_number: Of the cell, as those that follow see :class:`NumberedCell`.
-        base_number: See there.
-        tool_of_data: See there.
-        tool: Number of the tool in the spindle; 0 where nothing says it.
-        tool_known: The program said which tool frame is active.
-        base_known: The program said which frame its targets are in.
-        R_tcp_tool: (3, 3) the tool frame in the cell's TCP frame.
-    """
-
-    cell: NumberedCell | None
-    tool_word: str
-    base_word: str
-    tool_number: int = 1
+    cell: NumberedCell | None  # What they are held against; None takes every frame
+    tool_word: str  # What a tool frame is called, with ``{}`` for its number: ``TOOL_DATA[{}]``
+    base_word: str  # The same of the frame of the targets
+    tool_number: int = 1  # Of the cell, as those that follow see :class:`NumberedCell`
     base_number: int = 1
     tool_of_data: Mapping[int, int] = field(default_factory=dict)
-    tool: int = 0
-    tool_known: bool = False
-    base_known: bool = False
-    R_tcp_tool: Float = field(default_factory=lambda: np.eye(3))
+    tool: int = 0  # Number of the tool in the spindle; 0 where nothing says it
+    tool_known: bool = False  # The program said which tool frame is active
+    base_known: bool = False  # The program said which frame its targets are in
+    R_tcp_tool: Float = field(default_factory=lambda: np.eye(3))  # (3, 3) the tool frame in the cell's TCP frame
 
     def __post_init__(self) -> None:
         if self.cell is not None:
@@ -202,16 +175,13 @@ class ExternalAxes:
     Args:
         cell: Where they stand by it; None: a program is listed or compared, they begin where its first target says.
         made: Returns the number of motions made so far.
-
-    Attributes:
-        now: Value by number of the axis, mm or deg, of those that the program has named.
     """
 
     def __init__(self, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self._expected = {} if cell is None else cell.external_axes
         self._with_cell = cell is not None
         self._made = made
-        self.now: dict[int, float] = {}
+        self.now: dict[int, float] = {}  # Value by number of the axis, mm or deg, of those that the program has named
         self._changes: dict[int, dict[int, tuple[float, str, str]]] = {}
 
     def check(self, number: int, value: float, name: str, where: str) -> None:

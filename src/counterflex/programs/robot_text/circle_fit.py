@@ -13,23 +13,14 @@ from counterflex.programs.program import Motion
 
 @dataclass(frozen=True, eq=False)
 class FittedCircle:
-    """A corrected circle.
+    """A corrected circle."""
 
-    Attributes:
-        motion: The programmed one.
-        p_start: (3,) m, where it begins now.
-        centre: (3,) m.
-        normal: (3,) unit vector.
-        turn_rad: Signed angle.
-        error_m: Largest distance of a commanded point from it at the same share of the turn.
-    """
-
-    motion: Motion
-    p_start: Float
-    centre: Float
-    normal: Float
-    turn_rad: float
-    error_m: float
+    motion: Motion  # The programmed one
+    p_start: Float  # (3,) m, where it begins now
+    centre: Float  # (3,) m
+    normal: Float  # (3,) unit vector
+    turn_rad: float  # Signed angle
+    error_m: float  # Largest distance of a commanded point from it at the same share of the turn
 
     def at(self, p_nominal: Float) -> Float:
         """(3,) m, the point that stands for one of the programmed circle, at the same share of the turn."""

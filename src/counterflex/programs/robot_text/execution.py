@@ -21,7 +21,7 @@ UPRIGHT_RAD: Final = 5e-5
 
 
 def tilted(Rs_part_tcp: Float) -> bool:
-    """Whether a tool frame (n, 3, 3) leaves the part's z anywhere."""
+    """Return whether a tool frame (n, 3, 3) leaves the part's z anywhere."""
     axes = -Rs_part_tcp[:, :, 2]
     return bool(np.any(np.linalg.norm(axes[:, :2], axis=1) > UPRIGHT_RAD) or np.any(axes[:, 2] < 0.0))
 
@@ -48,29 +48,21 @@ class ToolInSpindle(Protocol):
 
 
 class Execution:
-    """Motions and blocks of a program as far as it has run.
-
-    Attributes:
-        motions: Each motion, without rotary words.
-        rotations: (3, 3) orientation of the cell's TCP at the end of each motion.
-        acting: Lines that act on the cell without the table of the cell file saying what they do.
-        by_axes: Indices of the blocks of motions by axes, made or not.
-        axes_deg: By motion, the axes at its end, where its target gives them.
-    """
+    """Motions and blocks of a program as far as it has run."""
 
     def __init__(self, in_spindle: ToolInSpindle) -> None:
         self._in_spindle = in_spindle
-        self.motions: list[Motion] = []
-        self.rotations: list[Float] = []
-        self.acting: list[int] = []
-        self.by_axes: list[int] = []
-        self.axes_deg: dict[int, Sequence[float]] = {}
+        self.motions: list[Motion] = []  # Each motion, without rotary words
+        self.rotations: list[Float] = []  # (3, 3) orientation of the cell's TCP at the end of each motion
+        self.acting: list[int] = []  # Lines that act on the cell without the table of the cell file saying what they do
+        self.by_axes: list[int] = []  # Indices of the blocks of motions by axes, made or not
+        self.axes_deg: dict[int, Sequence[float]] = {}  # By motion, the axes at its end, where its target gives them
         self._blocks: list[Block] = []
         self._rpm = 0.0
         self._words: list[Word] = []
 
     def blocks(self, tool_centre: int) -> Iterator[Block]:
-        """What was executed, with a meaning of the rotary words."""
+        """Return the executed statements, with a meaning of the rotary words."""
         for block in self._blocks:
             yield block if tool_centre == 0 else replace(block, modal=replace(block.modal, tool_centre=tool_centre))
 

@@ -88,52 +88,30 @@ SAME_TURN: Final = 1e-9
 
 @dataclass
 class Counts:
-    """What became of the program.
+    """Counts of what was written."""
 
-    Attributes:
-        moved_motions: Motions with at least one corrected row.
-        split_motions: Motions that were written as several.
-        vertices_added: Points written in addition to those of the source.
-        arcs_kept: Corrected circles still written as one.
-        arcs_as_lines: Corrected circles written as straight moves.
-        speeds_changed: Instructions with another speed than programmed.
-        speeds_added: Lines that set the speed, in addition to those of the source.
-        targets_declared: Targets changed where they are declared.
-        targets_written_out: Targets whose name other places use too, written into the instruction instead.
-        routines_copied: Routines written once more, because another call of them needs other targets.
-    """
-
-    moved_motions: int = 0
-    split_motions: int = 0
-    vertices_added: int = 0
-    arcs_kept: int = 0
-    arcs_as_lines: int = 0
-    speeds_changed: int = 0
-    speeds_added: int = 0
-    targets_declared: int = 0
-    targets_written_out: int = 0
-    routines_copied: int = 0
+    moved_motions: int = 0  # Motions with at least one corrected row
+    split_motions: int = 0  # Motions that were written as several
+    vertices_added: int = 0  # Points written in addition to those of the source
+    arcs_kept: int = 0  # Corrected circles still written as one
+    arcs_as_lines: int = 0  # Corrected circles written as straight moves
+    speeds_changed: int = 0  # Instructions with another speed than programmed
+    speeds_added: int = 0  # Lines that set the speed, in addition to those of the source
+    targets_declared: int = 0  # Targets changed where they are declared
+    targets_written_out: int = 0  # Targets whose name other places use too, written into the instruction instead
+    routines_copied: int = 0  # Routines written once more, because another call of them needs other targets
 
 
 @dataclass(kw_only=True)
 class InPlaceText(Counts):
-    """Written files and what became of the program.
+    """Written files and what became of the program."""
 
-    Attributes:
-        files: Text by name.
-        tolerance_m: Allowed distance of the written path from the commanded rows, at the same place of the way.
-        resolution_m: Last decimal written.
-        largest_written_error_m: Largest distance of the written path from the commanded rows of feed motions.
-        largest_dwell_error_m: The same during waits, which keep the position of the motion before them.
-        warnings: What the user should know, one sentence each.
-    """
-
-    files: dict[str, str]
-    tolerance_m: float
-    resolution_m: float
-    largest_written_error_m: float
-    largest_dwell_error_m: float
-    warnings: tuple[str, ...] = field(default=())
+    files: dict[str, str]  # Text by name
+    tolerance_m: float  # Allowed distance of the written path from the commanded rows, at the same place of the way
+    resolution_m: float  # Last decimal written
+    largest_written_error_m: float  # Largest distance of the written path from the commanded rows of feed motions
+    largest_dwell_error_m: float  # The same during waits, which keep the position of the motion before them
+    warnings: tuple[str, ...] = field(default=())  # What the user should know, one sentence each
 
 
 P = TypeVar("P", bound=RobotProgram)
@@ -157,9 +135,7 @@ class InPlace(ABC, Generic[P]):
         cycle_s: Time the controller needs per point, s.
 
     Attributes:
-        changed: Any row is corrected.
         counts: What became of the program.
-        p_here: (3,) m, position that was written last.
     """
 
     limits: ClassVar[Limits]
@@ -169,7 +145,7 @@ class InPlace(ABC, Generic[P]):
     def __init__(self, program: P, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
         turned = compensated.rotvec_part_command
         rows = motion_rows(program, compensated, tolerance_m, (np.zeros_like(turned), turned))
-        self.changed = bool(rows.moved.any() or np.any(rows.share != 1.0))
+        self.changed = bool(rows.moved.any() or np.any(rows.share != 1.0))  # Any row is corrected
         self.program, self.tolerance_m = program, tolerance_m
         self.decimal_m = 10.0**-self.limits.position_decimals * MM
         self.rows, self.rotvec = fine_rows(rows, compensated, tolerance_m, cycle_s)
@@ -177,7 +153,7 @@ class InPlace(ABC, Generic[P]):
         self.written: Float = np.full((n, 3), np.nan)
         self.checked: Bool = np.zeros(n, dtype=np.bool_)
         self.counts, self.arc_error_m = Counts(), 0.0
-        self.p_here: Float = np.zeros(3)
+        self.p_here: Float = np.zeros(3)  # (3,) m, position that was written last
 
     @classmethod
     def write(
@@ -262,7 +238,7 @@ class InPlace(ABC, Generic[P]):
         del index
 
     def fixed_turn(self, index: int) -> bool:
-        """Whether the program states the angle of a circle, which then stays."""
+        """Return whether the program states the angle of a circle, which then stays."""
         del index
         return False
 
@@ -373,11 +349,9 @@ class InPlace(ABC, Generic[P]):
         return out
 
     def _speed(self, index: int, before: int, row: int) -> float | None:
-        """Speed for the piece that ends at a row, m/s; None where it is the programmed one.
-
-        The loaded tool covers the nominal piece while the controller runs along the commanded one, so the programmed
-        speed is multiplied by commanded over nominal length, and by the share that the plan leaves of it.
-        """
+        """Speed for the piece that ends at a row, m/s; None where it is the programmed one."""
+        # The loaded tool covers the nominal piece while the controller runs along the commanded one, so the programmed
+        # speed is multiplied by commanded over nominal length, and by the share that the plan leaves of it.
         motion: Motion = self.program.motions[index]
         rows = self.rows
         if motion.feed_m_s <= 0.0 or row < 0 or not rows.moved[index]:
@@ -418,18 +392,13 @@ class InPlace(ABC, Generic[P]):
 
 
 class PointsInPlace(InPlace[P], Generic[P, N]):
-    """Of languages whose instructions name a point that stands elsewhere: once changed there, or an entry of its own.
+    """Languages whose instructions name a point that stands elsewhere: changed there once, or an entry of its own."""
 
-    Attributes:
-        statement: What the language calls an instruction.
-        points: The point that each motion leads to.
-    """
-
-    statement: ClassVar[str] = "instruction"
+    statement: ClassVar[str] = "instruction"  # What the language calls an instruction
 
     def __init__(self, program: P, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
         super().__init__(program, compensated, tolerance_m, cycle_s)
-        self.points: list[N] = self.points_of(program)
+        self.points: list[N] = self.points_of(program)  # The point that each motion leads to
         self._again = Counter((point.file, point.start) for point in self.points if point.moves)
 
     @abstractmethod

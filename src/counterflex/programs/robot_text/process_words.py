@@ -16,17 +16,11 @@ _HOLE: Final = re.compile(r"\{[stdpqer]\}")
 
 @dataclass(frozen=True)
 class ProcessWord:
-    """A machine function of a program.
+    """A machine function of a program."""
 
-    Attributes:
-        code: M-code that the table gives these statements for.
-        values: By letter: S speed in rpm, T tool, D tool data, and words of the M-code (P, Q, E, R).
-        lines: Number of statements that it takes.
-    """
-
-    code: int
-    values: dict[str, float]
-    lines: int
+    code: int  # M-code that the table gives these statements for
+    values: dict[str, float]  # By letter: S speed in rpm, T tool, D tool data, and words of the M-code (P, Q, E, R)
+    lines: int  # Number of statements that it takes
 
 
 @dataclass(frozen=True)
@@ -86,11 +80,10 @@ class ProcessWords:
         if len(codes) > 1:
             raise ProgramError(
                 "the cell file gives the same statements for two functions, so which one is meant is not known",
-                where=where,
-                value=statements[at].strip()[:60],
+                where=where, value=statements[at].strip()[:60],
                 limit=", ".join(KEYS.get(code, f"m_codes.M{code}") for code in codes),
                 hint=f"Tell them apart in [controller.spindle.{self._language}] of {self._where}",
-            )
+            )  # fmt: skip
         pattern, values = fits[0]
         rest = [normal(self._code_of(line)) for line in statements[at + best : at + best + len(pattern.behind)]]
         length = best + (len(pattern.behind) if pattern.behind and rest == list(pattern.behind) else 0)

@@ -21,27 +21,17 @@ _UPRIGHT_DEG: Final = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedPoint:
-    """A point that an instruction names, as it stands in the text.
+    """A point that an instruction names, as it stands in the text."""
 
-    Attributes:
-        line: 1-based line of the instruction.
-        start: Index of its word.
-        head: Index at which its line begins, a number included.
-        file: Name of the file that it stands in.
-        R_tcp_tool: (3, 3) orientation of its tool frame in the cell's TCP frame.
-        T_part_frame: (4, 4) m, frame that its numbers are in, in the part frame.
-        T_frame_tool: (4, 4) m, itself in that frame; None of a place by axes, and of a wait.
-        named: Where the instruction names it.
-    """
-
-    line: int
-    start: int
-    head: int
-    file: str = ""
-    R_tcp_tool: Float
+    line: int  # 1-based line of the instruction
+    start: int  # Index of its word
+    head: int  # Index at which its line begins, a number included
+    file: str = ""  # Name of the file that it stands in
+    R_tcp_tool: Float  # (3, 3) orientation of its tool frame in the cell's TCP frame
+    # (4, 4) m, frame that its numbers are in, in the part frame
     T_part_frame: Float = field(default_factory=lambda: np.eye(4))
-    T_frame_tool: Float | None = None
-    named: Span = (0, 0)
+    T_frame_tool: Float | None = None  # (4, 4) m, itself in that frame; None of a place by axes, and of a wait
+    named: Span = (0, 0)  # Where the instruction names it
 
     @property
     def T_part_tool(self) -> Float:
@@ -82,21 +72,18 @@ def angles_zyx(R: Float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True)
 class RobotProgram(Program):
-    """A program in a language of robots.
+    """A program in a language of robots."""
 
-    Attributes:
-        Rs_part_tcp: (motions, 3, 3) orientation of the cell's TCP frame at the end of each motion, in the part.
-        acting: Lines that act on the cell (outputs, waits for inputs, TRIGGER) and are not in the cell file's table.
-        left_out: File and line of each motion by axes before the first target or behind the last one: none of the path.
-        axes_deg: By motion, the axes A1 to A6 (J1 to J6) at its end as the controller shows them, of motions whose
-            target the program gives by axes.
-        external: By motion, the values that external axes go to along it, mm or deg by the number of the axis.
-    """
-
+    # (motions, 3, 3) orientation of the cell's TCP frame at the end of each motion, in the part
     Rs_part_tcp: Float | None = None
+    # Lines that act on the cell (outputs, waits for inputs, TRIGGER) and are not in the cell file's table
     acting: tuple[int, ...] = ()
+    # File and line of each motion by axes before the first target or behind the last one: none of the path
     left_out: tuple[str, ...] = ()
+    # By motion, the axes A1 to A6 (J1 to J6) at its end as the controller shows them, of motions whose target the
+    # program gives by axes
     axes_deg: Mapping[int, Sequence[float]] = field(default_factory=dict)
+    # By motion, the values that external axes go to along it, mm or deg by the number of the axis
     external: Mapping[int, Mapping[int, float]] = field(default_factory=dict)
 
     @property

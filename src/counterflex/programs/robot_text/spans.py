@@ -25,7 +25,7 @@ class Spans:
         return sorted(self._edits, key=lambda edit: (edit[0], edit[1]))
 
     def __eq__(self, other: object) -> bool:
-        """Whether two lists of edits make the same text."""
+        """Return whether two lists of edits make the same text."""
         return isinstance(other, Spans) and self.sorted() == other.sorted()
 
     def __hash__(self) -> int:

@@ -12,17 +12,12 @@ TURNING: Final = (0, 3, 5)
 
 @dataclass(frozen=True, slots=True)
 class StatedPosture:
-    """Posture as far as it is stated; None is not.
+    """Posture as far as it is stated; None is not."""
 
-    Attributes:
-        front: The wrist centre lies ahead of axis 1.
-        bent: Axis 3 is beyond the angle at which the arm is straight, in the direction of elbow up of a front arm.
-        noflip: Axis 5 is positive in the sense of the closed form.
-    """
-
-    front: bool | None = None
+    front: bool | None = None  # The wrist centre lies ahead of axis 1
+    # Axis 3 is beyond the angle at which the arm is straight, in the direction of elbow up of a front arm
     bent: bool | None = None
-    noflip: bool | None = None
+    noflip: bool | None = None  # Axis 5 is positive in the sense of the closed form
 
     def agrees(self, branch: str) -> bool:
         """Return whether nothing of it contradicts a posture such as ``front up noflip``."""

@@ -15,17 +15,11 @@ from counterflex.programs.program import Block, Program, Word
 
 @dataclass(frozen=True)
 class ImpliedStops:
-    """Blocks that stand for what is implied, each with the one M-code that does it.
+    """Blocks that stand for what is implied, each with the one M-code that does it."""
 
-    Attributes:
-        before: By number of a block, before its own.
-        within: By number of a motion, before it.
-        behind: By number of a block, behind its motions.
-    """
-
-    before: dict[int, list[Block]] = field(default_factory=dict)
-    within: dict[int, Block] = field(default_factory=dict)
-    behind: dict[int, list[Block]] = field(default_factory=dict)
+    before: dict[int, list[Block]] = field(default_factory=dict)  # By number of a block, before its own
+    within: dict[int, Block] = field(default_factory=dict)  # By number of a motion, before it
+    behind: dict[int, list[Block]] = field(default_factory=dict)  # By number of a block, behind its motions
 
     def all(self) -> Iterator[Block]:
         """Every one of them."""

@@ -50,26 +50,17 @@ class MachineFunctions:
     data on the controller (:attr:`tool_data`), ``{p}``, ``{q}``, ``{e}`` and ``{r}`` for words of the M-code. Several
     M-codes of a block act in this order: tool change, spindle on, coolant on, coolant off, spindle off. Where the
     statements of the spindle or of a tool change are an empty list, a person does it: the program stops there.
-
-    Attributes:
-        language: Of the robot.
-        statements: By M-code; a missing one is not mapped.
-        ready: Condition that holds while the spindle turns at speed; empty where there is no such signal.
-        standing: Condition that holds while the spindle stands; likewise.
-        wait_s: How long such a condition is waited for until the program stops, s.
-        pause_s: Pause behind a start of the spindle, s.
-        tool_data: What the controller calls the tool frame, by number of the tool: a number or a name.
-        where: Place of the table, for messages.
     """
 
-    language: str
-    statements: Mapping[int, Sequence[str]] = field(default_factory=dict)
-    ready: str = ""
-    standing: str = ""
-    wait_s: float = 20.0
-    pause_s: float = 0.0
+    language: str  # Of the robot
+    statements: Mapping[int, Sequence[str]] = field(default_factory=dict)  # By M-code; a missing one is not mapped
+    ready: str = ""  # Condition that holds while the spindle turns at speed; empty where there is no such signal
+    standing: str = ""  # Condition that holds while the spindle stands; likewise
+    wait_s: float = 20.0  # How long such a condition is waited for until the program stops, s
+    pause_s: float = 0.0  # Pause behind a start of the spindle, s
+    # What the controller calls the tool frame, by number of the tool: a number or a name
     tool_data: Mapping[int, str] = field(default_factory=dict)
-    where: str = "the cell file"
+    where: str = "the cell file"  # Place of the table, for messages
 
     def lines(self, block: Block) -> list[str]:
         """Lines for a block, as the writers call it for every block (``block_lines``).
@@ -165,29 +156,24 @@ class MachineFunctions:
         statements = self.statements[code]
         if any(SPEED in line for line in statements) and rpm == 0.0:
             raise ProgramError(
-                "the spindle is started without a speed",
-                where=f"line {block.line}",
-                value=f"M{code}",
+                "the spindle is started without a speed", where=f"line {block.line}", value=f"M{code}",
                 limit="S above 0",
-            )
+            )  # fmt: skip
         tool = block.modal.tool
         data = self.tool_data.get(tool)
         if data is None and any(DATA in line for line in statements):
             raise ProgramError(
-                "the cell file does not name the tool data of a tool",
-                where=f"line {block.line}",
-                value=f"T{tool}",
+                "the cell file does not name the tool data of a tool", where=f"line {block.line}", value=f"T{tool}",
                 limit=f"tools.{forms_of(self.language).data_key} of T{tool} in {self.where}",
-            )
+            )  # fmt: skip
         own = _own_words(code, block)
         for key in WORDS:
             if self._says(code, key) and key not in own:
                 raise ProgramError(
                     f"the statements of M{code} need a word that the block does not give it",
-                    where=f"line {block.line}",
-                    value=" ".join(block.text.split())[:60],
+                    where=f"line {block.line}", value=" ".join(block.text.split())[:60],
                     limit=f"M{code} with {key[1].upper()}, for {key}",
-                )
+                )  # fmt: skip
         words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
         out = [_filled(line, words) for line in statements]
         if not out and code in _BY_HAND:
@@ -231,7 +217,7 @@ def _own_words(code: int, block: Block) -> dict[str, str]:
 
 
 def only_said(lines: Sequence[str], comment: str) -> int | None:
-    """Where a robot program starts the spindle or changes the tool by a comment alone.
+    """Return the line where a robot program starts the spindle or changes the tool by a comment alone.
 
     A block of the milling program that is carried as a comment (``; M3 S13000``) must be followed by something that
     does it, or stops for a person to do it; a motion behind it would run over standing metal.
@@ -263,12 +249,10 @@ def refuse_only_said(lines: Sequence[str], comment: str, where: str) -> None:
     at = only_said(lines, comment)
     if at is not None:
         raise ProgramError(
-            "a comment alone stands where the spindle is started or the tool changed",
-            where=f"{where}:{at + 1}",
-            value=lines[at].strip()[:60],
-            limit="statements that do it, or a stop for a person",
+            "a comment alone stands where the spindle is started or the tool changed", where=f"{where}:{at + 1}",
+            value=lines[at].strip()[:60], limit="statements that do it, or a stop for a person",
             hint="Say in [controller.spindle] of the cell file what does it, and compensate again",
-        )
+        )  # fmt: skip
 
 
 def stop_under_correction(line: str, where: str, statement: str) -> ProgramError:

@@ -12,7 +12,7 @@ _CHANGES: Final = (6.0, 61.0)
 
 
 class RobotLanguage(Protocol):
-    """What a part needs to know of a language."""
+    """Words of a language that a part needs."""
 
     def block(self, block: Block) -> list[str]:
         """Lines for what a block does beside moving, its comment included."""
@@ -33,24 +33,19 @@ class RobotParts:
 
     What stands before the first point and behind the last one belongs to the main file also where the path is cut into
     parts: there nothing moves, and a person may be asked for something.
-
-    Attributes:
-        lead: Lines before the move to the start posture: they end with the first change of tool, so that the robot
-            goes there with the tool that it works with.
-        opening: Lines between that move and the first point.
-        parts: Lines of each part, in order, from its first point to its last; a change of tool begins one.
-        ending: Lines behind the last point.
-        changes: Number of parts that begin with a change of tool.
     """
 
+    # Lines before the move to the start posture: they end with the first change of tool, so that the robot goes there
+    # with the tool that it works with
     lead: list[str] = field(default_factory=list)
-    opening: list[str] = field(default_factory=list)
+    opening: list[str] = field(default_factory=list)  # Lines between that move and the first point
+    # Lines of each part, in order, from its first point to its last; a change of tool begins one
     parts: list[list[str]] = field(default_factory=lambda: [[]])
-    ending: list[str] = field(default_factory=list)
-    changes: int = 0
+    ending: list[str] = field(default_factory=list)  # Lines behind the last point
+    changes: int = 0  # Number of parts that begin with a change of tool
 
     def warnings(self, points_per_file: int) -> tuple[str, ...]:
-        """What cutting it into parts did, in words."""
+        """Warnings about the cut into parts."""
         if len(self.parts) == 1:
             return ()
         tools = f", {self.changes} of them for a change of tool" if self.changes else ""
@@ -63,7 +58,7 @@ def first_tool(program: Program) -> int:
 
 
 def changes_tool(block: Block) -> bool:
-    """Whether a block puts a tool into the spindle, or takes it out (T0)."""
+    """Return whether a block puts a tool into the spindle, or takes it out (T0)."""
     return any(word.letter == "M" and word.value in _CHANGES for word in block.words)
 
 

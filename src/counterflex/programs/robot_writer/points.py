@@ -36,70 +36,43 @@ _STOPS: Final = frozenset((0.0, 1.0, 60.0))
 
 @dataclass(frozen=True)
 class RobotText:
-    """Files of a robot program and what became of the path.
+    """Files of a robot program and what became of the path."""
 
-    Attributes:
-        files: File name to text, the program to start first.
-        points: Motion instructions written.
-        merged_points: Points left out because they follow closer than the controller's cycle allows.
-        too_close: Remaining points that follow closer than that (ends of operations cannot be merged).
-        largest_position_error_m: Largest distance of a commanded feed row from the written polyline at the same
-            place of the way, merging included.
-        largest_angle_error_rad: The same for the orientation.
-        warnings: What the user should know, one sentence each.
-        largest_position_error_line: Line of the source where that is.
-    """
-
-    files: dict[str, str]
-    points: int
-    merged_points: int
-    too_close: int
+    files: dict[str, str]  # File name to text, the program to start first
+    points: int  # Motion instructions written
+    merged_points: int  # Points left out because they follow closer than the controller's cycle allows
+    too_close: int  # Remaining points that follow closer than that (ends of operations cannot be merged)
+    # Largest distance of a commanded feed row from the written polyline at the same place of the way, merging included
     largest_position_error_m: float
-    largest_angle_error_rad: float
-    warnings: tuple[str, ...]
-    largest_position_error_line: int = 0
+    largest_angle_error_rad: float  # The same for the orientation
+    warnings: tuple[str, ...]  # What the user should know, one sentence each
+    largest_position_error_line: int = 0  # Line of the source where that is
 
 
 @dataclass(frozen=True)
 class RobotPoints:
-    """Rows chosen as points of the robot program.
+    """Rows chosen as points of the robot program."""
 
-    Attributes:
-        row: (m,) row of the path that each point lies at or before, non-decreasing.
-        Ts_part_tcp: (m, 4, 4) commanded poses.
-        speed_m_s: (m,) speed along the segment that ends there.
-        exact: (m,) True where the point must be reached without blending (before events and at the end).
-        motion: (m,) program motion of the row.
-        place: (m,) number of the place of the external axes.
-        merged: Points dropped for the controller's cycle.
-        too_close: Points closer than the cycle allows that had to stay.
-        largest_position_error_m: See :class:`RobotText`.
-        largest_angle_error_rad: See :class:`RobotText`.
-        worst_motion: Motion of the largest position error.
-        cycle_s: Time the controller needs per point, s.
-        feed_m_s: Feed at the largest position error.
-    """
-
-    row: Int
-    Ts_part_tcp: Float
-    speed_m_s: Float
-    exact: Bool
-    motion: Int
-    place: Int
-    merged: int
-    too_close: int
-    largest_position_error_m: float
-    largest_angle_error_rad: float
-    worst_motion: int
-    cycle_s: float
-    feed_m_s: float
+    row: Int  # (m,) row of the path that each point lies at or before, non-decreasing
+    Ts_part_tcp: Float  # (m, 4, 4) commanded poses
+    speed_m_s: Float  # (m,) speed along the segment that ends there
+    exact: Bool  # (m,) True where the point must be reached without blending (before events and at the end)
+    motion: Int  # (m,) program motion of the row
+    place: Int  # (m,) number of the place of the external axes
+    merged: int  # Points dropped for the controller's cycle
+    too_close: int  # Points closer than the cycle allows that had to stay
+    largest_position_error_m: float  # See :class:`RobotText`
+    largest_angle_error_rad: float  # See :class:`RobotText`
+    worst_motion: int  # Motion of the largest position error
+    cycle_s: float  # Time the controller needs per point, s
+    feed_m_s: float  # Feed at the largest position error
 
     def line(self, program: Program) -> int:
         """Source line of the largest position error."""
         return program.blocks[program.motions[self.worst_motion].block].line
 
     def warnings(self, program: Program, tolerance_m: float) -> tuple[str, ...]:
-        """Where the written path is coarser than the tolerance, why, and what helps, in words."""
+        """Warnings where the written path is coarser than the tolerance, with cause and remedy."""
         out = []
         error = self.largest_position_error_m
         if error > tolerance_m:
@@ -259,16 +232,13 @@ class FineRows:
 
     Args:
         pieces: (n,) of the segment that ends at each row, >= 1.
-
-    Attributes:
-        row: (m,) row at which the segment ends that a finer row lies on.
-        share: (m,) of that segment, 1 at the row itself.
     """
 
     def __init__(self, pieces: Int) -> None:
+        # (m,) row at which the segment ends that a finer row lies on
         self.row: Int = np.repeat(np.arange(len(pieces)), pieces)
         behind = np.cumsum(pieces)[self.row] - np.arange(1, len(self.row) + 1)
-        self.share: Float = 1.0 - behind / pieces[self.row]
+        self.share: Float = 1.0 - behind / pieces[self.row]  # (m,) of that segment, 1 at the row itself
 
     def between(self, values: Float) -> Float:
         """Values at the finer rows, linear along each segment."""
@@ -332,12 +302,12 @@ def motions_end(block: Block) -> int:
 
 
 def stops(block: Block) -> bool:
-    """Whether a block stops the program: M0, M1, M60."""
+    """Return whether a block stops the program: M0, M1, M60."""
     return any(word.letter == "M" and word.value in _STOPS for word in block.words)
 
 
 def acts(block: Block) -> bool:
-    """Whether a block does more than move: spindle, coolant, tool, stop."""
+    """Return whether a block does more than move: spindle, coolant, tool, stop."""
     return any(word.letter not in _MODAL_ONLY and word.letter != "O" for word in block.words)
 
 
@@ -369,7 +339,7 @@ def steps(program: Program, points: RobotPoints) -> Iterator[Block | float | int
 
 
 def _split(program: Program, block: Block) -> tuple[Block, Block | None]:
-    """What a block does before its motions, and what it does behind them (:data:`BEHIND`); dwells are none."""
+    """Return functions of a block before its motions, and those behind them (:data:`BEHIND`); dwells are none."""
     motions = program.motions[block.first_motion : motions_end(block)]
     behind = _STOPS if all(motion.kind == "dwell" for motion in motions) else BEHIND
     late = tuple(word for word in block.words if word.letter == "M" and word.value in behind)

@@ -16,11 +16,9 @@ FINER = 4
 def _open_window(
     s: Float, p: Float, r: Float, travel: Float, spacing: Float, keep: Bool, tol2: float, tol2_r: float
 ) -> None:
-    """Greedy opening window; ``keep`` holds the fixed vertices.
-
-    A chord is as long as the tolerance allows, but never shorter than ``spacing``; where the last one before a fixed
-    vertex would be shorter, the one before it is cut.
-    """
+    """Greedy opening window; ``keep`` holds the fixed vertices."""
+    # A chord is as long as the tolerance allows, but never shorter than ``spacing``; where the last one before a fixed
+    # vertex would be shorter, the one before it is cut.
     n = len(s)
     a = 0
     while a < n - 1:

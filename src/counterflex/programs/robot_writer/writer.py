@@ -27,34 +27,24 @@ from counterflex.programs.robot_writer.points import (
 
 @dataclass(frozen=True, kw_only=True)
 class RobotSettings:
-    """What a robot program needs beside the path, in any language.
+    """Settings of a robot program beside its path, common to all languages."""
 
-    Attributes:
-        name: Program name; where the program is split, a part adds four characters to it.
-        start_axes_rad: (6,) axes of the posture the program starts from, as the controller shows them, rad.
-        rapid_m_s: Speed of rapids, m/s.
-        orientation_deg_s: Reorientation speed, deg/s.
-        cycle_s: Time the controller needs per point, s.
-        points_per_file: Motion instructions in one file; longer programs are split and called by a master.
-        cell: Name of the cell, for the header.
-        job: Hash of the plan, for the header.
-        tool_data: What the controller calls the tool frame, by number of the tool in the program.
-        external_axes: Value of external axis 1 to 6 by its number, mm or deg: where it stands at the begin.
-        places: The same for each place that they take along the program; empty: they stand all along.
-        turning_axes: Numbers of external axes that turn: their values are deg, those of others mm.
-    """
-
-    name: str
+    name: str  # Program name; where the program is split, a part adds four characters to it
+    # (6,) axes of the posture the program starts from, as the controller shows them, rad
     start_axes_rad: Sequence[float]
-    rapid_m_s: float = 0.2
-    orientation_deg_s: float = 100.0
-    cycle_s: float
-    points_per_file: int
-    cell: str = ""
-    job: str = ""
+    rapid_m_s: float = 0.2  # Speed of rapids, m/s
+    orientation_deg_s: float = 100.0  # Reorientation speed, deg/s
+    cycle_s: float  # Time the controller needs per point, s
+    points_per_file: int  # Motion instructions in one file; longer programs are split and called by a master
+    cell: str = ""  # Name of the cell, for the header
+    job: str = ""  # Hash of the plan, for the header
+    # What the controller calls the tool frame, by number of the tool in the program
     tool_data: Mapping[int, Any] = field(default_factory=dict)
+    # Value of external axis 1 to 6 by its number, mm or deg: where it stands at the begin
     external_axes: Mapping[int, float] = field(default_factory=dict)
+    # The same for each place that they take along the program; empty: they stand all along
     places: Sequence[Mapping[int, float]] = ()
+    # Numbers of external axes that turn: their values are deg, those of others mm
     turning_axes: frozenset[int] = frozenset()
 
     def check(self) -> None:
@@ -71,15 +61,12 @@ class RobotSettings:
 
 
 S = TypeVar("S", bound=RobotSettings)
+Poses = Sequence[Float]
+External = Mapping[int, float] | None
 
 
 class RobotWords(ABC, Generic[S]):
-    """Words of a language, which commanded paths and converted programs are written with alike.
-
-    Attributes:
-        settings: Names, frames, speeds.
-        tool: Number of the tool in the spindle.
-    """
+    """Words of a language, which commanded paths and converted programs are written with alike."""
 
     language: ClassVar[str]
     sign: ClassVar[str]
@@ -88,8 +75,8 @@ class RobotWords(ABC, Generic[S]):
     """Waits for a person (M0)."""
     wait: ClassVar[str]
     """Line of a dwell, with ``{}`` for its time in s."""
-    settings: S
-    tool: int
+    settings: S  # Names, frames, speeds
+    tool: int  # Number of the tool in the spindle
 
     @abstractmethod
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
@@ -99,6 +86,25 @@ class RobotWords(ABC, Generic[S]):
     def call(self, part: str) -> str:
         """Line that runs a part."""
 
+    def frames(self, tool: int) -> list[str]:
+        """Lines that set the frames of a tool, where motions do not name them."""
+        del tool
+        return []
+
+    @abstractmethod
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """Lines of a motion: straight to a pose, or on a circle through one pose to another.
+
+        Args:
+            Ts_part_tcp: (4, 4) m, one pose or two.
+            speed_m_s: Along the path, m/s.
+            exact: The robot stops at the end.
+            free: The robot takes its own way, by its axes.
+            external: Values of the external axes at the end, mm or deg; None: as at the begin.
+        """
+
 
 class RobotWriter(RobotWords[S], Generic[S]):
     """Writes a commanded path as a robot program in the part frame, with a linear motion to every point.
@@ -107,9 +113,6 @@ class RobotWriter(RobotWords[S], Generic[S]):
     the program, dwells wait; the text of such blocks is carried beside them as a comment. The first change of tool
     comes before the move to the start; every other one begins a part (a file) with a tool frame of its own, which
     first goes back to where the tool was changed.
-
-    Attributes:
-        speed: Speed that was last set, m/s; None where none was.
 
     Args:
         program: The program the path was sampled from (its comments and M-codes are carried along).
@@ -141,7 +144,7 @@ class RobotWriter(RobotWords[S], Generic[S]):
         settings.check()
         self.original, self.settings, self.tolerance_m = program, settings, tolerance_m
         self.first_tool = self.tool = first_tool(program)
-        self.speed: float | None = None
+        self.speed: float | None = None  # Speed that was last set, m/s; None where none was
         self.block_lines = block_lines or MachineFunctions(self.language).lines
         self.points = choose_points(
             program,
@@ -206,13 +209,17 @@ class RobotWriter(RobotWords[S], Generic[S]):
         self.speed = now if now > 0.0 else self.speed or self.settings.rapid_m_s
         return self.speed
 
-    @abstractmethod
     def point(self, index: int) -> list[str]:
         """Lines that lead to a point."""
+        return self._motion_to(index, self.speed_to(index), exact=bool(self.points.exact[index]) or index == 0)
 
-    @abstractmethod
     def enter(self, tool: int, place: int) -> list[str]:
         """Lines behind a change of tool: its frame, and the way back to the point at which it was changed."""
+        self.speed, self.tool = self.settings.rapid_m_s, tool
+        return [*self.frames(tool), *self._motion_to(place, self.speed, exact=True)]
+
+    def _motion_to(self, index: int, speed_m_s: float, *, exact: bool) -> list[str]:
+        return self.motion([self.points.Ts_part_tcp[index]], speed_m_s, exact=exact, external=self.external_at(index))
 
     @abstractmethod
     def start(self, lead: Sequence[str]) -> list[str]:

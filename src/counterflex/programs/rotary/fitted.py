@@ -22,7 +22,7 @@ _TABLE: Final = "[machine] of the cell file"
 
 
 def turns(program: Program) -> bool:
-    """Whether a program turns the tool: a rotary word other than 0, or a tool axis given as I J K (G43.5)."""
+    """Return whether a program turns the tool: a rotary word other than 0, or a tool axis given as I J K (G43.5)."""
     return any(motion.abc_end != _ZERO for motion in program.motions)
 
 
@@ -60,10 +60,9 @@ def fitted(program: Program, machine: RotaryMachine | None) -> Program:
 
 
 def _with_known_start(program: Program) -> Program:
-    """Let axes that a program has not named yet stand where it first sends them.
-
-    A program begins wherever the machine is; without this it would begin at zero, in the stock, with the tool along z.
-    """
+    """Let axes that a program has not named yet stand where it first sends them."""
+    # A program begins wherever the machine is; without this it would begin at zero, in the stock, with the tool along
+    # z.
     places = np.array([(*m.p_start, *m.abc_start, *m.p_end, *m.abc_end) for m in program.motions]).reshape(-1, 12)
     changed = np.zeros(len(places), dtype=np.bool_)
     for axis, letter in enumerate("XYZ" + LETTERS):

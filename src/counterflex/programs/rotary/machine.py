@@ -33,23 +33,16 @@ _STEPS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class RotaryAxis:
-    """One rotary axis.
+    """One rotary axis."""
 
-    Attributes:
-        letter: ``A``, ``B`` or ``C``.
-        moves: What it carries: the ``table`` with the part, or the ``head`` with the tool.
-        direction: (3,) unit vector in machine axes at zero. A positive word turns what it carries right-handed about
-            it.
-        p_pivot: (3,) m, a point on the axis with all axes at zero: of a table axis in the part frame, of a head axis
-            seen from the tool tip.
-        limits_rad: Smallest and largest angle.
-    """
-
-    letter: str
-    moves: Literal["table", "head"]
+    letter: str  # ``A``, ``B`` or ``C``
+    moves: Literal["table", "head"]  # What it carries: the ``table`` with the part, or the ``head`` with the tool
+    # (3,) unit vector in machine axes at zero. A positive word turns what it carries right-handed about it.
     direction: Float
+    # (3,) m, a point on the axis with all axes at zero: of a table axis in the part frame, of a head axis seen from the
+    # tool tip
     p_pivot: Float = field(default_factory=lambda: np.zeros(3))
-    limits_rad: tuple[float, float] = (-np.inf, np.inf)
+    limits_rad: tuple[float, float] = (-np.inf, np.inf)  # Smallest and largest angle
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -69,15 +62,12 @@ class RotaryAxis:
 class RotaryMachine:
     """Rotary axes of a milling machine, from its bed outward.
 
-    Attributes:
-        axes: One or two; the table axes in their order among them, and the head axes in theirs.
-        always_tool_centre: XYZ is the tool tip in the part frame without G43.4, too: a post that writes no code for it.
-
     Raises:
         InputError: No axis, more than two, the same word twice, or axes that turn the tool about one direction only.
     """
 
-    axes: tuple[RotaryAxis, ...]
+    axes: tuple[RotaryAxis, ...]  # One or two; the table axes in their order among them, and the head axes in theirs
+    # XYZ is the tool tip in the part frame without G43.4, too: a post that writes no code for it
     always_tool_centre: bool = False
 
     def __post_init__(self) -> None:

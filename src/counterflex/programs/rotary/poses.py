@@ -21,17 +21,11 @@ _NONE: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Words:
-    """What the words of a program mean.
+    """Meaning of the words of a program."""
 
-    Attributes:
-        machine: Its rotary axes; None where every direction is given as I J K.
-        tool_centre: (motions,) True where XYZ is the tip in the part frame.
-        vector: (motions,) True where the direction is given as I J K (G43.5).
-    """
-
-    machine: RotaryMachine | None
-    tool_centre: Bool
-    vector: Bool
+    machine: RotaryMachine | None  # Its rotary axes; None where every direction is given as I J K
+    tool_centre: Bool  # (motions,) True where XYZ is the tip in the part frame
+    vector: Bool  # (motions,) True where the direction is given as I J K (G43.5)
 
     @classmethod
     def of(cls, program: Program, machine: RotaryMachine | None) -> Words:
@@ -100,21 +94,14 @@ def turned_path(
 
 @dataclass(frozen=True, eq=False)
 class CommandedWords:
-    """A compensated path in the words of its program.
+    """A compensated path in the words of its program."""
 
-    Attributes:
-        path: Nominal rows, points as programmed.
-        p_command: (n, 3) m, XYZ to command.
-        angle_rad: (n, 3) nominal angles, or components of the tool axis.
-        angle_command_rad: (n, 3) those to command; equal to the nominal ones bit for bit where nothing is corrected.
-        dropped_rad: Largest correction of the direction that the words could not say.
-    """
-
-    path: ToolPath
-    p_command: Float
-    angle_rad: Float
+    path: ToolPath  # Nominal rows, points as programmed
+    p_command: Float  # (n, 3) m, XYZ to command
+    angle_rad: Float  # (n, 3) nominal angles, or components of the tool axis
+    # (n, 3) those to command; equal to the nominal ones bit for bit where nothing is corrected
     angle_command_rad: Float
-    dropped_rad: float
+    dropped_rad: float  # Largest correction of the direction that the words could not say
 
 
 def commanded_words(turned: TurnedPath, words: Words, correction_part: Float, rotvec_part: Float) -> CommandedWords:

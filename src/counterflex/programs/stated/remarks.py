@@ -85,35 +85,24 @@ _STOPS: Final = frozenset({0.0, 1.0, 60.0, 66.0})
 
 @dataclass(frozen=True, eq=False)
 class Stated:
-    """Statements of a program beside its motions.
+    """Statements of a program beside its motions."""
 
-    Attributes:
-        length_offset: (motions,) number of the tool length offset, or NONE, OWN or UNSAID of
-            :mod:`~counterflex.programs.stated.offsets`.
-        work_offset: (motions,) index into ``offsets``.
-        offsets: Names of the work offsets in use, in the order in which they appear; ``""`` where none is named.
-        defined: Of these, those whose place in the part is known.
-        coolant: (motions,) 1 on, 0 off, UNSAID where the program has no word of coolant.
-        spindle_on_at_end: The program ends without stopping the spindle, by M5 or by its end.
-        robot: In a language of robots.
-        stops: (motions,) a person or a signal is waited for at the end of the motion (M0, M1, M60, M66; HALT, Stop,
-            PAUSE; WAIT FOR, WaitDI, WAIT DI).
-        waits_first: The same before the first motion.
-        diameters_m: By tool number, the diameter that a comment of the program names, with its line.
-        doubts: Readings of words that controllers read in two ways, one sentence each.
-    """
-
+    # (motions,) number of the tool length offset, or NONE, OWN or UNSAID of :mod:`~counterflex.programs.stated.offsets`
     length_offset: Int
-    work_offset: Int
+    work_offset: Int  # (motions,) index into ``offsets``
+    # Names of the work offsets in use, in the order in which they appear; ``""`` where none is named
     offsets: tuple[str, ...]
-    defined: frozenset[str]
-    coolant: Int
-    spindle_on_at_end: bool
-    robot: bool
+    defined: frozenset[str]  # Of these, those whose place in the part is known
+    coolant: Int  # (motions,) 1 on, 0 off, UNSAID where the program has no word of coolant
+    spindle_on_at_end: bool  # The program ends without stopping the spindle, by M5 or by its end
+    robot: bool  # In a language of robots
+    # (motions,) a person or a signal is waited for at the end of the motion (M0, M1, M60, M66; HALT, Stop, PAUSE; WAIT
+    # FOR, WaitDI, WAIT DI)
     stops: Bool
+    # By tool number, the diameter that a comment of the program names, with its line
     diameters_m: Mapping[int, tuple[float, int]]
-    doubts: tuple[str, ...] = ()
-    waits_first: bool = False
+    doubts: tuple[str, ...] = ()  # Readings of words that controllers read in two ways, one sentence each
+    waits_first: bool = False  # The same before the first motion
 
 
 def stated(program: Program, known_offsets: bool = False) -> Stated:

@@ -167,10 +167,8 @@ def _least_increments(program: Program) -> list[str]:
 
 
 def _without_length(program: Program) -> list[str]:
-    """Cuts without a tool length offset in a program that has one elsewhere, or cancels it on its way.
-
-    G49 in the line of a safe start cancels nothing: a program without any offset is written for the tool tip.
-    """
+    """Cuts without a tool length offset in a program that has one elsewhere, or cancels it on its way."""
+    # G49 in the line of a safe start cancels nothing: a program without any offset is written for the tool tip.
     reader, bare, other, cancel = offset_reader(program.dialect), 0, False, 0
     moved = False
     for block in program.blocks:

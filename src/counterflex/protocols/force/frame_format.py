@@ -19,48 +19,37 @@ COMPONENTS: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS: Final = ("ch1", "ch2", "ch3", "ch4", "ch5", "ch6")
 WORDS: Final = ("status", "sequence", "crc16_x25", "-")
 """Other fields: status bits, number of the sample, checksum, and bytes that mean nothing here."""
+_UNSIGNED: Final = dict.fromkeys(("status", "sequence"), ("uint8", "uint16", "uint32", "uint64")) | {
+    "crc16_x25": ("uint16",)
+}
+"""Types that a word may have."""
 LONGEST: Final = 512
 
 
 @dataclass(frozen=True)
 class FrameField:
-    """One field.
+    """One field."""
 
-    Attributes:
-        kind: Of :data:`TYPES`.
-        name: Of :data:`COMPONENTS`, :data:`CHANNELS` or :data:`WORDS`.
-    """
-
-    kind: str
-    name: str
+    kind: str  # of TYPES
+    name: str  # of COMPONENTS, CHANNELS or WORDS
 
 
 @dataclass(frozen=True, eq=False)
 class FrameFormat:
     """A frame.
 
-    Attributes:
-        fields: Between header and footer, in order, packed.
-        matrix: (6, 6) N, N m per unit of a channel: ``w = matrix c``; c in the order fx .. mz or ch1 .. ch6.
-        header: First bytes.
-        footer: Last bytes.
-        little: Least significant byte first.
-        crc_from: First byte that the checksum covers; it covers all up to itself.
-        saturated_bits: Bits of the status that mean a reading beyond the range.
-        invalid_bits: Bits with which the reading means nothing.
-
     Raises:
         InputError: Fields that are unknown, repeated or missing, a frame that is too long, a matrix that is singular.
     """
 
-    fields: tuple[FrameField, ...]
-    matrix: Float
-    header: bytes = b""
-    footer: bytes = b""
-    little: bool = True
-    crc_from: int = 0
-    saturated_bits: int = 0
-    invalid_bits: int = 0
+    fields: tuple[FrameField, ...]  # between header and footer, in order, packed
+    matrix: Float  # (6, 6) N, N m per unit of a channel: ``w = matrix c``; c in the order fx .. mz or ch1 .. ch6
+    header: bytes = b""  # first bytes
+    footer: bytes = b""  # last bytes
+    little: bool = True  # least significant byte first
+    crc_from: int = 0  # first byte that the checksum covers; it covers all up to itself
+    saturated_bits: int = 0  # bits of the status that mean a reading beyond the range
+    invalid_bits: int = 0  # bits with which the reading means nothing
 
     def __post_init__(self) -> None:
         """Check that it is a frame of six components."""
@@ -76,15 +65,17 @@ class FrameFormat:
             raise InputError(
                 "a frame needs six components", value=" ".join(names), limit=f"{', '.join(COMPONENTS)} or ch1 .. ch6"
             )
-        for name in ("status", "sequence", "crc16_x25"):
-            kind = next((one.kind for one in self.fields if one.name == name), "uint16")
-            if not kind.startswith("uint") or (name == "crc16_x25" and kind != "uint16"):
-                raise InputError(
-                    f"type of the field {name}", value=kind, limit="an unsigned integer; uint16 for a CRC-16"
-                )
+        kinds = {one.name: one.kind for one in self.fields}
+        for name, allowed in _UNSIGNED.items():
+            if kinds.get(name, "uint16") not in allowed:
+                limit = "an unsigned integer; uint16 for a CRC-16"
+                raise InputError(f"type of the field {name}", value=kinds[name], limit=limit)
         if not self.size <= LONGEST:
             raise InputError("a frame is too long", value=self.size, limit=f"{LONGEST} bytes")
-        if (self.saturated_bits or self.invalid_bits) and "status" not in names:
+        self._check_numbers("status" in names)
+
+    def _check_numbers(self, has_status: bool) -> None:
+        if (self.saturated_bits or self.invalid_bits) and not has_status:
             raise InputError("bits of a status are named, but the frame has no field status")
         if not 0 <= self.crc_from < self.size:
             raise InputError("first byte of the checksum", value=self.crc_from, limit=f"0 .. {self.size - 1}")
@@ -122,7 +113,7 @@ class FrameFormat:
         return min(int(kind.removeprefix("uint")), 32)
 
     def has(self, name: str) -> bool:
-        """Whether there is a field of this name."""
+        """Return whether there is a field of this name."""
         return any(one.name == name for one in self.fields)
 
     def rows(self, data: bytes) -> tuple[NDArray[Any], Bool]:

@@ -19,7 +19,7 @@ FROZEN: Final = 25
 
 
 class Receiver(Protocol):
-    """What a protocol of another package opens."""
+    """A receiver that a protocol of another package opens."""
 
     def receive(self) -> Float:
         """(k, 6) N, N m: the samples that have come since the last call, oldest first, k >= 0; must not wait."""

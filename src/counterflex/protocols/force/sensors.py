@@ -20,49 +20,31 @@ Value = float | int | str | bool
 
 @dataclass(frozen=True)
 class Opening:
-    """Where a sensor is, and what the cell file says of it.
+    """Address of a sensor, and its settings in the cell file."""
 
-    Attributes:
-        host: Name or address.
-        port: UDP or TCP port.
-        http_port: Of the sensor's web page, where it has one.
-        wait_s: How long to wait for the sensor to answer: parts of a cell may be started in any order.
-        range_n: Largest force that the sensor measures in N, or None.
-        range_nm: Largest moment in N m, or None.
-        values: Of ``[sensor.link]`` in the cell file, every key that the protocol has, with its default where the
-            file has none.
-        frame: Of ``[sensor.frame]``, for ``protocol = "frame"``: its
-            :class:`~counterflex.protocols.frame.link.FrameSource`; else None.
-    """
-
-    host: str
-    port: int
-    http_port: int = 80
-    wait_s: float = 10.0
-    range_n: float | None = None
-    range_nm: float | None = None
+    host: str  # name or address
+    port: int  # UDP or TCP port
+    http_port: int = 80  # of the sensor's web page, where it has one
+    wait_s: float = 10.0  # how long to wait for the sensor to answer: parts of a cell may be started in any order
+    range_n: float | None = None  # largest force that the sensor measures in N, or None
+    range_nm: float | None = None  # largest moment in N m, or None
+    # of ``[sensor.link]`` in the cell file, every key that the protocol has, with its default where the file has none
     values: Mapping[str, Value] = field(default_factory=dict)
-    frame: object = None
+    frame: object = None  # of ``[sensor.frame]``, for ``protocol = "frame"``: its FrameSource; else None
 
 
 @dataclass(frozen=True)
 class ForceSensorKind:
-    """A protocol that a cell file can name.
+    """A protocol that a cell file can name."""
 
-    Attributes:
-        title: One line for help and reports.
-        open: Reaches the sensor and returns a
-            :class:`~counterflex.protocols.force.polled.Receiver` (our own protocols: a ready
-            :class:`~counterflex.protocols.force.source.ForceSource`). Raises OutputError where the sensor does
-            not answer within ``wait_s``.
-        values: Keys of ``[sensor.link]`` with their defaults; a value must be of the type of its default.
-        device: ``module:object`` of the sensor's side on the simulated cell, which makes a
-            :class:`~counterflex.twin.devices.force_device.ForceDevice` of a ``ForceStart``; empty: it has none.
-    """
-
-    title: str
+    title: str  # one line for help and reports
+    # reaches the sensor and returns a Receiver (our own protocols: a ready ForceSource). Raises OutputError where the
+    # sensor does not answer within ``wait_s``
     open: Callable[[Opening], Any]
+    # keys of ``[sensor.link]`` with their defaults; a value must be of the type of its default
     values: Mapping[str, Value] = field(default_factory=dict)
+    # ``module:object`` of the sensor's side on the simulated cell, which makes a ForceDevice of a ``ForceStart``;
+    # empty: it has none
     device: str = ""
 
 

@@ -22,7 +22,7 @@ RESTART: Final = 16
 
 
 class SampleStream:
-    """What a stream of samples says, as :class:`counterflex.protocols.force.source.ForceSource` shows it.
+    """A stream of samples as a :class:`counterflex.protocols.force.source.ForceSource`.
 
     Call :meth:`begin`, then :meth:`take` for each batch, then :meth:`end`, once per cycle of the loop.
 
@@ -122,7 +122,7 @@ class SampleStream:
         return self.good
 
     def _in_order(self, sequence: NDArray[np.integer] | None, time_ns: NDArray[np.integer] | None, count: int) -> Int:
-        """Which samples are new: numbers go on by their order, late and repeated ones are passed over."""
+        """Places of the new samples: numbers go on by their order, late and repeated ones are passed over."""
         if sequence is None:
             return np.arange(count)
         kept = []
@@ -145,7 +145,7 @@ class SampleStream:
         return np.array(kept, dtype=np.int64)
 
     def _pace(self, sequence: int, time_ns: int) -> None:
-        """Whether the stream comes at 1 kHz, by the source's own numbers and times."""
+        """Test whether the stream comes at 1 kHz, by the source's own numbers and times."""
         if self._origin is None:
             self._origin, self._kilohertz = (sequence, time_ns), False
             return

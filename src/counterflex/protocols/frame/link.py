@@ -19,22 +19,15 @@ _MOST_BYTES: Final = 1 << 16
 
 @dataclass(frozen=True)
 class FrameSource:
-    """How frames are had.
+    """Transport and requests of a sensor that sends frames."""
 
-    Attributes:
-        frame: What they look like.
-        transport: UDP datagrams of one or several whole frames, or a TCP stream.
-        start: Sent once at the beginning; empty: nothing. With it, or ``request``, the sensor is addressed; else the
-            loop listens.
-        stop: Sent at the end.
-        request: Sent once in every cycle, for a sensor that answers requests.
-    """
-
-    frame: FrameFormat
-    transport: Literal["udp", "tcp"] = "udp"
+    frame: FrameFormat  # what they look like
+    transport: Literal["udp", "tcp"] = "udp"  # UDP datagrams of one or several whole frames, or a TCP stream
+    # sent once at the beginning; empty: nothing. With it, or ``request``, the sensor is addressed; else the loop
+    # listens
     start: bytes = b""
-    stop: bytes = b""
-    request: bytes = b""
+    stop: bytes = b""  # sent at the end
+    request: bytes = b""  # sent once in every cycle, for a sensor that answers requests
 
     def __post_init__(self) -> None:
         """A stream without a header cannot be cut into frames.

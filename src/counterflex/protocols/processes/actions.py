@@ -32,7 +32,7 @@ _KEPT: Final = 40
 
 
 def actions_path(words: Path) -> Path:
-    """Where the actions of a run are, by where its shared numbers are."""
+    """Path of the actions of a run, by the path of its shared numbers."""
     return words.with_name(words.name + _SUFFIX)
 
 

@@ -10,7 +10,7 @@ from enum import IntEnum
 
 
 class Request(IntEnum):
-    """What the operator's side can ask for: places of the control array."""
+    """Requests of the operator's side: places of the control array."""
 
     ARM = 0
     STOP = 1
@@ -22,7 +22,7 @@ REQUESTS = len(Request)
 
 
 class Tally(IntEnum):
-    """What the loop counts for whoever watches it: places of the control array after those of :class:`Request`."""
+    """Counts of the loop for its observers: places of the control array after those of :class:`Request`."""
 
     FOREIGN = 4
     """Telegrams from an address that is not the controller's."""
@@ -48,7 +48,7 @@ class Tally(IntEnum):
 
 
 class Kept(IntEnum):
-    """What the recorder says of the log: places of the control array after those of :class:`Tally`."""
+    """State of the log by the recorder: places of the control array after those of :class:`Tally`."""
 
     TAKEN = 15
     """Records taken over from the loop."""
@@ -59,7 +59,7 @@ class Kept(IntEnum):
 
 
 class Life(IntEnum):
-    """Who lives: places of the control array after those of :class:`Kept`."""
+    """Signs of life of the processes: places of the control array after those of :class:`Kept`."""
 
     LOOP_NS = 18
     """When the loop last said that it lives."""
@@ -80,7 +80,7 @@ class Life(IntEnum):
 
 
 class Shown(IntEnum):
-    """What the loop is doing: places of the control array after those of :class:`Life`."""
+    """Present values of the loop: places of the control array after those of :class:`Life`."""
 
     STATE = 28
     CAUSE = 29
@@ -130,7 +130,7 @@ class Shown(IntEnum):
 
 
 class Panel(IntEnum):
-    """What the operator panel says of itself: places of the control array after those of :class:`Shown`."""
+    """State of the operator panel: places of the control array after those of :class:`Shown`."""
 
     NS = 52
     """When it last said that it lives; 0: there is none, or it has left."""

@@ -51,7 +51,7 @@ class Living:
         self._ended = False
 
     def gone(self) -> bool:
-        """Whether one of them has died; once it has, for ever."""
+        """Return whether one of them has died; once it has, for ever."""
         if self._ended:
             return True
         if self._unknown:

@@ -99,7 +99,7 @@ def _missing(folder: Path) -> list[Path]:
 
 
 def _operator_entry(folder: Path) -> tuple[Path, int] | None:
-    """Where the numbers of the run are that an operator would find there, and its process."""
+    """Path of the run's shared numbers that an operator would find there, and its process."""
     try:
         return words_of(folder / FILE)
     except (OSError, ValueError):

@@ -32,7 +32,7 @@ _WEIGHTS: Final = 2 * np.arange(layout.NUMBERS - 1, dtype=np.int64) + 1
 
 
 def snapshot_path(words: Path) -> Path:
-    """Where the snapshots of a run are, by where its shared numbers are."""
+    """Path of the snapshots of a run, by the path of its shared numbers."""
     return words.with_name(words.name + _SUFFIX)
 
 
@@ -107,7 +107,7 @@ class SnapshotSlots:
         head[layout.MAGIC_AT] = layout.MAGIC
 
     def begin(self) -> int:
-        """Which slot is to be written; whoever reads it now sees that it does not stand."""
+        """Take the slot to be written; a reader then sees that it is not complete."""
         number = self.number + 1
         place = number % layout.SLOTS
         self._words[_FIRST + place * layout.NUMBERS] = -number

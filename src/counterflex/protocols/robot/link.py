@@ -38,7 +38,7 @@ class RobotLink(Protocol):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where telegrams are expected."""
+        """Address at which telegrams are expected."""
 
     @property
     def counter(self) -> int:

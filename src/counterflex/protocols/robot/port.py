@@ -19,7 +19,7 @@ _NOBODY: Final = -1
 
 
 class Verdict(IntEnum):
-    """What a datagram is."""
+    """Verdict on a datagram."""
 
     MALFORMED = -1
     """No message of this protocol; its sender is not believed to be the controller."""
@@ -36,35 +36,20 @@ _MALFORMED, _OLD, _NEW, _ASTRAY = Verdict.MALFORMED, Verdict.OLD, Verdict.NEW, V
 
 @dataclass(eq=False)
 class Counters:
-    """What came, since the link was opened.
+    """Counts of datagrams since the link was opened."""
 
-    Attributes:
-        telegrams: Good ones that were answered or could have been.
-        drained: Older ones that were passed over because a newer one was there.
-        malformed: In all.
-        malformed_in_a_row: Until the last good one.
-        foreign: From an address that is not the controller's.
-        stranger: Who sent the last of these, ``address << 16 | port``.
-        old: With a counter at or before the last one.
-        astray: With a counter far away from the last one.
-        lost: Cycles without a telegram, by the counter.
-        repeated: Unreadable ones that were answered all the same, with what had been said before.
-        late_at_robot: What the controller itself counts as late (Delay), last value; -1 where it does not say.
-        sender: The controller: its IPv4 address times 65536, plus its port; -1: nobody yet.
-    """
-
-    telegrams: int = 0
-    drained: int = 0
-    malformed: int = 0
-    malformed_in_a_row: int = 0
-    foreign: int = 0
-    stranger: int = _NOBODY
-    old: int = 0
-    astray: int = 0
-    lost: int = 0
-    repeated: int = 0
-    late_at_robot: int = -1
-    sender: int = _NOBODY
+    telegrams: int = 0  # good ones that were answered or could have been
+    drained: int = 0  # older ones that were passed over because a newer one was there
+    malformed: int = 0  # in all
+    malformed_in_a_row: int = 0  # until the last good one
+    foreign: int = 0  # from an address that is not the controller's
+    stranger: int = _NOBODY  # who sent the last of these, ``address << 16 | port``
+    old: int = 0  # with a counter at or before the last one
+    astray: int = 0  # with a counter far away from the last one
+    lost: int = 0  # cycles without a telegram, by the counter
+    repeated: int = 0  # unreadable ones that were answered all the same, with what had been said before
+    late_at_robot: int = -1  # what the controller itself counts as late (Delay), last value; -1 where it does not say
+    sender: int = _NOBODY  # the controller: its IPv4 address times 65536, plus its port; -1: nobody yet
 
 
 class RobotPort:
@@ -102,7 +87,7 @@ class RobotPort:
 
     @property
     def peer(self) -> tuple[str, int] | None:
-        """Who is answered, or None before the first good telegram."""
+        """Peer that is answered, or None before the first good telegram."""
         if self._sender == _NOBODY:
             return None
         return socket.inet_ntoa((self._sender >> 16).to_bytes(4, "big")), self._sender & 0xFFFF

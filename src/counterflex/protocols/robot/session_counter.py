@@ -39,7 +39,7 @@ class SessionCounter:
         self._another = False
 
     def judge(self, counter: int) -> Verdict:
-        """What a telegram with this counter is; a new one is taken as the newest."""
+        """Judge a telegram by its counter; a new one is taken as the newest."""
         step = counter - self.newest if self.newest >= 0 else 1
         if 0 < step <= _SESSION_MS:
             self._run, self.newest = 0, counter
@@ -54,7 +54,7 @@ class SessionCounter:
         return _NEW
 
     def follows(self, counter: int) -> bool:
-        """Whether a counter lies ahead of the newest one and within its session; nothing is taken from it."""
+        """Return whether a counter lies ahead of the newest one and within its session; nothing is taken from it."""
         return self.newest >= 0 and 0 < counter - self.newest <= _SESSION_MS
 
     def advance(self) -> tuple[int, bool]:

@@ -19,23 +19,14 @@ _ROWS: Final = 8
 
 
 class Wire(Protocol):
-    """Datagrams in and out.
+    """Datagrams in and out."""
 
-    Attributes:
-        address: Where datagrams are expected.
-        most: Datagrams that one call of :meth:`receive` takes at most.
-        rows: Bytes of each.
-        lengths: Of each.
-        senders: ``address << 16 | port`` of each.
-        names: (most, NAME) each sender's address as the system has it.
-    """
-
-    address: tuple[str, int]
-    most: int
-    rows: list[Bytes]
-    lengths: Int
-    senders: Int
-    names: ByteRows
+    address: tuple[str, int]  # where datagrams are expected
+    most: int  # datagrams that one call of receive takes at most
+    rows: list[Bytes]  # bytes of each
+    lengths: Int  # of each
+    senders: Int  # ``address << 16 | port`` of each
+    names: ByteRows  # (most, NAME) each sender's address as the system has it
 
     @property
     def target(self) -> int:

@@ -24,7 +24,7 @@ _PANEL: Final = int(Panel.NS)
 
 
 def panel_state(control: Any, now_ns: int) -> int:
-    """Whether a panel is there: none has come or it has left, it says that it lives, or it has fallen silent.
+    """State of the panel: none has come or it has left, it lives, or it has fallen silent.
 
     Args:
         control: Shared, see :mod:`counterflex.protocols.processes.control_array`.

@@ -51,31 +51,19 @@ ProcessWrench: TypeAlias = SensorWrench | StrainWrench | PairWrench
 
 @dataclass(frozen=True, eq=False)
 class Sensing:
-    """What an online session measures with, beside what the robot says.
+    """Sensors of an online session, beside the robot's telegrams."""
 
-    Attributes:
-        force: Force sensor, or None.
-        wrench: Its reading as process wrench; needed with ``force``.
-        tare: How its zero is taken; None: of the wrench.
-        tools: Tools of the plan, where it has several; None: one and the same.
-        inertia: Takes the inertia of the spindle out of it, or None.
-        currents: Torque of the motor currents that the robot sends, for the estimator; None leaves them.
-        angles: Holds the axis angles of each telegram against its poses; None: they are believed.
-        tracker: Tracker, or None.
-        T_part_tracker: (4, 4) tracker in the part frame; needed with ``tracker``.
-        T_target_tcp: (4, 4) tool tip in the tracker's target; needed with ``tracker``.
-    """
-
-    force: ForceSource | None = None
-    wrench: ProcessWrench | None = None
-    tare: Tare | None = None
-    tools: ToolChange | None = None
-    inertia: SpindleInertia | None = None
+    force: ForceSource | None = None  # force sensor, or None
+    wrench: ProcessWrench | None = None  # its reading as process wrench; needed with ``force``
+    tare: Tare | None = None  # how its zero is taken; None: of the wrench
+    tools: ToolChange | None = None  # tools of the plan, where it has several; None: one and the same
+    inertia: SpindleInertia | None = None  # takes the inertia of the spindle out of it, or None
+    # torque of the motor currents that the robot sends, for the estimator; None leaves them
     currents: MotorTorque | None = None
-    angles: AxisCheck | None = None
+    angles: AxisCheck | None = None  # holds the axis angles of each telegram against its poses; None: they are believed
     tracker: TrackerLink | None = None
-    T_part_tracker: Float | None = None
-    T_target_tcp: Float | None = None
+    T_part_tracker: Float | None = None  # (4, 4) tracker in the part frame; needed with ``tracker``
+    T_target_tcp: Float | None = None  # (4, 4) tool tip in the tracker's target; needed with ``tracker``
 
 
 class Senses:
@@ -141,7 +129,7 @@ class Senses:
 
     @property
     def set_back(self) -> int:
-        """How often the tracker's clock was set back."""
+        """Number of times that the tracker's clock was set back."""
         return self._arrival.set_back
 
     def fill_ages(self) -> None:
@@ -167,12 +155,9 @@ class Senses:
         good = force.drain()
         if force.first >= 0:
             self._loop.take(force.samples, force.good, force.first)
-        if force.saturated:
-            self.force_age += 1
-            return soft or _SATURATED
-        if good == 0 or force.frozen:
-            self.force_age += 1
-            return soft  # it ages: the step goes on by the plan for a while where there is one, then holds
+        if force.saturated or force.frozen or good == 0:
+            self.force_age += 1  # where there is a plan, the step goes on by it for a while, then holds
+            return soft or (_SATURATED if force.saturated else 0)
         self._learn_pause()
         w_sensor = self._spikes.cleaned(force.w_sensor, force.samples[: min(good, len(force.samples))])
         if w_sensor is None:  # the last one goes on
@@ -184,19 +169,21 @@ class Senses:
             self.force_age += 1
             return soft or self._wrench.doubt
         self.force_age = 0
-        tare = self._tare
-        idle = self._loop.quick_result.state <= _READY
-        if not tare.accepted and idle and good_telegrams > self._settle // 2:
-            tare.take(w)
-        if self._needs_force and tare.refusals and soft == 0:
-            soft = _OFFSET
-        w -= tare.zero
+        soft = self._watch_zero(w, soft, good_telegrams)
+        w -= self._tare.zero
         if self._inertia is None:
             self._w[:] = w
             self._loop.on_tool(self._w)
         elif self.since > 0:
             self._w[:] = self._without_inertia(self._inertia, w)
         return soft
+
+    def _watch_zero(self, w: Float, soft: int, good_telegrams: int) -> int:
+        """Take the sensor's zero while the loop is idle; cause of a hold where the zero was refused, else ``soft``."""
+        tare, idle = self._tare, self._loop.quick_result.state <= _READY
+        if not tare.accepted and idle and good_telegrams > self._settle // 2:
+            tare.take(w)
+        return _OFFSET if soft == 0 and self._needs_force and tare.refusals else soft
 
     def _learn_pause(self) -> None:
         """Learn how many cycles a slow sensor leaves out between two readings, before the loop is armed."""
@@ -236,7 +223,7 @@ class Senses:
             self.current_age = 0
 
     def lacking(self, good_telegrams: int, cycles: int, silent_cycles: int = 0) -> int:
-        """Why it cannot be armed, where a sensor that is needed says nothing or the telegrams do not come steadily."""
+        """Cause against arming: a sensor that is needed is silent, or the telegrams do not come steadily; or 0."""
         if self._needs_tracker and self.tracker_age >= self._tracker_stale:
             return _TRACKER_LOST
         if self._needs_force and self._overdue >= self._loop.settings.stale_cycles:

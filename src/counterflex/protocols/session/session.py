@@ -164,12 +164,12 @@ class OnlineSession:
 
     @property
     def set_back(self) -> int:
-        """How often the tracker's clock was set back."""
+        """Number of times that the tracker's clock was set back."""
         return self._senses.set_back
 
     @property
     def patience_s(self) -> float:
-        """How long to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
+        """Time to wait for the next telegram: until half a cycle after it is due, then a cycle each."""
         period = self.loop.settings.period_s
         return period if self._silent_cycles else 1.5 * period
 
@@ -193,12 +193,10 @@ class OnlineSession:
         Returns:
             The same.
         """
-        link, loop = self.link, self.loop
+        link, loop, result, senses = self.link, self.loop, self._result, self._senses
         received_ns = self._clock_ns()
-        given, result = self._given, self._result
         if self._standing is not None and not self._begin(self._standing, received, received_ns):
             return received
-        soft, hard = 0, 0
         self._another = self._another or (received and link.restarted)
         answer_due = received
         if received and link.empty:  # says nothing of the robot
@@ -206,26 +204,8 @@ class OnlineSession:
                 link.answer(loop.correction, loop.axes if self._axes else None)
                 return True
             received = False  # once something is in force it stays in force, and is no telegram
-        given.is_reported = 0
-        if received and self._another:
-            hard, self._another = _RESTARTED, False
-        if received:
-            link.fill(self._nominal, self._q)
-            given.is_reported = int(link.fill_reported(self._reported))
-        soft, hard = self._watch_telegrams(received, received_ns, hard)
-        if received and self._angles is not None:
-            soft = self._watch_angles(self._angles) or soft
-        senses, new = self._senses, 0
-        senses.since += link.elapsed if received else 0
-        try:
-            if self._tools is not None:
-                changed = self._tools.watch(result.state, result.cause, loop.place, self._tare)
-                soft = soft or changed
-            soft = senses.read_force(soft, self.watch.good)
-            new = senses.read_tracker()
-            senses.read_currents(received)
-        except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
-            self._failed(fault)
+        soft, hard = self._take_telegram(received, received_ns)
+        soft, new = self._read_senses(received, soft)
         if link.clamped and soft in self._yielding:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
@@ -269,6 +249,35 @@ class OnlineSession:
             self.control[Course.UNANSWERED] = 0 if standing.known else self.cycles
         return standing.known
 
+    def _take_telegram(self, received: bool, received_ns: int) -> tuple[int, int]:
+        """Fill the step's inputs from the telegram; causes of a hold and of a fault that the telegrams give."""
+        link, hard = self.link, 0
+        self._given.is_reported = 0
+        if received:
+            if self._another:
+                hard, self._another = _RESTARTED, False
+            link.fill(self._nominal, self._q)
+            self._given.is_reported = int(link.fill_reported(self._reported))
+        soft, hard = self._watch_telegrams(received, received_ns, hard)
+        if received and self._angles is not None:
+            soft = self._watch_angles(self._angles) or soft
+        return soft, hard
+
+    def _read_senses(self, received: bool, soft: int) -> tuple[int, int]:
+        """Read every sensor; cause of a hold or 0, and 1 where the tracker gave a new pose."""
+        senses, new = self._senses, 0
+        senses.since += self.link.elapsed if received else 0
+        try:
+            if self._tools is not None:
+                changed = self._tools.watch(self._result.state, self._result.cause, self.loop.place, self._tare)
+                soft = soft or changed
+            soft = senses.read_force(soft, self.watch.good)
+            new = senses.read_tracker()
+            senses.read_currents(received)
+        except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
+            self._failed(fault)
+        return soft, new
+
     def _tell(self, sent: int, received_ns: int, received: bool) -> None:
         """Of this cycle, whose answer is out: in shared numbers and as a snapshot."""
         if self._teller is not None:
@@ -306,7 +315,7 @@ class OnlineSession:
         return self._publisher
 
     def _serve_requests(self) -> None:
-        """What the operator asked for, and the step has now seen."""
+        """Serve the operator's requests that the step has now taken."""
         control = self.control
         if self._result.state >= _ARMED:  # served, or overtaken by what happened: it must not arm later by itself
             control[_ARM] = 0
@@ -390,28 +399,33 @@ class OnlineSession:
         )
 
     def _watch_program(self, soft: int, hard: int, now_ns: int) -> tuple[int, int]:
-        """What is wrong on this side: the loop's own program, the job, the log, the other processes of the run."""
-        if self.trouble and hard == 0 and not self.control[_RESET]:
+        """Watch this side: the loop's own program, the job, the log, the other processes of the run."""
+        armed, resetting = self._result.state > _ARMED, bool(self.control[_RESET])
+        if self.trouble and hard == 0 and not resetting:
             hard = _INTERNAL
-        armed = self._result.state > _ARMED
         if self._job is not None and self.link.job not in (0, self._job):
-            if armed:
-                hard = hard or _WRONG_JOB
-            elif soft in self._yielding:
-                soft = _WRONG_JOB
+            hard = hard or (_WRONG_JOB if armed else 0)
+            soft = _WRONG_JOB if not armed and soft in self._yielding else soft
         if len(self.control) >= CONTROL:
-            if soft in self._yielding and self.ring is not None and self._log_lost(armed):
-                soft = _LOG_LOST
-            if soft in self._yielding and self._checks.hold_without_panel:
-                soft = soft if panel_state(self.control, now_ns) == THERE else _PANEL_LOST
-        if self.not_closed and (armed or (self._result.state <= _READY and not self.control[_RESET])):
+            soft = self._watch_processes(soft, armed, now_ns)
+        if self.not_closed and (armed or (self._result.state <= _READY and not resetting)):
             soft = _NOT_CLOSED  # before what else keeps it from being armed: the robot may be in the cut
-        if self._teller is not None and self._run_lost(now_ns):
+        if self._run_lost(now_ns):
             soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong
         return soft, hard
 
+    def _watch_processes(self, soft: int, armed: bool, now_ns: int) -> int:
+        """Cause of a hold where recorder or panel is lost and ``soft`` yields to it, else ``soft``."""
+        if soft in self._yielding and self._log_lost(armed):
+            soft = _LOG_LOST
+        if soft in self._yielding and self._checks.hold_without_panel and panel_state(self.control, now_ns) != THERE:
+            soft = _PANEL_LOST
+        return soft
+
     def _run_lost(self, now_ns: int) -> bool:
         control, longest = self.control, self._run_silent_ns
+        if self._teller is None:
+            return False
         cause = int(control[_RUN])
         return bool(control[_GONE]) or (longest is not None and cause != 0 and now_ns - cause > longest)
 

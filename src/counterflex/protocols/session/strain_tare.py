@@ -61,7 +61,7 @@ class StrainTare(Tare):
             self._wrench.take_zero(mean)
 
     def _judged(self, mean: Float, drift: Float, there: Bool) -> bool:
-        """Whether the mean of the bridges that are there is a zero, and does not change."""
+        """Return whether the mean of the bridges that are there is a zero, and does not change."""
         M = self._wrench.matrix(there)
         noise = np.sqrt(2.0 / (CYCLES // 2)) * self._wrench.noise[there]
         self.mean[:3] = M @ mean[there]

@@ -64,7 +64,7 @@ class Tare:
             self.zero[:] = self.mean
 
     def _small(self, w: Float, share: float) -> bool:
-        """Whether a wrench is within a share of the limits; not a number is not."""
+        """Return whether a wrench is within a share of the limits; not a number is not."""
         return math.hypot(*w[:3]) <= share * self._force_n and math.hypot(*w[3:]) <= share * self._moment_nm
 
     def again(self) -> None:

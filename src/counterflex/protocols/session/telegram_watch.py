@@ -29,25 +29,16 @@ _UNEXPLAINED: Final = 3
 
 @dataclass(frozen=True)
 class WatchSettings:
-    """When telegrams are no longer good enough.
+    """Limits beyond which telegrams are no longer good enough."""
 
-    Attributes:
-        hold_late: Answers in a row that the controller did not get in time, for a hold.
-        fault_late: Likewise, for a fault.
-        share_late: Share of late ones within :data:`WINDOW` above which it holds.
-        malformed_hold: Unreadable telegrams in a row for a hold.
-        malformed_fault: Likewise, for a fault.
-        clock_cycles: Cycles by which this computer's clock and the controller's counter may part within a second.
-        clock: Compare them; off where the controller waits for every answer.
-    """
-
-    hold_late: int = 3
-    fault_late: int = 10
-    share_late: float = 0.10
-    malformed_hold: int = 3
-    malformed_fault: int = 10
+    hold_late: int = 3  # answers in a row that the controller did not get in time, for a hold
+    fault_late: int = 10  # likewise, for a fault
+    share_late: float = 0.10  # share of late ones within WINDOW above which it holds
+    malformed_hold: int = 3  # unreadable telegrams in a row for a hold
+    malformed_fault: int = 10  # likewise, for a fault
+    # cycles by which this computer's clock and the controller's counter may part within a second
     clock_cycles: float = 2.0
-    clock: bool = True
+    clock: bool = True  # compare them; off where the controller waits for every answer
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -174,7 +165,7 @@ class TelegramWatch:
         return soft, hard
 
     def _clocks_part(self, offset_ns: int) -> bool:
-        """Whether the clocks moved apart too far: at once, or against where they stood up to a second ago.
+        """Return whether the clocks moved apart too far: at once, or against where they stood up to a second ago.
 
         A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
         telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
@@ -212,7 +203,7 @@ class TelegramWatch:
         return parted or self._ahead == 1
 
     def _anew(self, offset_ns: int) -> None:
-        """What was known of the clocks is of no use any more."""
+        """Forget the drift of the clocks."""
         self._recent[:] = [offset_ns] * _SETTLED
         self._floors[:_SETTLED] = [offset_ns] * _SETTLED
         self._known, self._ahead, self._parted = _SETTLED, 0, False

@@ -24,7 +24,7 @@ class Words(Protocol):
 
 
 def tracker_off(words: Words) -> dict[str, float] | None:
-    """How far off the tracker sees the tool, while that keeps the loop from being armed.
+    """Deviation of the tool by the tracker, while that keeps the loop from being armed.
 
     Args:
         words: Shared, see :mod:`counterflex.protocols.processes.control_array`.

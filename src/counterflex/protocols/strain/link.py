@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import socket
 from typing import Final
 
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
 from counterflex.core.records import Record, records
 from counterflex.protocols.strain import kernel as reading
 from counterflex.protocols.strain.drain_kernel import ARRAYS, drain_strains
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox, host_number
+from counterflex.protocols.system.datagrams import DatagramLink, Inbox, batches, listening
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept; the newest ones beyond that are lost, and counted as taken."""
 
 
-class StrainLink:
+class StrainLink(DatagramLink):
     """A stream of strains, taken by the session as a :class:`~counterflex.protocols.force.source.ForceSource`.
 
     Args:
@@ -64,11 +63,10 @@ class StrainLink:
             raise InputError("the range of the bridges is not above 0", value=range_)
         self._least = min(least, bridges)
         self.address = host, port
-        self._inbox: Inbox = self._opened(host, port) if inbox is None else inbox
-        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
-        self._received = records(reading.RECEIVED)
+        if inbox is None:
+            inbox, self.address = listening(host, port, "the port for strains")
+        super().__init__(inbox, records(reading.RECEIVED), peers)
         self.received: Record = self._received[0]
-        self.received.sequence = self.received.host = -1
         self.received.bridges, self.received.range = bridges, range_
         self.strain: Float = np.full((MOST_SAMPLES, reading.MOST), np.nan)
         self.warm_c: Float = np.full(MOST_SAMPLES, np.nan)
@@ -90,20 +88,6 @@ class StrainLink:
             received=self._received,
         )
 
-    def _opened(self, host: str, port: int) -> Inbox:
-        bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            bound.bind((host, port))
-        except OSError as fault:
-            bound.close()
-            raise OutputError(
-                f"the port for strains cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{port}",
-                hint="Is another program listening there?",
-            ) from fault
-        self.address = bound.getsockname()
-        return Datagrams(bound)
-
     def drain(self) -> int:
         """Take every datagram that is there; returns their number, those with too few bridges included."""
         inbox = self._inbox
@@ -116,15 +100,12 @@ class StrainLink:
 
     def _drain_singly(self) -> int:
         inbox, self.counts[0] = self._inbox, 0
-        while True:
-            count = inbox.take()
-            if count:
-                reading.take_strains(
-                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
-                    self.strain, self.warm_c, self.times_ns, self._received,
-                )  # fmt: skip
-            if count < ROWS:
-                return int(self.counts[0])
+        for count in batches(inbox):
+            reading.take_strains(
+                inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
+                self.strain, self.warm_c, self.times_ns, self._received,
+            )  # fmt: skip
+        return int(self.counts[0])
 
     @property
     def saturated(self) -> bool:
@@ -144,7 +125,7 @@ class StrainLink:
         return int(self.received.bridges)
 
     def out_of_order(self) -> list[str]:
-        """What is wrong with bridges in the last datagram, in words: ``bridge 2 broken``."""
+        """Faults of bridges in the last datagram, in words: ``bridge 2 broken``."""
         words = []
         for k in range(self.bridges):
             if self._missing[k]:
@@ -154,7 +135,3 @@ class StrainLink:
             elif self._same[k] >= reading.FROZEN - 1:
                 words.append(f"bridge {k + 1} repeats its last value")
         return words
-
-    def close(self) -> None:
-        """Free the port."""
-        self._inbox.close()

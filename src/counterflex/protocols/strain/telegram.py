@@ -34,21 +34,13 @@ RATES_HZ: Final = (100.0, 4000.0)
 
 @dataclass(frozen=True, eq=False)
 class StrainSample:
-    """One reading of all bridges.
+    """One reading of all bridges."""
 
-    Attributes:
-        sequence: See the table of the module.
-        time_ns: Source clock.
-        status: Bits; 0 is good.
-        temperature_c: Of the holder, NaN where not measured.
-        strain: (n,) of each bridge, dimensionless.
-    """
-
-    sequence: int
-    time_ns: int
-    status: int
-    temperature_c: float
-    strain: Float
+    sequence: int  # see the table of the module
+    time_ns: int  # source clock
+    status: int  # bits; 0 is good
+    temperature_c: float  # of the holder, NaN where not measured
+    strain: Float  # (n,) of each bridge, dimensionless
 
 
 def read_strain(data: bytes) -> StrainSample:
@@ -95,5 +87,5 @@ def write_strain(sample: StrainSample) -> bytes:
 
 
 def readable(sample: StrainSample) -> bool:
-    """Whether every bridge shows a number."""
+    """Return whether every bridge shows a number."""
     return sample.status == 0 and all(math.isfinite(value) for value in sample.strain)

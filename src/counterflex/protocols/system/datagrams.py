@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import socket
+from collections.abc import Iterator
 from typing import Any, Final, Protocol
 
 import numpy as np
 
 from counterflex.core.arrays import Int
+from counterflex.core.errors import OutputError
+from counterflex.core.records import Records
 from counterflex.protocols.decimal_kernel import ByteRows
 from counterflex.protocols.system import system_calls
 
@@ -46,7 +49,7 @@ class Inbox(Protocol):
 
 
 class Datagrams:
-    """What came to a UDP socket of IPv4.
+    """Datagrams that came to a UDP socket of IPv4.
 
     Args:
         own: The socket; made non-blocking.
@@ -109,6 +112,68 @@ class Datagrams:
             self.lengths[count], self.hosts[count] = length, host_number(peer[0])
             count += 1
         return count
+
+
+class DatagramLink:
+    """Receiver of one instrument: its inbox, whom it listens to, and what its kernel counts.
+
+    Args:
+        inbox: Takes the datagrams.
+        received: (1,) record of the instrument's kernel, with sequence, host, lost, malformed and foreign; changed.
+        peers: Addresses that are listened to; None takes the first that sends a good datagram.
+    """
+
+    def __init__(self, inbox: Inbox, received: Records, peers: tuple[str, ...] | None = None) -> None:
+        self._inbox, self._received = inbox, received
+        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
+        received["sequence"] = received["host"] = -1
+
+    @property
+    def lost(self) -> int:
+        """Datagrams lost, in all."""
+        return int(self._received["lost"][0])
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams that are none, in all."""
+        return int(self._received["malformed"][0])
+
+    @property
+    def foreign(self) -> int:
+        """Datagrams from another address."""
+        return int(self._received["foreign"][0])
+
+    def close(self) -> None:
+        """Free the port."""
+        self._inbox.close()
+
+
+def batches(inbox: Inbox) -> Iterator[int]:
+    """Take what waits, at most ROWS at a time; the number of datagrams of each batch."""
+    count = ROWS
+    while count == ROWS:
+        count = inbox.take()
+        if count:
+            yield count
+
+
+def listening(
+    host: str, port: int, what: str = "the port", hint: str = "Is another program listening there?"
+) -> tuple[Datagrams, tuple[str, int]]:
+    """Inbox of a port, 0 for a free one, and the address at which it listens.
+
+    Raises:
+        OutputError: ``what`` cannot be opened.
+    """
+    own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        own.bind((host, port))
+    except OSError as fault:
+        own.close()
+        raise OutputError(
+            f"{what} cannot be opened: {fault.strerror or fault}", where=f"{host}:{port}", hint=hint
+        ) from fault
+    return Datagrams(own), own.getsockname()
 
 
 def host_number(host: str) -> int:

@@ -16,21 +16,13 @@ _SHARED: Final = Path("/dev/shm")
 
 @dataclass(frozen=True)
 class Machine:
-    """What was found.
+    """Properties of the machine that were found."""
 
-    Attributes:
-        cores: That this process may use.
-        governors: Of their clocks, each once; empty where not known.
-        clock_source: Of the kernel; empty where not known.
-        realtime_kernel: The kernel says that it is a real-time one.
-        shared_free_bytes: Free shared memory; None where not known.
-    """
-
-    cores: int
-    governors: tuple[str, ...]
-    clock_source: str
-    realtime_kernel: bool
-    shared_free_bytes: int | None
+    cores: int  # that this process may use
+    governors: tuple[str, ...]  # of their clocks, each once; empty where not known
+    clock_source: str  # of the kernel; empty where not known
+    realtime_kernel: bool  # the kernel says that it is a real-time one
+    shared_free_bytes: int | None  # free shared memory; None where not known
 
 
 def look() -> Machine:

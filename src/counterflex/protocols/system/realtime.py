@@ -17,36 +17,24 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 @dataclass(frozen=True)
 class Granted:
-    """What the operating system allowed.
+    """Rights that the operating system granted."""
 
-    Attributes:
-        fifo: Real-time priority.
-        locked: Memory locked.
-        collector: Garbage collector frozen and off.
-        reasons: Why something was not allowed.
-    """
-
-    fifo: bool
-    locked: bool
-    collector: bool
-    reasons: tuple[str, ...]
+    fifo: bool  # real-time priority
+    locked: bool  # memory locked
+    collector: bool  # garbage collector frozen and off
+    reasons: tuple[str, ...]  # why something was not allowed
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What another process runs with, as the operating system says.
+    """Priority and locked memory of another process, by the operating system."""
 
-    Attributes:
-        fifo: Real-time priority.
-        locked: Memory locked, some of it at least; False where the system does not say.
-    """
-
-    fifo: bool
-    locked: bool
+    fifo: bool  # real-time priority
+    locked: bool  # memory locked, some of it at least; False where the system does not say
 
 
 def prepared(pid: int | None) -> Prepared:
-    """Whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
+    """Return whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
     fifo = locked = False
     if pid is not None and hasattr(os, "sched_getscheduler"):
         with contextlib.suppress(OSError):

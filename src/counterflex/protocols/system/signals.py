@@ -6,6 +6,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import FrameType
 from typing import Any, Final
 
@@ -19,6 +20,12 @@ def hear_signals() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
+def _hear(received: list[int], before: dict[int, Any], number: int, frame: FrameType | None) -> None:
+    received.append(number)
+    with contextlib.suppress(KeyboardInterrupt) if len(received) == 1 else contextlib.nullcontext():
+        before[number](number, frame if len(received) > 1 else None)  # who counts signals hears of each
+
+
 @contextlib.contextmanager
 def heard_when_asked() -> Iterator[Callable[[], bool]]:
     """Within, the first signal interrupts nothing: the job asks now and then whether one came, and ends where it can.
@@ -30,18 +37,12 @@ def heard_when_asked() -> Iterator[Callable[[], bool]]:
     """
     received: list[int] = []
     before: dict[int, Any] = {}
-
-    def hear(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        with contextlib.suppress(KeyboardInterrupt) if len(received) == 1 else contextlib.nullcontext():
-            before[number](number, frame if len(received) > 1 else None)  # who counts signals hears of each
-
     if threading.current_thread() is threading.main_thread():
         for number in SIGNALS:
             handler = signal.getsignal(number)
             if callable(handler):
                 before[number] = handler
-                signal.signal(number, hear)
+                signal.signal(number, partial(_hear, received, before))
     try:
         yield lambda: bool(received)
     finally:

@@ -60,7 +60,7 @@ if THERE:
 
     @kernel("int64()")
     def _why() -> int:
-        """Why the last call failed: errno."""
+        """Errno of the last call."""
         return int(carray(_errno_location(), (1,))[0])
 
 else:
@@ -96,7 +96,7 @@ WAITING: Final = 3
 
 
 def heads(inbox: ByteRows, names: ByteRows) -> tuple[Int, Int]:
-    """What tells the system where datagrams and their senders go.
+    """Structures that tell the system where datagrams and their senders go.
 
     Args:
         inbox: (n, size) one datagram in a row.

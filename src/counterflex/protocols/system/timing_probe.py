@@ -25,17 +25,11 @@ _LONGEST_S: Final = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """Samples of n cycles, s.
+    """Samples of n cycles, s."""
 
-    Attributes:
-        late_s: (n,) after the moment at which the loop wanted to wake up.
-        compute_s: (n,) time of the step.
-        echo_s: (n,) until the datagram was back; not-a-number where it was not within a cycle.
-    """
-
-    late_s: Float
-    compute_s: Float
-    echo_s: Float
+    late_s: Float  # (n,) after the moment at which the loop wanted to wake up
+    compute_s: Float  # (n,) time of the step
+    echo_s: Float  # (n,) until the datagram was back; not-a-number where it was not within a cycle
 
 
 def echo_socket() -> socket.socket:

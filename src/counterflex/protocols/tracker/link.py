@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import socket
-
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
 from counterflex.core.records import Record, records
 from counterflex.core.units import MM
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox, host_number
+from counterflex.protocols.system.datagrams import DatagramLink, Inbox, batches, listening
 from counterflex.protocols.tracker import kernel as reading
 from counterflex.protocols.tracker.drain_kernel import ARRAYS, drain_poses
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN
 
 
-class TrackerLink:
+class TrackerLink(DatagramLink):
     """Poses of a tracker's target.
 
     Args:
@@ -49,17 +47,11 @@ class TrackerLink:
         if mean_of < 1:
             raise InputError("number of poses of which the mean is taken", value=mean_of, limit=">= 1")
         self._most = float(mean_of)
+        self.address = host, port
         if inbox is None:
-            own = _bound(host, port)
-            self.address: tuple[str, int] = own.getsockname()
-            inbox = Datagrams(own)
-        else:
-            self.address = host, port
-        self._inbox = inbox
-        self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
-        self._received = records(reading.RECEIVED)
+            inbox, self.address = listening(host, port)
+        super().__init__(inbox, records(reading.RECEIVED), peers)
         r: Record = self._received[0]
-        r.sequence = r.host = -1
         r.status = BEAM_BROKEN
         self._status: Int = self._received["status"]
         self._time: Int = self._received["time_ns"]
@@ -90,19 +82,16 @@ class TrackerLink:
 
     def _drain_singly(self) -> bool:
         inbox, fresh = self._inbox, False
-        while True:
-            count = inbox.take()
-            if count:
-                fresh |= reading.take_poses(
-                    inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
-                    self.T_tracker_target, self._spare, self._received,
-                )  # fmt: skip
-            if count < ROWS:
-                return bool(fresh and not self.status & reading.UNUSABLE)
+        for count in batches(inbox):
+            fresh |= reading.take_poses(
+                inbox.data, inbox.lengths, inbox.hosts, count, self._allowed,
+                self.T_tracker_target, self._spare, self._received,
+            )  # fmt: skip
+        return bool(fresh and not self.status & reading.UNUSABLE)
 
     @property
     def time_ns(self) -> int:
-        """When the newest good pose was measured, or the mean on average, clock of the source."""
+        """Time of the newest good pose, or mean time of the mean, by the clock of the source."""
         return int(self._time[0]) if self._mean_ns < 0 else self._mean_ns
 
     @property
@@ -114,37 +103,3 @@ class TrackerLink:
     def status(self) -> int:
         """Its status bits, or those of a broken beam that came after it."""
         return int(self._status[0])
-
-    @property
-    def lost(self) -> int:
-        """Datagrams lost, in all."""
-        return int(self._received["lost"][0])
-
-    @property
-    def malformed(self) -> int:
-        """Datagrams that are none, in all."""
-        return int(self._received["malformed"][0])
-
-    @property
-    def foreign(self) -> int:
-        """Datagrams from another address."""
-        return int(self._received["foreign"][0])
-
-    def close(self) -> None:
-        """Free the port."""
-        self._inbox.close()
-
-
-def _bound(host: str, port: int) -> socket.socket:
-    """A socket that listens on a port."""
-    own = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        own.bind((host, port))
-    except OSError as fault:
-        own.close()
-        raise OutputError(
-            f"the port cannot be opened: {fault.strerror or fault}",
-            where=f"{host}:{port}",
-            hint="Is another program listening there?",
-        ) from fault
-    return own

@@ -41,23 +41,14 @@ FARTHEST_MM: Final = reading.FARTHEST_MM
 
 @dataclass(frozen=True, eq=False)
 class TrackerPose:
-    """One measurement.
+    """One measurement."""
 
-    Attributes:
-        sequence: See the table of the module.
-        time_ns: Source clock.
-        status: Bits; 0 is good.
-        frame_id: See the table.
-        T_tracker_target: (4, 4) m.
-        sigma_m: Standard deviation of the position, 0 where not known.
-    """
-
-    sequence: int
-    time_ns: int
-    status: int
-    frame_id: int
-    T_tracker_target: Float
-    sigma_m: float
+    sequence: int  # see the table of the module
+    time_ns: int  # source clock
+    status: int  # bits; 0 is good
+    frame_id: int  # see the table
+    T_tracker_target: Float  # (4, 4) m
+    sigma_m: float  # standard deviation of the position, 0 where not known
 
 
 def read_pose(data: bytes) -> TrackerPose:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import socket
+import itertools
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.errors import InputError, OutputError
+from counterflex.core.errors import InputError
 from counterflex.protocols.force.stream import SampleStream
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, host_number
+from counterflex.protocols.system.datagrams import batches, host_number, listening
 from counterflex.protocols.wrench import telegram
 
 _BATCHES: Final = 32
@@ -51,29 +51,19 @@ class WrenchLink(SampleStream):
         if sender and self._host < 0:
             raise InputError("the sender of the wrench datagrams cannot be found", value=sender)
         self._source = source
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except OSError as fault:
-            self._socket.close()
-            raise OutputError(
-                f"the port for the wrench datagrams cannot be opened: {fault.strerror or fault}",
-                where=f"{host}:{port}",
-                hint="force_sensor.address is where the datagrams come to: an address of this computer, a free port",
-            ) from fault
-        self.address: tuple[str, int] = self._socket.getsockname()
-        self._inbox = Datagrams(self._socket)
+        self._inbox, self.address = listening(
+            host,
+            port,
+            "the port for the wrench datagrams",
+            "force_sensor.address is where the datagrams come to: an address of this computer, a free port",
+        )
         self.foreign = 0
 
     def drain(self) -> int:
         """Take every datagram that is there; returns the number of good samples. Never waits, never raises."""
         self.begin()
-        for _ in range(_BATCHES):
-            count = self._inbox.take()
-            if count:
-                self._take_batch(count)
-            if count < ROWS:
-                break
+        for count in itertools.islice(batches(self._inbox), _BATCHES):
+            self._take_batch(count)
         return self.end()
 
     def _take_batch(self, count: int) -> None:
@@ -98,4 +88,4 @@ class WrenchLink(SampleStream):
 
     def close(self) -> None:
         """Free the port."""
-        self._socket.close()
+        self._inbox.close()

@@ -56,25 +56,17 @@ _MAGIC: Final = int.from_bytes(MAGIC, "little")
 
 @dataclass(frozen=True)
 class Wrench:
-    """One measurement.
+    """One measurement."""
 
-    Attributes:
-        sequence: See the table of the module.
-        time_ns: Source clock.
-        status: Bits; 0 is good.
-        source: See the table.
-        w_sensor: Fx Fy Fz N, Mx My Mz N m.
-    """
-
-    sequence: int
-    time_ns: int
-    status: int
-    source: int
-    w_sensor: tuple[float, float, float, float, float, float]
+    sequence: int  # see the table of the module
+    time_ns: int  # source clock
+    status: int  # bits; 0 is good
+    source: int  # see the table
+    w_sensor: tuple[float, float, float, float, float, float]  # Fx Fy Fz N, Mx My Mz N m
 
     @property
     def usable(self) -> bool:
-        """Whether the numbers may be used."""
+        """Return whether the numbers may be used."""
         return not self.status & (SATURATED | INVALID)
 
 

@@ -37,7 +37,7 @@ LARGEST_RAD: Final = 20.0 * MRAD
 
 
 def arm_is_heavy(chain: ElasticChain) -> bool:
-    """Whether any body of the robot that axis 2 carries has a mass; what hangs on its flange is not asked."""
+    """Return whether any body of the robot that axis 2 carries has a mass; what hangs on its flange is not asked."""
     first = int(np.flatnonzero(chain.joint == TERMS[0][0])[0])
     return bool(np.any(chain.mass[first : chain.flange_segment + 1] > 0.0))
 
@@ -80,15 +80,10 @@ def unit_turns(chain: ElasticChain, q: Float) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class AxisSag:
-    """What own weight turns axes 2 and 3 by.
+    """Turns of axes 2 and 3 by own weight."""
 
-    Attributes:
-        chain: The rigid chain that it acts on.
-        moments_rad: (6,) compliance times weight's first moment, rad, in the order of :data:`TERMS`.
-    """
-
-    chain: ElasticChain
-    moments_rad: Float
+    chain: ElasticChain  # the rigid chain that it acts on
+    moments_rad: Float  # (6,) compliance times weight's first moment, rad, in the order of TERMS
 
     def __post_init__(self) -> None:
         """Check the six numbers.

@@ -6,35 +6,18 @@ All positions are in m, angles in rad, poses 4x4. ``q`` are the six angles of th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float, frozen
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.units import STANDARD_GRAVITY
-from counterflex.robot.elasticity.chain_checks import (
-    JOINTS,
-    check_counterbalance,
-    check_play,
-    check_servo,
-    fixed_pose,
-    gravity_field,
-    joint_limits,
-    joint_speeds,
-    rigid_motion,
-)
+from counterflex.robot.elasticity import chain_checks
 from counterflex.robot.elasticity.compact import Segments, compact, frozen_int
-from counterflex.robot.elasticity.kernels.batch import (
-    CHUNK,
-    ON_RIGID,
-    RIGID,
-    SETTLED,
-    jacobian_range,
-    pose_range,
-    pose_threads,
-)
+from counterflex.robot.elasticity.kernels import batch
 from counterflex.robot.elasticity.kernels.records import Compact
 from counterflex.robot.model.description import EndEffector, Robot
 from counterflex.robot.model.elastic_region import check_regions, growth
@@ -73,7 +56,6 @@ class ElasticChain(Segments):
         """Pack a robot and its end effector, after checking them.
 
         Args:
-            robot: The robot.
             end_effector: What hangs on the flange; None makes the flange the TCP.
             gravity_base: (3,) m/s2, the field in base axes; the default is a robot standing on the floor.
 
@@ -83,43 +65,29 @@ class ElasticChain(Segments):
         """
         tool = end_effector if end_effector is not None else EndEffector((), np.eye(4))
         segments = (*robot.segments, *tool.segments)
-        T_segment_flange = rigid_motion(robot.T_last_flange, f"{robot.name}: T_last_flange")
-        T_last_tcp = rigid_motion(tool.T_last_tcp, "end effector: T_last_tcp")
+        T_segment_flange = chain_checks.rigid_motion(robot.T_last_flange, f"{robot.name}: T_last_flange")
+        T_last_tcp = chain_checks.rigid_motion(tool.T_last_tcp, "end effector: T_last_tcp")
         n, n_robot = len(segments), len(robot.segments)
-        fixed = np.empty((n, 4, 4))
-        T_flange_tcp = np.eye(4)
-        for i, segment in enumerate(segments):
-            fixed[i] = fixed_pose(segment, f"{robot.name}: segment {segment.name!r}")
-            if i >= n_robot:
-                if segment.joint is not None:
-                    raise ModelError("a segment of the end effector cannot be driven", where=segment.name)
-                T_flange_tcp = T_flange_tcp @ fixed[i]
-        T_flange_tcp = T_flange_tcp @ T_last_tcp
+        fixed = _fixed(robot, tool)
+        T_flange_tcp = reduce(np.matmul, (*fixed[n_robot:], T_last_tcp), np.eye(4))
         if n > n_robot:
             fixed[n_robot] = T_segment_flange @ fixed[n_robot]
         else:
             T_last_tcp = T_segment_flange @ T_last_tcp
         driven = [s.joint for s in segments if s.joint is not None]
-        if driven != list(range(JOINTS)):
+        if driven != list(range(chain_checks.JOINTS)):
             raise ModelError(
                 "every driven axis must appear once, from the base outward",
                 where=robot.name,
                 value=driven,
-                limit=list(range(JOINTS)),
+                limit=list(range(chain_checks.JOINTS)),
             )
-        balance = robot.counterbalance
-        if balance is not None:
-            check_counterbalance(balance, robot.name)
-        if robot.play is not None:
-            check_play(robot.play, robot.name)
-        if robot.servo is not None:
-            check_servo(robot.servo, robot.name)
         compliance = np.array([s.compliance for s in segments], dtype=np.float64).reshape(n, 6)
-        if robot.regions:
-            check_regions(robot.regions, [s.name for s in segments], compliance)
+        names = tuple(s.name for s in segments)
+        _check_options(robot, names, compliance)
         return cls(
             name=robot.name,
-            names=tuple(s.name for s in segments),
+            names=names,
             fixed=frozen(fixed),
             joint=frozen_int([-1 if s.joint is None else s.joint for s in segments]),
             sign=frozen(np.array([s.sign for s in segments], dtype=np.float64)),
@@ -131,11 +99,11 @@ class ElasticChain(Segments):
             flange_segment=n_robot - 1,
             T_segment_flange=frozen(T_segment_flange),
             T_flange_tcp=frozen(T_flange_tcp),
-            joint_limits_rad=frozen(joint_limits(robot)),
-            joint_speeds_rad_s=None if robot.joint_speeds_rad_s is None else frozen(joint_speeds(robot)),
+            joint_limits_rad=frozen(chain_checks.joint_limits(robot)),
+            joint_speeds_rad_s=None if robot.joint_speeds_rad_s is None else frozen(chain_checks.joint_speeds(robot)),
             opw=robot.opw,
-            counterbalance=balance,
-            gravity=frozen(gravity_field(gravity_base)),
+            counterbalance=robot.counterbalance,
+            gravity=frozen(chain_checks.gravity_field(gravity_base)),
             play=robot.play,
             servo=robot.servo,
             regions=robot.regions,
@@ -166,7 +134,7 @@ def points(q: Float, w_tcp_base: Float | None) -> tuple[Float, Float, tuple[int,
         InputError: Wrong shape or not finite.
     """
     q = joint_angles(q)
-    w = np.zeros(JOINTS) if w_tcp_base is None else _six("w_tcp_base", w_tcp_base)
+    w = np.zeros(chain_checks.JOINTS) if w_tcp_base is None else _six("w_tcp_base", w_tcp_base)
     try:
         lead = np.broadcast_shapes(q.shape[:-1], w.shape[:-1])
     except ValueError as fault:
@@ -176,14 +144,16 @@ def points(q: Float, w_tcp_base: Float | None) -> tuple[Float, Float, tuple[int,
 
 def _six(name: str, value: Float) -> Float:
     array = as_float(name, value)
-    if array.ndim < 1 or array.shape[-1] != JOINTS or np.ndim(value) < 1:
+    if array.ndim < 1 or array.shape[-1] != chain_checks.JOINTS or np.ndim(value) < 1:
         raise InputError(f"{name} has the wrong shape", value=np.shape(value), limit="(..., 6)")
     return array
 
 
 def _rows(array: Float, lead: tuple[int, ...]) -> Float:
     """(n, 6), C-ordered and writable, as the kernels want it."""
-    rows: Float = np.require(np.broadcast_to(array, (*lead, JOINTS)).reshape(-1, JOINTS), requirements=["C", "W"])
+    rows: Float = np.require(
+        np.broadcast_to(array, (*lead, chain_checks.JOINTS)).reshape(-1, chain_checks.JOINTS), requirements=["C", "W"]
+    )
     return rows
 
 
@@ -191,7 +161,6 @@ def frames(chain: ElasticChain, q: Float) -> Float:
     """Rigid poses of all segment frames, after their drives.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad controller angles.
 
     Returns:
@@ -216,13 +185,12 @@ def forward(chain: ElasticChain, q: Float) -> Float:
     """Rigid pose of the TCP, without load and weight.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad controller angles.
 
     Returns:
         (..., 4, 4) T_base_tcp.
     """
-    return _poses(chain, q, None, RIGID, gravity=False)
+    return _poses(chain, q, None, batch.RIGID, gravity=False)
 
 
 def flange(chain: ElasticChain, q: Float) -> Float:
@@ -238,16 +206,15 @@ def jacobian(chain: ElasticChain, q: Float) -> Float:
     ``[v, omega] = J dq/dt`` in base axes with q the controller angles.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad controller angles.
 
     Returns:
         (..., 6, 6): rows m/rad (linear), then rad/rad.
     """
     rows, _, lead = points(q, None)
-    out = np.empty((len(rows), JOINTS * JOINTS))
-    jacobian_range(chain.compact, rows, out, 0, len(rows))
-    return out.reshape(*lead, JOINTS, JOINTS)
+    out = np.empty((len(rows), chain_checks.JOINTS * chain_checks.JOINTS))
+    batch.jacobian_range(chain.compact, rows, out, 0, len(rows))
+    return out.reshape(*lead, chain_checks.JOINTS, chain_checks.JOINTS)
 
 
 def forward_elastic(
@@ -261,7 +228,6 @@ def forward_elastic(
     """Pose of the TCP with every elastic element displaced by compliance times load, composed as finite z-y'-x''.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad controller angles.
         w_tcp_base: (..., 6) N, N m, about the TCP in base axes; None is no load.
         gravity: Add own weight and payload, relieved by the counterbalance.
@@ -276,16 +242,16 @@ def forward_elastic(
 
     Source: Haehn2020 eq. 2-9.
     """
-    return _poses(chain, q, w_tcp_base, SETTLED if equilibrium else ON_RIGID, gravity=gravity)
+    return _poses(chain, q, w_tcp_base, batch.SETTLED if equilibrium else batch.ON_RIGID, gravity=gravity)
 
 
 def _poses(chain: ElasticChain, q: Float, w: Float | None, how: int, *, gravity: bool) -> Float:
     q, w, lead = points(q, w)
     out = np.empty((len(q), 4, 4))
-    if len(q) <= CHUNK:
-        failed = pose_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
+    if len(q) <= batch.CHUNK:
+        failed = batch.pose_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
     else:
-        failed = pose_threads(chain.compact, q, w, how, int(gravity), out)
+        failed = batch.pose_threads(chain.compact, q, w, how, int(gravity), out)
     require_settled(failed)
     return out.reshape(*lead, 4, 4)
 
@@ -297,3 +263,25 @@ def require_settled(failed: int) -> None:
             f"no elastic equilibrium found at {failed} point(s): the load is far beyond what the chain can carry",
             hint="Check the units of load and compliance",
         )
+
+
+def _fixed(robot: Robot, tool: EndEffector) -> Float:
+    """(n, 4, 4) fixed poses of all segments."""
+    for segment in tool.segments:
+        if segment.joint is not None:
+            raise ModelError("a segment of the end effector cannot be driven", where=segment.name)
+    segments = (*robot.segments, *tool.segments)
+    poses = [chain_checks.fixed_pose(s, f"{robot.name}: segment {s.name!r}") for s in segments]
+    return np.array(poses).reshape(-1, 4, 4)
+
+
+def _check_options(robot: Robot, names: Sequence[str], compliance: Float) -> None:
+    """Check what a robot may have beside its segments."""
+    if robot.counterbalance is not None:
+        chain_checks.check_counterbalance(robot.counterbalance, robot.name)
+    if robot.play is not None:
+        chain_checks.check_play(robot.play, robot.name)
+    if robot.servo is not None:
+        chain_checks.check_servo(robot.servo, robot.name)
+    if robot.regions:
+        check_regions(robot.regions, names, compliance)

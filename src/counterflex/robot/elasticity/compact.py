@@ -30,54 +30,33 @@ class Segments:
 
     ``T_base_tcp = prod_i (fixed_i Rz(sign_i q_joint_i + offset_i) E_i) T_last_tcp`` with the elastic displacement ``E``
     of :mod:`counterflex.robot.model.description`.
-
-    Attributes:
-        name: Name of the robot.
-        names: n names of the segments.
-        fixed: (n, 4, 4) pose of each segment's frame before its drive in the previous segment.
-        joint: (n,) driven axis 0..5, or -1.
-        sign: (n,) +1 or -1.
-        offset: (n,) rad.
-        compliance: (n, 6) ``tx ty tz rx ry rz`` in m/N and rad/(N m), in the segment's frame; 0 is rigid.
-        mass: (n,) kg.
-        com: (n, 3) m, centre of gravity of each body in its segment's frame.
-        T_last_tcp: (4, 4) tool centre point in the last segment.
-        flange_segment: Index of the segment that carries the flange (-1: the base).
-        T_segment_flange: (4, 4) flange in that segment.
-        T_flange_tcp: (4, 4) rigid pose of the TCP in the flange.
-        joint_limits_rad: (6, 2) lower, upper of the model's angles.
-        joint_speeds_rad_s: (6,) or None.
-        opw: Closed-form geometry or None.
-        counterbalance: Or None.
-        gravity: (3,) m/s2 in base axes.
-        play: Play and friction of the six driven axes, None for an axis without; or None.
-        servo: Loop gains of the six driven axes, None for an axis that never yields; or None.
-        regions: Compliances that differ by region of the joint space; ``compliance`` is what their factors act on.
-        axes: How the controller counts the axes.
     """
 
-    name: str
-    names: tuple[str, ...]
-    fixed: Float
-    joint: Int
-    sign: Float
+    name: str  # name of the robot
+    names: tuple[str, ...]  # n names of the segments
+    fixed: Float  # (n, 4, 4) pose of each segment's frame before its drive in the previous segment
+    joint: Int  # (n,) driven axis 0..5, or -1
+    sign: Float  # (n,) +1 or -1
     offset: Float
-    compliance: Float
-    mass: Float
-    com: Float
-    T_last_tcp: Float
-    flange_segment: int
-    T_segment_flange: Float
-    T_flange_tcp: Float
-    joint_limits_rad: Float
-    joint_speeds_rad_s: Float | None
-    opw: Opw | None
-    counterbalance: Counterbalance | None
-    gravity: Float
+    compliance: Float  # (n, 6) `tx ty tz rx ry rz` in m/N and rad/(N m), in the segment's frame; 0 is rigid
+    mass: Float  # (n,) kg
+    com: Float  # (n, 3) m, centre of gravity of each body in its segment's frame
+    T_last_tcp: Float  # (4, 4) tool centre point in the last segment
+    flange_segment: int  # index of the segment that carries the flange (-1: the base)
+    T_segment_flange: Float  # (4, 4) flange in that segment
+    T_flange_tcp: Float  # (4, 4) rigid pose of the TCP in the flange
+    joint_limits_rad: Float  # (6, 2) lower, upper of the model's angles
+    joint_speeds_rad_s: Float | None  # (6,) or None
+    opw: Opw | None  # closed-form geometry or None
+    counterbalance: Counterbalance | None  # or None
+    gravity: Float  # (3,) m/s2 in base axes
+    # play and friction of the six driven axes, None for an axis without; or None
     play: tuple[Play | None, ...] | None = None
+    # loop gains of the six driven axes, None for an axis that never yields; or None
     servo: tuple[Servo | None, ...] | None = None
+    # compliances that differ by region of the joint space; `compliance` is what their factors act on
     regions: tuple[ElasticRegion, ...] = ()
-    axes: ControllerAxes = AS_MODEL
+    axes: ControllerAxes = AS_MODEL  # how the controller counts the axes
 
     @property
     def n(self) -> int:

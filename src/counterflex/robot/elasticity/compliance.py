@@ -20,15 +20,7 @@ import numpy as np
 from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.elasticity.chain import ElasticChain, frames, points, require_settled
-from counterflex.robot.elasticity.kernels.batch import (
-    CHUNK,
-    ON_RIGID,
-    SETTLED,
-    compliance_range,
-    compliance_threads,
-    deflection_range,
-    deflection_threads,
-)
+from counterflex.robot.elasticity.kernels import batch
 
 LANES_FROM = 200_000  # points from which the lane-blocked kernels repay their longer compilation
 LARGEST_ROTATION = 0.2  # rad; beyond this a deflection is not elastic any more
@@ -39,7 +31,6 @@ def element_loads(chain: ElasticChain, q: Float, w_tcp_base: Float, Ts_base_segm
     """Wrench that a load at the TCP puts on each elastic element: about and in the segment's frame, rigid geometry.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         w_tcp_base: (..., 6) N, N m, what the surroundings do to the tool, about the TCP in base axes.
         Ts_base_segment: (rows, n, 4, 4) the rigid chain's :func:`counterflex.robot.elasticity.chain.frames` at q
@@ -63,7 +54,6 @@ def element_jacobians(chain: ElasticChain, q: Float) -> Float:
     """TCP twist of a unit displacement of each element in each of its six directions; rigid geometry, base axes.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
 
     Returns:
@@ -87,7 +77,6 @@ def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
     base axes: springs in series add their compliances.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
 
     Returns:
@@ -95,10 +84,10 @@ def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
     """
     rows, _, lead = points(q, None)
     out = np.empty((len(rows), 36))
-    if len(rows) <= CHUNK:
-        compliance_range(chain.compact, rows, out, 0, len(rows))
+    if len(rows) <= batch.CHUNK:
+        batch.compliance_range(chain.compact, rows, out, 0, len(rows))
     else:
-        compliance_threads(chain.compact, rows, out)
+        batch.compliance_threads(chain.compact, rows, out)
     return out.reshape(*lead, 6, 6)
 
 
@@ -114,7 +103,6 @@ def deflection(
     """Deflection of the TCP: pose under load minus pose without it.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         w_tcp_base: (..., 6) N, N m, about the TCP in base axes; broadcast against ``q``.
         nonlinear: Compose the finite z-y'-x'' displacements (Haehn2020 eq. 2-9) instead of ``C(q) w``.
@@ -137,26 +125,25 @@ def deflection(
         out: Float = (cartesian_compliance(chain, q) @ w[:, :, None])[..., 0]
     else:
         out = np.empty((len(q), 6))
-        how = SETTLED if equilibrium else ON_RIGID
-        if len(q) <= CHUNK:
-            failed = deflection_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
+        how = batch.SETTLED if equilibrium else batch.ON_RIGID
+        if len(q) <= batch.CHUNK:
+            failed = batch.deflection_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
         elif len(q) >= LANES_FROM and not (gravity or equilibrium or chain.regions):
             from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 
             deflection_lanes(chain.compact, q, w, out)
             failed = 0
         else:
-            failed = deflection_threads(chain.compact, q, w, how, int(gravity), out)
+            failed = batch.deflection_threads(chain.compact, q, w, how, int(gravity), out)
         require_settled(failed)
     _plausible(out)
     return out.reshape(*lead, 6)
 
 
 def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
-    """What each segment contributes to the linear deflection; the sum over segments is ``C(q) w``.
+    """Contribution of each segment to the linear deflection; the sum over segments is ``C(q) w``.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         w_tcp_base: (..., 6) N, N m.
 
@@ -175,10 +162,9 @@ def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
 def linear_gap(
     chain: ElasticChain, q: Float, w_tcp_base: Float, *, gravity: bool = False, equilibrium: bool = False
 ) -> Float:
-    """How far the two forms differ: nonlinear deflection minus ``C(q) w``.
+    """Difference of the two forms: nonlinear deflection minus ``C(q) w``.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         w_tcp_base: (..., 6) N, N m.
         gravity: As for :func:`deflection`, on the nonlinear side.

@@ -30,37 +30,25 @@ _REST_RAD = 1e-13
 
 @dataclass(frozen=True)
 class DriveError:
-    """One harmonic of one axis.
+    """One harmonic of one axis."""
 
-    Attributes:
-        axis: 0..5.
-        order: k, periods per turn of the axis.
-        sine_rad: s_k.
-        cosine_rad: c_k.
-    """
-
-    axis: int
-    order: int
-    sine_rad: float
-    cosine_rad: float
+    axis: int  # 0..5
+    order: int  # k, periods per turn of the axis
+    sine_rad: float  # s_k
+    cosine_rad: float  # c_k
 
 
 @dataclass(frozen=True)
 class DriveErrors:
-    """The errors of all axes.
+    """The errors of all axes."""
 
-    Attributes:
-        terms: Any number per axis.
-        measured_rad: Lowest and highest angle of each axis that they were found from; empty where not known.
-        sag: What own weight turns axes 2 and 3 by, where masses are not known; or None.
-    """
-
-    terms: tuple[DriveError, ...] = ()
+    terms: tuple[DriveError, ...] = ()  # any number per axis
+    # lowest and highest angle of each axis that they were found from; empty where not known
     measured_rad: tuple[tuple[float, float], ...] = ()
-    sag: AxisSag | None = None
+    sag: AxisSag | None = None  # what own weight turns axes 2 and 3 by, where masses are not known; or None
 
     def __bool__(self) -> bool:
-        """Whether links are anywhere else than the controller shows."""
+        """Return whether links are anywhere else than the controller shows."""
         return bool(self.terms) or self.sag is not None
 
     def __post_init__(self) -> None:

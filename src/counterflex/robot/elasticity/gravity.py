@@ -43,7 +43,6 @@ def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = 
     axis, so it acts on that drive's torsion alone.
 
     Args:
-        chain: The chain.
         q: (..., 6) rad.
         Ts_base_segment: (..., n, 4, 4) frames of the bodies where they are not those of the rigid chain at q.
 
@@ -70,7 +69,7 @@ def weight_loads(chain: ElasticChain, q: Float, Ts_base_segment: Float | None = 
 
 
 def sag(chain: ElasticChain, q: Float, *, equilibrium: bool = True) -> Float:
-    """How far own weight and payload move the TCP: unloaded pose with weight minus weightless pose.
+    """Displacement of the TCP by own weight and payload: unloaded pose with weight minus weightless pose.
 
     Args:
         chain: The chain; its masses, gravity and counterbalance.

@@ -246,7 +246,7 @@ def torsion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> t
 
 
 def lost_motion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:
-    """What play and friction add to the elastic torsion of each axis along a path: the first part of :func:`torsion`.
+    """Torsion of each axis along a path by play and friction alone: the first part of :func:`torsion`.
 
     Args:
         chain: With ``play`` or None.

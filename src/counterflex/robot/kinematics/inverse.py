@@ -20,7 +20,7 @@ from counterflex.core.arrays import Float, Int, as_float
 from counterflex.core.errors import InputError, ReachError
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics import inverse_kernel, reach_errors
-from counterflex.robot.kinematics.inverse_seeds import arm_length, branch_of, extension, seeds
+from counterflex.robot.kinematics.inverse_seeds import arm_length, branches_of, extension, seeds
 from counterflex.robot.model import opw
 from counterflex.robot.model.controller_axes import room
 
@@ -32,25 +32,15 @@ _SAME_RAD = 1e-6
 
 @dataclass(frozen=True)
 class Solution:
-    """Joint angles that reach a pose, and how comfortably.
+    """Joint angles that reach a pose, and how comfortably."""
 
-    Attributes:
-        q: (6,) rad controller angles.
-        branch: Such as ``front up noflip``, see :mod:`counterflex.robot.model.opw`.
-        limit_margin_rad: Distance of the axis nearest to its limit; negative outside.
-        limit_axis: That axis, 0..5.
-        wrist: ``|sin|`` of the angle between axes 4 and 6; 0 is the wrist singularity.
-        sigma_min: Smallest singular value of the scaled Jacobian; 0 at any singularity.
-        extension_m: How far the wrist centre lies inside the arm's reach (rigid OPW geometry), or None.
-    """
-
-    q: Float
-    branch: str
-    limit_margin_rad: float
-    limit_axis: int
-    wrist: float
-    sigma_min: float
-    extension_m: float | None
+    q: Float  # (6,) rad controller angles
+    branch: str  # such as `front up noflip`, see counterflex.robot.model.opw
+    limit_margin_rad: float  # distance of the axis nearest to its limit; negative outside
+    limit_axis: int  # that axis, 0..5
+    wrist: float  # `|sin|` of the angle between axes 4 and 6; 0 is the wrist singularity
+    sigma_min: float  # smallest singular value of the scaled Jacobian; 0 at any singularity
+    extension_m: float | None  # how far the wrist centre lies inside the arm's reach (rigid OPW geometry), or None
 
     @property
     def singular(self) -> bool:
@@ -60,25 +50,15 @@ class Solution:
 
 @dataclass(frozen=True)
 class PathSolution:
-    """Joint angles along a path of n poses on one branch.
+    """Joint angles along a path of n poses on one branch."""
 
-    Attributes:
-        q: (n, 6) rad, continuous.
-        branch: Of the first point.
-        limit_margin_rad: (n,) distance of the axis nearest to its limit.
-        limit_axis: (n,) that axis, 0..5.
-        wrist: (n,) ``|sin|`` of the angle between axes 4 and 6.
-        sigma_min: (n,) smallest value of the scaled Jacobian at the point and on the way to it.
-        extension_m: (n,) reserve of reach (rigid OPW geometry), or None without such geometry.
-    """
-
-    q: Float
-    branch: str
-    limit_margin_rad: Float
-    limit_axis: Int
-    wrist: Float
-    sigma_min: Float
-    extension_m: Float | None
+    q: Float  # (n, 6) rad, continuous
+    branch: str  # of the first point
+    limit_margin_rad: Float  # (n,) distance of the axis nearest to its limit
+    limit_axis: Int  # (n,) that axis, 0..5
+    wrist: Float  # (n,) `|sin|` of the angle between axes 4 and 6
+    sigma_min: Float  # (n,) smallest value of the scaled Jacobian at the point and on the way to it
+    extension_m: Float | None  # (n,) reserve of reach (rigid OPW geometry), or None without such geometry
 
 
 def inverse_all(
@@ -92,7 +72,6 @@ def inverse_all(
     """All solutions of a pose: every branch, and every full turn of the axes within limits.
 
     Args:
-        chain: The chain.
         T_base_tcp: (4, 4) m, pose of the loaded TCP.
         w_tcp_base: (6,) N, N m, about the TCP in base axes; None is no load.
         gravity: Own weight and payload act.
@@ -111,27 +90,25 @@ def inverse_all(
 
 
 def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | None = None) -> list[Solution]:
-    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free.
-
-    With ``near`` and without limits every solution is turned as near to it as full turns go.
-    """
+    """See :func:`inverse_all`; ``near`` is one start more, which decides where a singular pose leaves angles free."""
+    # With `near` and without limits every solution is turned as near to it as full turns go.
     chain = problem.chain
     results: list[Solution] = []
     outside: list[Solution] = []
     for q, sigma, wrist in _distinct(problem, target, [*seeds(chain, target), *([] if near is None else [near])]):
         if near is not None and not within_limits:
             row = q + opw.TURN * np.round((near - q) / opw.TURN)
-            results.append(_solution(chain, target, row, sigma, wrist))
+            results += _solutions(chain, target, row[None], sigma, wrist)
             continue
         q = _wrapped(q)
         choices = opw.turns(q, chain.joint_limits_rad)
-        turned = [_solution(chain, target, row, sigma, wrist) for row in choices]
+        turned = _solutions(chain, target, choices, sigma, wrist)
         results += [one for one in turned if not _breaks_coupled(chain, one)]
         outside += [one for one in turned if _breaks_coupled(chain, one)]
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
-            outside.append(_solution(chain, target, row, sigma, wrist))
+            outside += _solutions(chain, target, row[None], sigma, wrist)
     if not within_limits and near is None:
         per_branch: dict[str, Solution] = {}
         for s in sorted(results + outside, key=lambda s: -s.limit_margin_rad):
@@ -156,7 +133,6 @@ def inverse(
     """The solution of a pose nearest to given angles, or of a named branch.
 
     Args:
-        chain: The chain.
         T_base_tcp: (4, 4) m, pose of the loaded TCP.
         near: (6,) rad, the solution with the smallest largest joint move from there is taken; or a branch name, of
             which the turn with the largest limit margin is taken.
@@ -190,6 +166,31 @@ def inverse(
     return best
 
 
+def _starts(problem: _Problem, T_base_tcp: Float, start: Float | str | None, enforce_limits: bool) -> list[Solution]:
+    """Solutions of the first point of a path from which it may be followed, in the order in which to try."""
+    if isinstance(start, str):
+        _check_branch(start)
+    near = None if start is None or isinstance(start, str) else as_float("start", start, (6,))
+    try:
+        starts = _all(problem, T_base_tcp, enforce_limits, near)
+    except ReachError as fault:
+        raise reach_errors.at_point(fault, 0) from fault
+    if near is not None:
+        return [min(starts, key=lambda s: float(np.max(np.abs(s.q - near))))]
+    if start is None:
+        return starts
+    named = [s for s in starts if s.branch == start]
+    if not named:
+        raise ReachError(
+            f"the first point is not reached in branch {start!r}",
+            where="path point 0",
+            limit="one of " + ", ".join(sorted({s.branch for s in starts})),
+            hint="Choose another branch",
+            point=0,
+        )
+    return named
+
+
 def inverse_path(
     chain: ElasticChain,
     Ts_base_tcp: Float,
@@ -206,7 +207,6 @@ def inverse_path(
     angles run as they would in a linear move.
 
     Args:
-        chain: The chain.
         Ts_base_tcp: (n, 4, 4) m, n >= 1.
         start: (6,) rad to start near; a branch name; or None: the branches and turns of the first point are tried by
             falling limit margin until one carries through the whole path.
@@ -226,28 +226,8 @@ def inverse_path(
     loads = None if w_tcp_base is None else np.atleast_2d(as_float("w_tcp_base", w_tcp_base))
     if loads is not None and loads.shape not in ((1, 6), (len(Ts), 6)):
         raise InputError("w_tcp_base has the wrong shape", value=loads.shape, limit=f"(6,) or ({len(Ts)}, 6)")
-    first_load = None if loads is None else loads[0]
-    problem = _Problem(chain, first_load, gravity)
-    if isinstance(start, str):
-        _check_branch(start)
-    near = None if start is None or isinstance(start, str) else as_float("start", start, (6,))
-    try:
-        starts = _all(problem, Ts[0], enforce_limits, near)
-    except ReachError as fault:
-        raise reach_errors.at_point(fault, 0) from fault
-    if near is not None:
-        starts = [min(starts, key=lambda s: float(np.max(np.abs(s.q - near))))]
-    elif start is not None:
-        named = [s for s in starts if s.branch == start]
-        if not named:
-            raise ReachError(
-                f"the first point is not reached in branch {start!r}",
-                where="path point 0",
-                limit="one of " + ", ".join(sorted({s.branch for s in starts})),
-                hint="Choose another branch",
-                point=0,
-            )
-        starts = named
+    problem = _Problem(chain, None if loads is None else loads[0], gravity)
+    starts = _starts(problem, Ts[0], start, enforce_limits)
     furthest: ReachError | None = None
     for first in starts:
         try:
@@ -310,12 +290,17 @@ def _follow(
     )
 
 
-def _solution(chain: ElasticChain, target: Float, q: Float, sigma: float, wrist: float) -> Solution:
-    rooms = room(chain.axes, chain.joint_limits_rad, q)
-    axis = int(np.argmin(rooms))
-    branch = branch_of(chain, q)
-    reserve = extension(chain, target, branch)
-    return Solution(q, branch, float(rooms[axis]), axis, wrist, sigma, None if reserve is None else float(reserve))
+def _solutions(chain: ElasticChain, target: Float, rows: Float, sigma: float, wrist: float) -> list[Solution]:
+    """One solution in several turns of its axes, (n, 6): there may be hundreds."""
+    branches = branches_of(chain, rows)
+    reserves = {branch: extension(chain, target, branch) for branch in set(branches)}
+    results = []
+    for q, branch in zip(rows, branches, strict=True):
+        rooms, reserve = room(chain.axes, chain.joint_limits_rad, q), reserves[branch]
+        axis = int(np.argmin(rooms))
+        margin, inside = float(rooms[axis]), None if reserve is None else float(reserve)
+        results.append(Solution(q, branch, margin, axis, wrist, sigma, inside))
+    return results
 
 
 def _breaks_coupled(chain: ElasticChain, solution: Solution) -> bool:

@@ -85,11 +85,9 @@ def _solve(C: Float, b: Float) -> None:
 
 @kernel()
 def _sigma_min(C: Float, squarings: int, B: Float, D: Float) -> float:
-    """Smallest singular value of J from the Cholesky factor of ``A = J J^T``, by squaring the inverse.
-
-    With ``B = A^-1`` and k = 2^squarings the largest eigenvalue of B is ``(tr B^2k / tr B^k)^(1/k)``, low by less than
-    0.2/k of itself whatever its neighbours are.
-    """
+    """Smallest singular value of J from the Cholesky factor of ``A = J J^T``, by squaring the inverse."""
+    # With `B = A^-1` and k = 2^squarings the largest eigenvalue of B is `(tr B^2k / tr B^k)^(1/k)`, low by less than
+    # 0.2/k of itself whatever its neighbours are.
     for j in range(6):
         for i in range(6):
             D[j, i] = 1.0 if i == j else 0.0
@@ -215,36 +213,24 @@ def newton(
 
 
 class Bounds(NamedTuple):
-    """What is accepted along a path.
+    """Limits that a path is accepted within."""
 
-    Attributes:
-        limits: (6, 2) rad.
-        enforce: Not 0: joint limits are faults.
-        sigma_floor: Smallest singular value accepted, at the points and between them.
-    """
-
-    limits: Float2
-    enforce: int
-    sigma_floor: float
+    limits: Float2  # (6, 2) rad
+    enforce: int  # not 0: joint limits are faults
+    sigma_floor: float  # smallest singular value accepted, at the points and between them
 
 
 BOUNDS: Final = bundle(Bounds)
 
 
 class Followed(NamedTuple):
-    """Results along a path.
+    """Results along a path."""
 
-    Attributes:
-        q: (n, 6) rad.
-        measures: (n, 3) joint-limit margin rad, smallest singular value since the point before, ``|sin|`` of the wrist.
-        axes: (n,) axis 0..5 nearest to its limit.
-        fault: (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold.
-    """
-
-    q: Float2
+    q: Float2  # (n, 6) rad
+    # (n, 3) joint-limit margin rad, smallest singular value since the point before, `|sin|` of the wrist
     measures: Float2
-    axes: Int1
-    fault: Float1
+    axes: Int1  # (n,) axis 0..5 nearest to its limit
+    fault: Float1  # (2,) of a fault: the value, its limit's index (0 lower, 1 upper) or the threshold
 
 
 FOLLOWED: Final = bundle(Followed)

@@ -21,7 +21,6 @@ def seeds(chain: ElasticChain, target: Float) -> list[Float]:
     pose is pulled by 3 mm at most towards the arm's reach. Without OPW geometry evenly spread angles within limits.
 
     Args:
-        chain: The chain.
         target: (4, 4) T_base_tcp, m.
 
     Returns:
@@ -80,19 +79,27 @@ def extension(chain: ElasticChain, Ts_base_tcp: Float, branch: str) -> Float | N
 
 
 def branch_of(chain: ElasticChain, q: Float) -> str:
-    """Name of the branch that controller angles lie in.
+    """Name of the branch that controller angles (6,) lie in, see :func:`branches_of`."""
+    return branches_of(chain, as_float("q", q, (6,))[None])[0]
+
+
+def branches_of(chain: ElasticChain, q: Float) -> list[str]:
+    """Names of the branches that rows of controller angles lie in.
 
     With OPW geometry see :mod:`counterflex.robot.model.opw`. Without, the same three questions are asked of the axes:
     wrist (axis 5) ahead of axis 1 seen along ``z2 x z1``, elbow side by the turn from link arm to forearm about
     axis 3, wrist by the side of axis 6 against axis 4 about axis 5.
 
     Args:
-        chain: The chain.
-        q: (6,) rad.
+        q: (n, 6) rad.
     """
     if chain.opw is not None:
-        return opw.BRANCHES[opw.slot_of(chain.opw, q)]
-    Ts = frames(chain, as_float("q", q, (6,)))[chain.joint >= 0]
+        return [opw.BRANCHES[slot] for slot in opw.slots_of(chain.opw, q)]
+    return [_branch_by_axes(chain, row) for row in q]
+
+
+def _branch_by_axes(chain: ElasticChain, q: Float) -> str:
+    Ts = frames(chain, q)[chain.joint >= 0]
     z, p = Ts[:, :3, 2], Ts[:, :3, 3]
     back = float((p[4] - p[0]) @ np.cross(z[1], z[0])) < 0.0
     low = float(z[2] @ np.cross(p[2] - p[1], p[4] - p[2])) < 0.0

@@ -26,21 +26,13 @@ _SAME_RAD: Final = 1.0 * DEG
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """Ranges in which a program asks for axes of the controller, so that full turns are told apart.
+    """Ranges in which a program asks for axes of the controller, so that full turns are told apart."""
 
-    Attributes:
-        axes: As the controller of the program shows them.
-        numbers: Indices of the axes.
-        low_rad: Lower ends.
-        high_rad: Upper ends.
-        words: Of the program.
-    """
-
-    axes: ControllerAxes
-    numbers: tuple[int, ...]
-    low_rad: Float
-    high_rad: Float
-    words: str
+    axes: ControllerAxes  # as the controller of the program shows them
+    numbers: tuple[int, ...]  # indices of the axes
+    low_rad: Float  # lower ends
+    high_rad: Float  # upper ends
+    words: str  # of the program
 
     def agree(self, q: Float) -> bool:
         """Return whether angles (6,) of the model lie in the ranges."""
@@ -50,16 +42,12 @@ class Turns:
 
 @dataclass(frozen=True, eq=False)
 class ByAxes:
-    """Motions of a program that its controller makes by axes.
+    """Motions of a program that its controller makes by axes."""
 
-    Attributes:
-        motions: Their indices.
-        stated_rad: By motion, (6,) angles of the model at its end, where the program states them.
-        turns: By motion, the turns of the axes at its end, where the program states them beside a pose.
-    """
-
-    motions: frozenset[int] = frozenset()
+    motions: frozenset[int] = frozenset()  # their indices
+    # by motion, (6,) angles of the model at its end, where the program states them
     stated_rad: Mapping[int, Float] = field(default_factory=dict)
+    # by motion, the turns of the axes at its end, where the program states them beside a pose
     turns: Mapping[int, Turns] = field(default_factory=dict)
 
     def rows(self, motion: Int) -> tuple[Bool, Bool]:
@@ -76,17 +64,11 @@ class ByAxes:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Linear pieces of a path of n rows.
+    """Linear pieces of a path of n rows."""
 
-    Attributes:
-        begins: (n,) rows at which a motion by axes ends and a piece begins; row 0 begins one in any case.
-        stated_rad: By such a row, (6,) angles that the program states there.
-        turns: By such a row, the turns that it states there.
-    """
-
-    begins: Bool
-    stated_rad: Mapping[int, Float]
-    turns: Mapping[int, Turns] = field(default_factory=dict)
+    begins: Bool  # (n,) rows at which a motion by axes ends and a piece begins; row 0 begins one in any case
+    stated_rad: Mapping[int, Float]  # by such a row, (6,) angles that the program states there
+    turns: Mapping[int, Turns] = field(default_factory=dict)  # by such a row, the turns that it states there
 
 
 def solve_pieces(

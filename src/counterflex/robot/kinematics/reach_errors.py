@@ -15,10 +15,9 @@ _MOVE = "Move the part closer to the robot, or away from its foot"
 
 
 def beyond(chain: ElasticChain, T_base_tcp: Float) -> float | None:
-    """How far the wrist centre lies beyond the arm's reach on its better side (rigid OPW geometry).
+    """Distance of the wrist centre beyond the arm's reach on its better side (rigid OPW geometry).
 
     Args:
-        chain: The chain.
         T_base_tcp: (4, 4) m.
 
     Returns:
@@ -35,7 +34,6 @@ def unreached(chain: ElasticChain, T_base_tcp: Float, worst: tuple[str, int, Flo
     """Error of a pose without solution.
 
     Args:
-        chain: The chain.
         T_base_tcp: (4, 4) m.
         worst: The solution that breaks its joint limits least: branch, axis 0..5, (6,) angles in rad; or None.
     """
@@ -93,7 +91,6 @@ def outside(chain: ElasticChain, q: Float, axis: int, point: int) -> ReachError:
     """Error of a path point at which an axis leaves its range.
 
     Args:
-        chain: The chain.
         q: (6,) rad there.
         axis: 0..5.
         point: Its index.
@@ -114,7 +111,6 @@ def path_fault(chain: ElasticChain, T_base_tcp: Float, point: int, code: int, fa
     """Error of the first path point that :func:`counterflex.robot.kinematics.inverse_kernel.follow` could not do.
 
     Args:
-        chain: The chain.
         T_base_tcp: (4, 4) pose of that point, m.
         point: Its index.
         code: How it ended.

@@ -35,7 +35,7 @@ def displacement(d: Float) -> Float:
 
 
 def places(robot: Robot, end_effector: EndEffector) -> tuple[str, ...]:
-    """Where a calibration can act: ``base``, every segment from the base outward, ``tcp``."""
+    """Places where a calibration can act: ``base``, every segment from the base outward, ``tcp``."""
     return (BASE, *(s.name for s in (*robot.segments, *end_effector.segments)), TCP)
 
 

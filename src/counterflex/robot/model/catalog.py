@@ -24,14 +24,7 @@ from counterflex.core.registry import Registry
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, URAD_PER_KNM
 from counterflex.geometry import pose
-from counterflex.robot.model.controller_axes import (
-    AS_MODEL,
-    MAKERS,
-    Axis3,
-    ControllerAxes,
-    from_geometry,
-    maker_of,
-)
+from counterflex.robot.model import controller_axes
 from counterflex.robot.model.description import Counterbalance, Opw, Robot, Segment
 from counterflex.robot.model.opw_chain import Element, from_opw
 
@@ -59,7 +52,7 @@ class _Table(BaseModel):
 
 
 class Provenance(_Table):
-    """Where a group of numbers comes from, how far to trust it, and what an assumption in it may change."""
+    """Source of a group of numbers, its reliability, and the effect of an assumption in it."""
 
     status: Status
     source: str
@@ -127,44 +120,29 @@ class _Counterbalance(_Table):
 
 
 class CatalogEntry(_Table):
-    """What a catalogue file holds, as written there (mm, deg, kg, urad/kN m); :func:`load` turns it into a robot.
-
-    Attributes:
-        name: Catalogue name.
-        manufacturer: Maker.
-        model: Type plate.
-        payload_kg: Rated payload, where known.
-        reach_mm: Data-sheet reach, where known.
-        notes: Traps and remarks.
-        sources: Provenance per group: ``geometry limits speeds accelerations masses stiffness_about_axes stiffness_tilt
-            stiffness_links stiffness_translation bearings counterbalance``, and ``geometry_flange`` where the flange
-            distance is less sure than the rest.
-        geometry: OPW lengths.
-        limits: Joint limits and speeds in controller angles.
-        axes: Bearing position, compliance (rx ry rz about the bearing frame, z along the joint), mass, centre of
-            gravity.
-        elements: Elastic bodies between the axes.
-        counterbalance: Gas cylinder, where known.
-        checks: Published flange poses.
-        axis_3_from: What the controller counts axis 3 from; None is the maker's rule, the upper arm where it has none.
-    """
+    """Content of a catalogue file, as written there (mm, deg, kg, urad/kN m); :func:`load` turns it into a robot."""
 
     format: Literal["counterflex-robot"]
     version: Literal[1]
-    name: str
-    manufacturer: str
-    model: str
-    payload_kg: float | None = None
-    reach_mm: float | None = None
-    notes: list[str] = []
+    name: str  # catalogue name
+    manufacturer: str  # maker
+    model: str  # type plate
+    payload_kg: float | None = None  # rated payload, where known
+    reach_mm: float | None = None  # data-sheet reach, where known
+    notes: list[str] = []  # traps and remarks
+    # provenance per group: `geometry limits speeds accelerations masses stiffness_about_axes stiffness_tilt
+    # stiffness_links stiffness_translation bearings counterbalance`, and `geometry_flange` where the flange distance is
+    # less sure than the rest
     sources: dict[str, Provenance]
-    geometry: _Geometry
-    limits: _Limits
+    geometry: _Geometry  # OPW lengths
+    limits: _Limits  # joint limits and speeds in controller angles
+    # bearing position, compliance (rx ry rz about the bearing frame, z along the joint), mass, centre of gravity
     axes: list[_Axis] = []
-    elements: list[_Element] = []
-    counterbalance: _Counterbalance | None = None
-    checks: list[Check]
-    axis_3_from: Axis3 | None = None
+    elements: list[_Element] = []  # elastic bodies between the axes
+    counterbalance: _Counterbalance | None = None  # gas cylinder, where known
+    checks: list[Check]  # published flange poses
+    # what the controller counts axis 3 from; None is the maker's rule, the upper arm where it has none
+    axis_3_from: controller_axes.Axis3 | None = None
 
     @property
     def status(self) -> str:
@@ -181,17 +159,11 @@ class _EndEffectorFile(_Table):
 
 @dataclass(frozen=True)
 class EndEffectorElement:
-    """An elastic body of an end effector that a cell file or a demo can quote.
+    """An elastic body of an end effector that a cell file or a demo can quote."""
 
-    Attributes:
-        segment: Its frame is given in the flange frame.
-        provenance: Source and status of its compliance.
-        frame: Source and status of the frame's place and axes.
-    """
-
-    segment: Segment
-    provenance: Provenance
-    frame: Provenance
+    segment: Segment  # its frame is given in the flange frame
+    provenance: Provenance  # source and status of its compliance
+    frame: Provenance  # source and status of the frame's place and axes
 
 
 def names() -> list[str]:
@@ -302,14 +274,14 @@ def load(name: str) -> Robot:
     return replace(robot, joint_accelerations_rad_s2=frozen(np.array(e.limits.acceleration_deg_s2) * DEG))
 
 
-def _controller_axes(e: CatalogEntry, opw: Opw, limits_rad: Float) -> ControllerAxes:
+def _controller_axes(e: CatalogEntry, opw: Opw, limits_rad: Float) -> controller_axes.ControllerAxes:
     title = e.manufacturer.casefold()
-    maker = next((name for name, one in MAKERS.items() if one.title.casefold() == title), None)
-    maker = maker or maker_of(opw.signs, opw.offsets_rad)
+    maker = next((name for name, one in controller_axes.MAKERS.items() if one.title.casefold() == title), None)
+    maker = maker or controller_axes.maker_of(opw.signs, opw.offsets_rad)
     if maker is None:
-        return AS_MODEL
-    axis_3 = e.axis_3_from or MAKERS[maker].axis_3 or "upper_arm"
-    axes = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, axis_3)
+        return controller_axes.AS_MODEL
+    axis_3 = e.axis_3_from or controller_axes.MAKERS[maker].axis_3 or "upper_arm"
+    axes = controller_axes.from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, axis_3)
     return replace(axes, limits_rad=limits_rad) if axes.coupled else axes
 
 

@@ -45,44 +45,26 @@ _NORMAL: Final = NormalDist().inv_cdf(0.5 + 0.5 * _INSIDE)
 
 @dataclass(frozen=True)
 class PublishedStiffness:
-    """A published set of axis stiffnesses.
+    """A published set of axis stiffnesses."""
 
-    Attributes:
-        robot: Type.
-        payload_kg: Rated payload.
-        reach_m: Data-sheet reach.
-        stiffness_nm_per_rad: (6,) of springs about the axes that stand for the whole arm; nan where none is given.
-        source: Where it was published.
-        used: It is in the prior.
-    """
-
-    robot: str
-    payload_kg: float
-    reach_m: float
-    stiffness_nm_per_rad: Float
-    source: str
-    used: bool
+    robot: str  # type
+    payload_kg: float  # rated payload
+    reach_m: float  # data-sheet reach
+    stiffness_nm_per_rad: Float  # (6,) of springs about the axes that stand for the whole arm; nan where none is given
+    source: str  # where it was published
+    used: bool  # it is in the prior
 
 
 @dataclass(frozen=True)
 class ClassPrior:
-    """What is to be expected of a robot of a class.
+    """Prior of the stiffness of a robot of a class."""
 
-    Attributes:
-        payload_kg: Rated payload.
-        reach_m: Reach.
-        median_nm_per_rad: (6,) stiffness about the axes, N m/rad.
-        log_sigma: (6,) standard deviation of its natural logarithm.
-        common: Share of the variance that the axes of one robot have in common, 0 to 1.
-        types: Robot types that it comes from.
-    """
-
-    payload_kg: float
+    payload_kg: float  # rated payload
     reach_m: float
-    median_nm_per_rad: Float
-    log_sigma: Float
-    common: float
-    types: tuple[str, ...]
+    median_nm_per_rad: Float  # (6,) stiffness about the axes, N m/rad
+    log_sigma: Float  # (6,) standard deviation of its natural logarithm
+    common: float  # share of the variance that the axes of one robot have in common, 0 to 1
+    types: tuple[str, ...]  # robot types that it comes from
 
     @property
     def factor(self) -> Float:

@@ -24,7 +24,7 @@ from counterflex.core.arrays import Bool, Float, as_float, frozen
 from counterflex.core.errors import InputError
 from counterflex.core.registry import Registry
 from counterflex.core.units import DEG
-from counterflex.geometry import pose, rotation
+from counterflex.geometry import rotation
 
 Axis3 = Literal["upper_arm", "horizontal"]
 _SAME_RAD: Final = 1e-6
@@ -38,7 +38,7 @@ _NO_BETWEEN: Final = (
 
 
 class Shape(Protocol):
-    """What of :class:`~counterflex.robot.model.description.Opw` decides how axes are counted."""
+    """Part of :class:`~counterflex.robot.model.description.Opw` that decides how axes are counted."""
 
     @property
     def signs(self) -> tuple[int, ...]:
@@ -55,31 +55,20 @@ class Shape(Protocol):
 
 @dataclass(frozen=True)
 class Maker:
-    """Convention of the six-axis arms of a maker.
+    """Convention of the six-axis arms of a maker."""
 
-    Attributes:
-        title: Name for people.
-        language: Dialect of its programs.
-        signs: Of the axes against ``theta``: ``theta = sign j - offset``.
-        offsets_deg: See ``signs``.
-        axis_3: What axis 3 is counted from; None where it depends on the arm.
-        world: Height of the origin of its world: ``floor`` is the base plate, ``axis 2`` that axis, both on axis 1.
-        source: Where the convention is stated.
-        letter: Before the number of an axis.
-        words_of: Words of an orientation (3, 3) as the pendant shows them, with their unit; None: A B C.
-        set_up: File of the demonstration that sets up its link to the loop; empty: the cell file says all.
-    """
-
-    title: str
-    language: str
-    signs: tuple[int, ...]
-    offsets_deg: tuple[float, ...]
-    axis_3: Axis3 | None
+    title: str  # name for people
+    language: str  # dialect of its programs
+    signs: tuple[int, ...]  # of the axes against `theta`: `theta = sign j - offset`
+    offsets_deg: tuple[float, ...]  # see `signs`
+    axis_3: Axis3 | None  # what axis 3 is counted from; None where it depends on the arm
+    # height of the origin of its world: `floor` is the base plate, `axis 2` that axis, both on axis 1
     world: Literal["floor", "axis 2"]
-    source: str
-    letter: str = "axis "
+    source: str  # where the convention is stated
+    letter: str = "axis "  # before the number of an axis
+    # words of an orientation (3, 3) as the pendant shows them, with their unit; None: A B C
     words_of: Callable[[Float], dict[str, float]] | None = None
-    set_up: str = ""
+    set_up: str = ""  # file of the demonstration that sets up its link to the loop; empty: the cell file says all
 
     def orientation(self, R: Float) -> dict[str, float]:
         """Words of an orientation (3, 3) as the pendant shows them."""
@@ -99,27 +88,17 @@ MAKERS: Final[Registry[Maker]] = Registry(
 
 @dataclass(frozen=True, eq=False)
 class ControllerAxes:
-    """The axes of a robot as its controller shows them.
+    """The axes of a robot as its controller shows them."""
 
-    Attributes:
-        maker: Of the controller; None where it is not known.
-        matrix: (6, 6) A of the module.
-        zero_rad: (6,) z of the module.
-        limits_rad: (6, 2) lower and upper limit of the controller's axes; None: those of the model.
-        world_m: Height of the origin of the controller's world above the base plate, on axis 1.
-        assumed: What was taken without being said, one sentence; empty where nothing was.
-        axis_2_m: Height of axis 2 above the base plate.
-        between_known: The limits of the angle between upper arm and forearm are stated; they matter where axis 3 is
-            counted from the horizontal.
-    """
-
-    maker: str | None = None
-    matrix: Float | None = None
-    zero_rad: Float | None = None
-    limits_rad: Float | None = None
-    world_m: float = 0.0
-    assumed: str = ""
-    axis_2_m: float = 0.0
+    maker: str | None = None  # of the controller; None where it is not known
+    matrix: Float | None = None  # (6, 6) A of the module
+    zero_rad: Float | None = None  # (6,) z of the module
+    limits_rad: Float | None = None  # (6, 2) lower and upper limit of the controller's axes; None: those of the model
+    world_m: float = 0.0  # height of the origin of the controller's world above the base plate, on axis 1
+    assumed: str = ""  # what was taken without being said, one sentence; empty where nothing was
+    axis_2_m: float = 0.0  # height of axis 2 above the base plate
+    # the limits of the angle between upper arm and forearm are stated; they matter where axis 3 is counted from the
+    # horizontal
     between_known: bool = False
 
     @property
@@ -158,11 +137,6 @@ class ControllerAxes:
             return np.asarray(change, dtype=np.float64)
         out: Float = np.asarray(change, dtype=np.float64) @ np.linalg.inv(self.matrix).T
         return out
-
-    @property
-    def T_base_world(self) -> Float:
-        """(4, 4) m, the controller's world in the base plate's frame."""
-        return pose.make(p=np.array([0.0, 0.0, self.world_m]))
 
     def in_world(self, T_base_a: Float) -> Float:
         """(..., 4, 4) m, a frame given in the base as the controller gives it, in its world."""
@@ -342,14 +316,7 @@ def in_language(
     maker = next(name for name, one in MAKERS.items() if one.language == language)
     title = MAKERS[maker].title
     if axes.maker == maker:
-        if axes.assumed and looks_rodded(shown_limits(axes, limits_rad)):
-            low, high = shown_limits(axes, limits_rad)[2] / DEG
-            raise InputError(
-                "axis 3 has the range of an arm with a parallel rod, and nothing says what it is counted from",
-                where=f"{where}: robot", value=f"{low:g} to {high:g} deg", limit='"horizontal" or "upper_arm"',
-                hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 1410, 2400, 4400, 6400, '
-                "6660, 8700",
-            )  # fmt: skip
+        _check_rod(axes, limits_rad, where)
         open_limit = axes.coupled and not axes.between_known
         return axes, (*((axes.assumed,) if axes.assumed else ()), *((_NO_BETWEEN,) if open_limit else ()))
     if opw is None and axes.maker is None and axes.assumed:
@@ -360,6 +327,23 @@ def in_language(
             where=f"{where}: robot", value=f"maker {axes.maker or 'not said'}", limit=", ".join(MAKERS),
             hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
         )  # fmt: skip
+    return _on_other_controller(axes, opw, maker)
+
+
+def _check_rod(axes: ControllerAxes, limits_rad: Float, where: str) -> None:
+    """Refuse an arm that may have a parallel rod where nothing says what axis 3 is counted from."""
+    if axes.assumed and looks_rodded(shown_limits(axes, limits_rad)):
+        low, high = shown_limits(axes, limits_rad)[2] / DEG
+        raise InputError(
+            "axis 3 has the range of an arm with a parallel rod, and nothing says what it is counted from",
+            where=f"{where}: robot", value=f"{low:g} to {high:g} deg", limit='"horizontal" or "upper_arm"',
+            hint='Say axis_3_from in [robot.controller_axes]: "horizontal" for IRB 1400, 1410, 2400, 4400, 6400, '
+            "6660, 8700",
+        )  # fmt: skip
+
+
+def _on_other_controller(axes: ControllerAxes, opw: Shape, maker: str) -> tuple[ControllerAxes, tuple[str, ...]]:
+    title = MAKERS[maker].title
     remark = f"the robot is no {title}" if axes.maker else f"signs and zeros of the robot are not those of {title}"
     made = from_geometry(maker, opw.signs, opw.offsets_rad, opw.c1_m, MAKERS[maker].axis_3 or "upper_arm")
     high = MAKERS[maker].world == "axis 2"

@@ -28,26 +28,16 @@ Convention = Literal["standard", "modified"]
 
 @dataclass(frozen=True)
 class DhRow:
-    """One axis.
+    """One axis."""
 
-    Attributes:
-        a_m: Length of the common normal.
-        d_m: Offset along the axis.
-        alpha_rad: Twist about the common normal.
-        offset_rad: See ``sign``.
-        sign: +1 or -1; ``theta = sign q + offset_rad``.
-        limits_rad: Lower and upper limit of the angle that the controller shows.
-        mass_kg: Mass of the body that the axis carries.
-        p_axis_com: (3,) m, its centre of gravity in the frame ``axisN`` (z along the axis, turning with it).
-    """
-
-    a_m: float
-    d_m: float
-    alpha_rad: float
-    offset_rad: float = 0.0
-    sign: float = 1.0
-    limits_rad: tuple[float, float] = (-np.pi, np.pi)
-    mass_kg: float = 0.0
+    a_m: float  # length of the common normal
+    d_m: float  # offset along the axis
+    alpha_rad: float  # twist about the common normal
+    offset_rad: float = 0.0  # see `sign`
+    sign: float = 1.0  # +1 or -1; `theta = sign q + offset_rad`
+    limits_rad: tuple[float, float] = (-np.pi, np.pi)  # lower and upper limit of the angle that the controller shows
+    mass_kg: float = 0.0  # mass of the body that the axis carries
+    # (3,) m, its centre of gravity in the frame `axisN` (z along the axis, turning with it)
     p_axis_com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -73,7 +73,7 @@ def outside(regions: Sequence[ElasticRegion], q: Float) -> tuple[ElasticRegion, 
 
 
 def beyond_regions(regions: Sequence[ElasticRegion], q: Float) -> list[str]:
-    """What is told where joint angles (..., 6) rad leave the angles of regions."""
+    """Message where joint angles (..., 6) rad leave the angles of regions."""
     return [
         f"axis {r.axis + 1} leaves the angles at which {describe(r)} was measured ({r.angles_rad[0] / DEG:.0f} to "
         f"{r.angles_rad[-1] / DEG:.0f} deg, [[robot.elastic_region]]): there the mean compliance is used"

@@ -35,21 +35,13 @@ HOLDER_NM_RAD = (1.9e5, 6.7e4, 9.1e4)  # frame 10
 
 @dataclass(frozen=True)
 class Case:
-    """One load case.
+    """One load case."""
 
-    Attributes:
-        position: 1..4.
-        orientation: Key of ORIENTATIONS_DEG: turn about base y (B) or base x (C).
-        direction: Key of FORCES.
-        T_base_tcp: (4, 4) pose to reach, TCP axes parallel to the flange's.
-        w_tcp_base: (6,) N.
-    """
-
-    position: int
-    orientation: str
-    direction: str
-    T_base_tcp: Float
-    w_tcp_base: Float
+    position: int  # 1..4
+    orientation: str  # key of ORIENTATIONS_DEG: turn about base y (B) or base x (C)
+    direction: str  # key of FORCES
+    T_base_tcp: Float  # (4, 4) pose to reach, TCP axes parallel to the flange's
+    w_tcp_base: Float  # (6,) N
 
 
 def end_effector(tcp_mm: tuple[float, float, float] = (300.0, 0.0, 150.0)) -> EndEffector:

@@ -93,11 +93,9 @@ def branches(opw: Opw, Ts_base_flange: Float) -> Float:
 
 
 def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
-    """(8, 6) solutions of a wrist too straight for the library.
-
-    The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
-    flange in the forearm, ``(cos t4 sin t5, sin t4 sin t5, cos t5)``, with theta 4 = 0 where theta 5 = 0.
-    """
+    """(8, 6) solutions of a wrist too straight for the library."""
+    # The arm's angles are those of the flange tipped about the wrist centre; the wrist's follow from the axis z of the
+    # flange in the forearm, `(cos t4 sin t5, sin t4 sin t5, cos t5)`, with theta 4 = 0 where theta 5 = 0.
     tipped = T_base_flange.copy()
     wrist = T_base_flange[:3, 3] - opw.c4_m * T_base_flange[:3, 2]
     tipped[:3, :3] = T_base_flange[:3, :3] @ rotation.about_x(0.1)
@@ -121,7 +119,12 @@ def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
 
 
 def slot_of(opw: Opw, q: Float) -> int:
-    """Slot (index into :data:`BRANCHES`) that controller angles lie in.
+    """Slot (index into :data:`BRANCHES`) that controller angles (6,) lie in, see :func:`slots_of`."""
+    return slots_of(opw, as_float("q", q, (6,))[None])[0]
+
+
+def slots_of(opw: Opw, q: Float) -> list[int]:
+    """Slots (indices into :data:`BRANCHES`) that rows of controller angles lie in.
 
     With ``k = hypot(a2, c3)`` and ``psi = atan2(a2, c3)``: elbow by the sign of ``sin(theta3 + psi)``, shoulder by the
     sign of the wrist centre's distance ``a1 + c2 sin(theta2) + k sin(theta2 + theta3 + psi)`` ahead of axis 1, wrist by
@@ -129,18 +132,19 @@ def slot_of(opw: Opw, q: Float) -> int:
 
     Args:
         opw: Geometry.
-        q: (6,) rad.
+        q: (n, 6) rad.
 
     Returns:
-        0..7.
+        n of 0..7.
     """
-    theta = np.array(opw.signs) * as_float("q", q, (6,)) - np.array(opw.offsets_rad)
-    psi = math.atan2(opw.a2_m, opw.c3_m)
-    ahead = (
-        opw.a1_m + opw.c2_m * math.sin(theta[1]) + math.hypot(opw.a2_m, opw.c3_m) * math.sin(theta[1] + theta[2] + psi)
-    )
-    elbow, shoulder, wrist = math.sin(theta[2] + psi) < 0.0, ahead < 0.0, math.sin(theta[4]) < 0.0
-    return 4 * int(wrist) + 2 * int(shoulder) + int(elbow)
+    theta = np.array(opw.signs) * as_float("q", q, (None, 6)) - np.array(opw.offsets_rad)
+    psi, k = math.atan2(opw.a2_m, opw.c3_m), math.hypot(opw.a2_m, opw.c3_m)
+    slots = []
+    for second, third, fifth in theta[:, [1, 2, 4]].tolist():
+        ahead = opw.a1_m + opw.c2_m * math.sin(second) + k * math.sin(second + third + psi)
+        elbow, shoulder, wrist = math.sin(third + psi) < 0.0, ahead < 0.0, math.sin(fifth) < 0.0
+        slots.append(4 * int(wrist) + 2 * int(shoulder) + int(elbow))
+    return slots
 
 
 def turns(q: Float, limits_rad: Float) -> Float:
@@ -183,7 +187,7 @@ def nearest_turn(q: Float, near: Float, limits_rad: Float) -> Float:
 
 
 def extension(opw: Opw, Ts_base_flange: Float, *, back: bool = False) -> Float:
-    """How far the wrist centre lies inside the arm's reach.
+    """Distance of the wrist centre from the border of the arm's reach, positive inside.
 
     With d the distance of the wrist centre from axis 2 in the arm's plane and ``k = hypot(a2, c3)``:
     ``min(c2 + k - d, d - |c2 - k|)``. Zero is the stretched or folded elbow, negative out of reach.

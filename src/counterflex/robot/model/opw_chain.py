@@ -32,23 +32,14 @@ _THETA0_RAD = (0.0, -math.pi / 2, -math.pi / 2, 0.0, 0.0, math.pi)
 
 @dataclass(frozen=True)
 class Element:
-    """An undriven body with an elastic element, between two driven axes.
+    """An undriven body with an elastic element, between two driven axes."""
 
-    Attributes:
-        name: For messages, for example ``link_arm``.
-        after_joint: Joint index 0..5 of the driven axis it follows.
-        T_axis_elem: (4, 4) its frame in the bearing frame of that axis.
-        compliance: (6,) ``tx ty tz rx ry rz`` m/N, rad/(N m) in its own axes.
-        mass_kg: Mass of its body.
-        p_elem_com: (3,) m centre of gravity in its frame.
-    """
-
-    name: str
-    after_joint: int
-    T_axis_elem: Float
-    compliance: Float = field(default_factory=lambda: RIGID)
-    mass_kg: float = 0.0
-    p_elem_com: Float = field(default_factory=lambda: np.zeros(3))
+    name: str  # for messages, for example `link_arm`
+    after_joint: int  # joint index 0..5 of the driven axis it follows
+    T_axis_elem: Float  # (4, 4) its frame in the bearing frame of that axis
+    compliance: Float = field(default_factory=lambda: RIGID)  # (6,) `tx ty tz rx ry rz` m/N, rad/(N m) in its own axes
+    mass_kg: float = 0.0  # mass of its body
+    p_elem_com: Float = field(default_factory=lambda: np.zeros(3))  # (3,) m centre of gravity in its frame
 
 
 def from_opw(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -26,7 +26,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG, MS
 from counterflex.runtime.axis_gains import AxisGains
-from counterflex.runtime.design.tracker import DesignGoals, Margins, margins_of, neighbours
+from counterflex.runtime.design.tracker import DesignGoals, Margins, largest_that, margins_of, neighbours
 from counterflex.runtime.design.tracker_plant import Complex, TrackerPlant
 
 _POINTS: Final = 500
@@ -45,21 +45,13 @@ _STEP_S: Final = 1.0
 
 @dataclass(frozen=True)
 class AxisDesign:
-    """A controller and what it holds.
+    """A controller and what it holds."""
 
-    Attributes:
-        gains: Of the axis.
-        margins: The worst over all robots that it was designed for.
-        radius: Largest magnitude of the closed loop's poles over them; below 1 is stable.
-        late_s: Integral of the absolute error after a step of what is wanted, per step, on the robot as known.
-        late_alone_s: The same without the controller.
-    """
-
-    gains: AxisGains
-    margins: Margins
-    radius: float
-    late_s: float
-    late_alone_s: float
+    gains: AxisGains  # of the axis
+    margins: Margins  # the worst over all robots that it was designed for
+    radius: float  # largest magnitude of the closed loop's poles over them; below 1 is stable
+    late_s: float  # integral of the absolute error after a step of what is wanted, per step, on the robot as known
+    late_alone_s: float  # the same without the controller
 
 
 def robots(plant: TrackerPlant, goals: DesignGoals) -> tuple[TrackerPlant, ...]:
@@ -117,9 +109,10 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, most_rad: floa
     for rate in _RATES:
         for total in _SUMS:
             shape = _shape(rate * lag, total * (plant.delay_s + plant.slow_s), plant.period_s, most_rad)
-            fitting = _largest(shape, plants, answers, f, requested)
-            if fitting is None:
+            fits = partial(_fits, shape, plants, answers, f, requested)
+            if not fits(_LEAST):
                 continue
+            fitting = _scaled(shape, largest_that(fits, _LEAST, _MOST, 8))
             late = max(step_error(one, fitting) for one in (plant, plants[-1]))
             if best is None or late < best[0]:
                 best = late, fitting
@@ -150,24 +143,19 @@ def _scaled(shape: AxisGains, gain: float) -> AxisGains:
     )
 
 
-def _largest(
-    shape: AxisGains, plants: tuple[TrackerPlant, ...], answers: list[Complex], f: Float, goals: DesignGoals
-) -> AxisGains | None:
-    """The shape with the largest gain that keeps the margins; None: not even the least does."""
-
-    def fits(gain: float) -> bool:
-        own = _scaled(shape, gain)
-        response = own.response(f, plants[0].period_s)
-        kept = all(margins_of(answer * response, f, stable=True).meets(goals) for answer in answers)
-        return kept and all(radius(plant, own) < _INSIDE for plant in plants)
-
-    if not fits(_LEAST):
-        return None
-    low, high = _LEAST, _MOST
-    for _ in range(8):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if fits(middle) else (low, middle)
-    return _scaled(shape, low)
+def _fits(
+    shape: AxisGains,
+    plants: tuple[TrackerPlant, ...],
+    answers: list[Complex],
+    f: Float,
+    goals: DesignGoals,
+    gain: float,
+) -> bool:
+    """Return whether the shape with this gain keeps the margins on every robot."""
+    own = _scaled(shape, gain)
+    response = own.response(f, plants[0].period_s)
+    kept = all(margins_of(answer * response, f, stable=True).meets(goals) for answer in answers)
+    return kept and all(radius(plant, own) < _INSIDE for plant in plants)
 
 
 def _worst(

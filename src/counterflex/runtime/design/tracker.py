@@ -20,8 +20,9 @@ Hagglund, Advanced PID Control, ch. 4.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -83,17 +84,11 @@ _LOWEST_HZ: Final = 1e-3
 
 @dataclass(frozen=True)
 class TrackerGains:
-    """A controller of the tracker loop.
+    """A controller of the tracker loop."""
 
-    Attributes:
-        integral: Ki per cycle.
-        proportional: Kp.
-        notch: ``b0 b1 b2 a1 a2`` of N.
-    """
-
-    integral: float
-    proportional: float = 0.0
-    notch: tuple[float, float, float, float, float] = FLAT
+    integral: float  # Ki per cycle
+    proportional: float = 0.0  # Kp
+    notch: tuple[float, float, float, float, float] = FLAT  # ``b0 b1 b2 a1 a2`` of N
 
     def response(self, frequency_hz: Float, period_s: float) -> Complex:
         """C at ``z = exp(2 pi i f T)``, (k,) complex."""
@@ -115,21 +110,13 @@ class TrackerGains:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability.
+    """Distance of a loop from instability."""
 
-    Attributes:
-        crossover_hz: Where the open loop's gain falls through 1; NaN where it never is 1.
-        phase_rad: Least phase margin over all crossings; infinite without one.
-        gain: Least factor > 1 on the gains that makes it unstable.
-        sensitivity: Largest amplification of a deviation, Ms.
-        stable: All poles of the closed loop lie inside the unit circle.
-    """
-
-    crossover_hz: float
-    phase_rad: float
-    gain: float
-    sensitivity: float
-    stable: bool
+    crossover_hz: float  # where the open loop's gain falls through 1; NaN where it never is 1
+    phase_rad: float  # least phase margin over all crossings; infinite without one
+    gain: float  # least factor > 1 on the gains that makes it unstable
+    sensitivity: float  # largest amplification of a deviation, Ms
+    stable: bool  # all poles of the closed loop lie inside the unit circle
 
     @property
     def gain_db(self) -> float:
@@ -142,7 +129,7 @@ class Margins:
         return self.phase_rad / DEG
 
     def meets(self, goals: DesignGoals) -> bool:
-        """Whether the margins are at least those wanted."""
+        """Return whether the margins are at least those wanted."""
         return (
             self.stable
             and self.phase_rad >= goals.phase_rad
@@ -153,21 +140,13 @@ class Margins:
 
 @dataclass(frozen=True)
 class DesignGoals:
-    """Margins that a design keeps.
+    """Margins that a design keeps."""
 
-    Attributes:
-        phase_rad: Least phase margin.
-        gain: Least gain margin, a factor.
-        sensitivity: Largest Ms.
-        mode_off: Relative error of the mode's frequency, both ways, at which they still hold.
-        lag_off: Relative error of lag and delay, likewise.
-    """
-
-    phase_rad: float = 50.0 * DEG
-    gain: float = 10.0**0.5
-    sensitivity: float = 1.6
-    mode_off: float = 0.15
-    lag_off: float = 0.10
+    phase_rad: float = 50.0 * DEG  # least phase margin
+    gain: float = 10.0**0.5  # least gain margin, a factor
+    sensitivity: float = 1.6  # largest Ms
+    mode_off: float = 0.15  # relative error of the mode's frequency, both ways, at which they still hold
+    lag_off: float = 0.10  # relative error of lag and delay, likewise
 
 
 def margins_of(response: Complex, frequency_hz: Float, stable: bool) -> Margins:
@@ -317,25 +296,37 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     robots = neighbours(plant, requested)
     f = grid(plant.period_s)
     answers = [robot.response(f) for robot in robots]
-
-    def fits(integral: float) -> bool:
-        gains = TrackerGains(integral, max(0.0, ratio) * integral, shape)
-        own = gains.response(f, plant.period_s)
-        for robot, answer in zip(robots, answers, strict=True):
-            if not margins_of(answer * own, f, stable=True).meets(requested):
-                return False
-            if not closed_loop_radius(robot, gains) < 1.0 - 1e-12:
-                return False
-        return True
-
+    fits = partial(_fits, max(0.0, ratio), shape, list(zip(robots, answers, strict=True)), f, requested)
     low = 1e-5
     if not fits(low):
         raise ModelError("no gain keeps the margins of the tracker loop", value=f"delay {plant.delay_s:g} s")
     high = low
     while high < 1.0 and fits(2.0 * high):
         high *= 2.0
-    low, high = high, 2.0 * high
-    for _ in range(20):
+    gain = largest_that(fits, high, 2.0 * high, 20)
+    return TrackerGains(gain, max(0.0, ratio) * gain, shape)
+
+
+def _fits(
+    ratio: float,
+    notch: tuple[float, float, float, float, float],
+    robots: list[tuple[TrackerPlant, Complex]],
+    f: Float,
+    goals: DesignGoals,
+    integral: float,
+) -> bool:
+    """Return whether this integral gain keeps the margins on every robot."""
+    gains = TrackerGains(integral, ratio * integral, notch)
+    own = gains.response(f, robots[0][0].period_s)
+    return all(
+        margins_of(answer * own, f, stable=True).meets(goals) and closed_loop_radius(robot, gains) < 1.0 - 1e-12
+        for robot, answer in robots
+    )
+
+
+def largest_that(fits: Callable[[float], bool], low: float, high: float, rounds: int) -> float:
+    """Largest value that fits, by halving the ratio of ``high`` to ``low``, which fits, ``rounds`` times."""
+    for _ in range(rounds):
         middle = math.sqrt(low * high)
         low, high = (middle, high) if fits(middle) else (low, middle)
-    return TrackerGains(low, max(0.0, ratio) * low, shape)
+    return low

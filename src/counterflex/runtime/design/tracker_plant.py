@@ -16,25 +16,15 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class TrackerPlant:
-    """What the tracker sees of a correction.
+    """Response of the tracker's deviation to a correction."""
 
-    Attributes:
-        period_s: T.
-        delay_s: D.
-        natural_per_s: w0, rad/s.
-        damping: z0.
-        mode_per_s: w, rad/s; 0 is a robot without a mode.
-        mode_damping: z.
-        mode_share: m: 1 where the whole tool moves with the mode.
-    """
-
-    period_s: float
-    delay_s: float
-    natural_per_s: float
-    damping: float
-    mode_per_s: float = 0.0
-    mode_damping: float = 0.1
-    mode_share: float = 1.0
+    period_s: float  # t
+    delay_s: float  # d
+    natural_per_s: float  # w0, rad/s
+    damping: float  # z0
+    mode_per_s: float = 0.0  # w, rad/s; 0 is a robot without a mode
+    mode_damping: float = 0.1  # z
+    mode_share: float = 1.0  # m: 1 where the whole tool moves with the mode
 
     def __post_init__(self) -> None:
         """Check ranges."""

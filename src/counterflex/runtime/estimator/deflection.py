@@ -57,13 +57,13 @@ def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, pla
 
 @kernel("boolean(Given)", **LOOP_TYPES)
 def currents_shown(given: Record) -> bool:
-    """Whether motor currents came in this cycle, in use or not."""
+    """Return whether motor currents came in this cycle, in use or not."""
     return bool(given.sources & _FROM_CURRENTS) and given.current_age == 0
 
 
 @kernel("int64(int64, int64, int64)")
 def missing_cause(has: int, usable: int, soft: int) -> int:
-    """Why a source of the cell is not used, or 0; motor currents are not missed while there is a force."""
+    """Cause for which a source of the cell is not used, or 0; motor currents are not missed while there is a force."""
     missing = has & ~usable
     if missing & _FROM_FORCE:
         return soft if soft in (_FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET) else _FORCE_STALE
@@ -181,7 +181,7 @@ def estimate_loads(
 
 @kernel("void(Settings, float64[::1], int64, Past[::1], State)", **LOOP_TYPES)
 def _swing(settings: Record, bent: Float, here: int, ring: Records, state: Record) -> None:
-    """How far the arm may swing about where it should stand: ``|p''| / w^2`` of its lowest mode, dying out.
+    """Amplitude with which the arm may swing: ``|p''| / w^2`` of its lowest mode, dying out.
 
     Where it should stand is path, correction in effect and expected deflection; a tracker sees the swing, which is no
     error of the model.

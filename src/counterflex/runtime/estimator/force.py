@@ -46,7 +46,7 @@ def blend(measured: Float, predicted: Float, share: float, threshold_n: float, s
 
 @kernel("float64(float64[::1], float64[::1])")
 def met_share(measured: Float, predicted: Float) -> float:
-    """Which share of a predicted force is there: ``F_m . F_p / F_p . F_p``, 0..1; 1 where next to nothing is predicted.
+    """Share of a predicted force that is there: ``F_m . F_p / F_p . F_p``, 0..1; 1 where next to nothing is predicted.
 
     A program that the operator slows or stops leaves less force than planned, and less of what the plan changes.
 

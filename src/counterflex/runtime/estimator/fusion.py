@@ -14,7 +14,7 @@ from counterflex.core.units import DEG, MM, UM
 
 
 class Source(IntFlag):
-    """What the estimate of a cycle rests on."""
+    """Source of the estimate of a cycle."""
 
     NOTHING = 0
     PLAN = 1
@@ -31,37 +31,23 @@ def level(sources: int) -> str:
 
 @dataclass(frozen=True)
 class FusionTuning:
-    """How fast what is estimated may change, and what was known of it before.
+    """Process noise of the estimator, and its prior."""
 
-    Attributes:
-        factor: Standard deviation of the force factors at the start.
-        model: Of the share of the deflection that the force does not explain.
-        offset_m: Of the offset.
-        factor_drift: What a factor gains per root second.
-        model_drift: Likewise.
-        offset_drift_m: Likewise, m.
-        turn_rad: Offset of the orientation at the start.
-        turn_drift_rad: Likewise, per root second.
-        gate: Standard deviations beyond which a measurement counts less.
-        tracker_stale_s: Age at which a tracker or photogrammetry no longer counts as there.
-        disbelieved: Samples in a row, farther off than the largest jump, after which it does not either.
-        mode: Lowest mode of the arm, Hz, and its damping ratio, about which it swings when it is accelerated or a load
-            comes; None: of a robot that does not swing.
-        torque_nm: Standard deviation of each axis torque found from motor currents: of what its friction changes by.
-    """
-
-    factor: float = 0.25
-    model: float = 0.15
+    factor: float = 0.25  # standard deviation of the force factors at the start
+    model: float = 0.15  # of the share of the deflection that the force does not explain
     offset_m: float = 0.5 * MM
-    factor_drift: float = 0.05
-    model_drift: float = 0.02
-    offset_drift_m: float = 100.0 * UM
-    turn_rad: float = 0.3 * DEG
-    turn_drift_rad: float = 0.02 * DEG
-    gate: float = 5.0
-    tracker_stale_s: float = 0.5
-    disbelieved: int = 5
+    factor_drift: float = 0.05  # what a factor gains per root second
+    model_drift: float = 0.02  # likewise
+    offset_drift_m: float = 100.0 * UM  # likewise, m
+    turn_rad: float = 0.3 * DEG  # offset of the orientation at the start
+    turn_drift_rad: float = 0.02 * DEG  # likewise, per root second
+    gate: float = 5.0  # standard deviations beyond which a measurement counts less
+    tracker_stale_s: float = 0.5  # age at which a tracker or photogrammetry no longer counts as there
+    disbelieved: int = 5  # samples in a row, farther off than the largest jump, after which it does not either
+    # lowest mode of the arm, Hz, and its damping ratio, about which it swings when it is accelerated or a load comes;
+    # None: of a robot that does not swing
     mode: tuple[float, float] | None = None
+    # standard deviation of each axis torque found from motor currents: of what its friction changes by
     torque_nm: tuple[float, float, float, float, float, float] = (60.0, 60.0, 60.0, 20.0, 20.0, 20.0)
 
     def __post_init__(self) -> None:

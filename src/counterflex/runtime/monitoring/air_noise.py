@@ -42,7 +42,7 @@ def two_stages(stages: Float, value: float, keep: float) -> None:
 
 @kernel("void(Memory, Settings, Given, Result)", **MONITOR_TYPES)
 def follow_motion(m: Record, s: Record, given: Record, result: Record) -> None:
-    """How strongly the tool was accelerated recently; changes place, velocity and acceleration.
+    """Recent acceleration of the tool; changes place, velocity and acceleration.
 
     ``m``: MEMORY; changed. ``given``: of the step; a telegram came.
     """

@@ -7,7 +7,7 @@ from typing import Final
 
 
 class Event(IntEnum):
-    """What the monitor watches for; bit ``1 << event`` in its results."""
+    """An event of the process monitor; bit ``1 << event`` in its results."""
 
     MISSING_CUT = 0
     """Material should be cut and there is no force."""
@@ -27,7 +27,7 @@ EVENTS: Final = len(Event)
 
 
 class Slowed(IntEnum):
-    """Why less than the programmed speed is asked for."""
+    """Reason for less than the programmed speed."""
 
     NOT = 0
     PLAN = 1

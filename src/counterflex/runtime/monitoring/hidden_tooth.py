@@ -28,20 +28,13 @@ _FARTHEST: Final = 0.25
 
 @dataclass(frozen=True)
 class HiddenTooth:
-    """Cut in which a broken tooth does not show at some speeds that the spindle may have.
+    """Cut in which a broken tooth does not show at some speeds that the spindle may have."""
 
-    Attributes:
-        speed_rpm: Commanded spindle speed.
-        teeth: Of the tool.
-        sample_s: Period of the force sensor.
-        slips: Those of :data:`SLIPS` at which it does not show.
-        seen_rpm: Nearest commanded speed at which it shows at every slip; None where there is none within a quarter.
-    """
-
-    speed_rpm: float
-    teeth: int
-    sample_s: float
-    slips: tuple[float, ...]
+    speed_rpm: float  # commanded spindle speed
+    teeth: int  # of the tool
+    sample_s: float  # period of the force sensor
+    slips: tuple[float, ...]  # those of SLIPS at which it does not show
+    # nearest commanded speed at which it shows at every slip; None where there is none within a quarter
     seen_rpm: float | None
 
     @property
@@ -60,7 +53,7 @@ class HiddenTooth:
 
     @property
     def sentence(self) -> str:
-        """What monitoring does not look at, where, and what would show it."""
+        """Say what monitoring cannot see, where, and what would show it."""
         return f"not looked at: one broken tooth {self.where}; it shows with {self.remedy}"
 
     @property

@@ -109,7 +109,7 @@ class Monitor:
         return hidden_teeth(zip(turn_per_s, map(int, teeth), strict=True), self.settings.sample_s)
 
     def memory(self) -> dict[str, np.ndarray[Any, Any]]:
-        """What it remembers from one cycle to the next, by name."""
+        """State that it keeps from one cycle to the next, by name."""
         return {"monitor": self.records[2]}
 
     @property

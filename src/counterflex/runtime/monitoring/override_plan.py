@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -147,21 +148,13 @@ def least_about(time: Float, speed: Float, before: float, after: float, out: Flo
 
 @dataclass(frozen=True, eq=False)
 class SpeedPlan:
-    """Speeds for a tolerance.
+    """Speeds for a tolerance."""
 
-    Attributes:
-        speed: (n,) share of the programmed speed.
-        error_before_m: (n,) predicted remaining error at full speed.
-        error_after_m: (n,) at these speeds.
-        time_s: (n,) when the rows are reached at these speeds.
-        extra_s: Time that it costs.
-    """
-
-    speed: Float
-    error_before_m: Float
-    error_after_m: Float
-    time_s: Float
-    extra_s: float
+    speed: Float  # (n,) share of the programmed speed
+    error_before_m: Float  # (n,) predicted remaining error at full speed
+    error_after_m: Float  # (n,) at these speeds
+    time_s: Float  # (n,) when the rows are reached at these speeds
+    extra_s: float  # time that it costs
 
 
 def slowed_time(time_s: Float, speed: Float) -> Float:
@@ -182,6 +175,18 @@ def _sampled(mode: Mode, period: float) -> Float:
     norm = 1.0 + 2.0 * mode.damping_ratio * k + k * k
     b = k * k / norm
     return np.array([b, 2.0 * b, b, 2.0 * (k * k - 1.0) / norm, (1.0 - 2.0 * mode.damping_ratio * k + k * k) / norm])
+
+
+def _errors(
+    time: Float, need: Float, residual: Float, loops: Records, ahead: Ahead | None, exponent: float, speed: Float
+) -> tuple[Float, Float]:
+    """(n,) m, remaining error at shares of the programmed speed, and (n,) s, when the rows are then reached."""
+    when = slowed_time(time, speed)
+    smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
+    sent = smaller if ahead is None else np.ascontiguousarray(ahead.command(smaller, when))
+    error: Float = np.zeros(len(time))
+    drive(when, smaller, sent, loops, error)
+    return np.maximum(error, residual * speed), when
 
 
 def speed_plan(
@@ -219,15 +224,8 @@ def speed_plan(
     loop.arm = np.array([1.0, 0.0, 0.0, 0.0, 0.0]) if ahead is None else _sampled(ahead.modes[0], online.period_s)
     loop.arm_share = 0.0 if ahead is None else ahead.arm_share
     loop.longest = _LONGEST_S / override.least * 2.0
-    error: Float = np.zeros(n)
-
-    def errors(speed: Float) -> tuple[Float, Float]:
-        when = slowed_time(time, speed)
-        smaller = np.ascontiguousarray(need * speed[:, None] ** exponent)
-        sent = smaller if ahead is None or need_m is None else np.ascontiguousarray(ahead.command(smaller, when))
-        drive(when, smaller, sent, through, error)
-        return np.maximum(error, residual * speed), when
-
+    shaped = None if need_m is None else ahead
+    errors = partial(_errors, time, need, residual, through, shaped, exponent)
     if time[-1] - time[0] > _LONGEST_S:
         raise InputError(
             "the program is too long for speeds to be planned",

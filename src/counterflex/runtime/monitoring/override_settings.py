@@ -11,19 +11,12 @@ from counterflex.core.units import UM
 
 @dataclass(frozen=True)
 class OverrideSettings:
-    """How the speed of the robot program is changed.
+    """Settings of the speed of the robot program."""
 
-    Attributes:
-        tolerance_m: Remaining error across the feed above which the program is slowed down.
-        least: Lowest share of the programmed speed.
-        change_per_s: Largest change of that share per second.
-        delay_s: From asking until the robot goes slower.
-    """
-
-    tolerance_m: float = 50.0 * UM
-    least: float = 0.3
-    change_per_s: float = 2.0
-    delay_s: float = 0.05
+    tolerance_m: float = 50.0 * UM  # remaining error across the feed above which the program is slowed down
+    least: float = 0.3  # lowest share of the programmed speed
+    change_per_s: float = 2.0  # largest change of that share per second
+    delay_s: float = 0.05  # from asking until the robot goes slower
 
     def __post_init__(self) -> None:
         """Check ranges.

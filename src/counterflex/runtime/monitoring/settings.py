@@ -25,7 +25,7 @@ _SIEGMUND: Final = 1.166
 
 
 class Reaction(IntEnum):
-    """What an event does."""
+    """Reaction to an event."""
 
     WARN = 0
     """It is reported."""
@@ -42,73 +42,41 @@ def _reactions() -> dict[Event, Reaction]:
 
 @dataclass(frozen=True)
 class MonitorSettings:
-    """What is watched, and how surely.
+    """Settings of the process monitor."""
 
-    Attributes:
-        reaction: By event.
-        force_limit_n: Force that spindle and tool may take in the mean over a cycle; None is not watched.
-        moment_limit_nm: Likewise the moment about the tool tip.
-        margin_n: Force that is never an overload: inertia of the spindle in corners and the like.
-        false_alarms_per_h: By noise, of each event.
-        model_sigma: Relative standard deviation of the predicted force; from identification.
-        model_probability: That the model is further off than what is not alarmed; over jobs, not cycles.
-        noise_n: Noise of the filtered force at rest, at least; more is learnt out of the cut.
-        fast_noise_n: Noise of a sample of the sensor, per axis, at least.
-        filter_s: Time constant of each of the two stages of the force filter.
-        timing_s: How far plan and force may be apart in time.
-        place_m: How far apart on the path (stock, part zero).
-        missing_m: Cut without force before it counts as missing.
-        overload_s: How long an overload lasts before it counts.
-        breakage_s: Likewise a drop.
-        chatter_s: Likewise chatter.
-        chatter_share: Broad-band vibration that belongs to a quiet cut, by mean force.
-        low_chatter_s: How long slow vibration goes on in a steady cut before it counts: longer than the arm rings.
-        low_chatter_share: Slow vibration that belongs to a quiet cut, by mean force.
-        settle_s: Steady cut before a drop can be seen.
-        wear_bin_m: Length of cut that gives one ratio.
-        wear_false_alarm_m: Length of cut per false alarm of the wear trend.
-        wear_rise: Least rise of the ratio that counts.
-        wear_probability: That a trend is seen where there is none, one look.
-        inertia_kg: Mass behind the force sensor whose inertia it feels; 0 where it is taken out before.
-        clear_s: How long a condition is gone before it may be reported again.
-        stale_cycles: Age of a force that is not judged any more.
-        follow_s: How late the robot follows its program.
-        exponent: Of the force in the feed per tooth: F ~ f_z ** exponent.
-        period_s: Cycle.
-        sample_s: Period of the force sensor.
-    """
-
-    reaction: dict[Event, Reaction] = field(default_factory=_reactions)
+    reaction: dict[Event, Reaction] = field(default_factory=_reactions)  # by event
+    # force that spindle and tool may take in the mean over a cycle; None is not watched
     force_limit_n: float | None = None
-    moment_limit_nm: float | None = None
-    margin_n: float = 40.0
-    false_alarms_per_h: float = 0.01
-    model_sigma: float = 0.10
-    model_probability: float = 1e-3
-    noise_n: float = 2.0
-    fast_noise_n: float = 1.0
-    filter_s: float = 16.0 * MS
-    timing_s: float = 60.0 * MS
-    place_m: float = 0.5 * MM
-    missing_m: float = 2.0 * MM
-    overload_s: float = 12.0 * MS
-    breakage_s: float = 24.0 * MS
-    chatter_s: float = 60.0 * MS
-    chatter_share: float = 0.1
+    moment_limit_nm: float | None = None  # likewise the moment about the tool tip
+    margin_n: float = 40.0  # force that is never an overload: inertia of the spindle in corners and the like
+    false_alarms_per_h: float = 0.01  # by noise, of each event
+    model_sigma: float = 0.10  # relative standard deviation of the predicted force; from identification
+    model_probability: float = 1e-3  # that the model is further off than what is not alarmed; over jobs, not cycles
+    noise_n: float = 2.0  # noise of the filtered force at rest, at least; more is learnt out of the cut
+    fast_noise_n: float = 1.0  # noise of a sample of the sensor, per axis, at least
+    filter_s: float = 16.0 * MS  # time constant of each of the two stages of the force filter
+    timing_s: float = 60.0 * MS  # how far plan and force may be apart in time
+    place_m: float = 0.5 * MM  # how far apart on the path (stock, part zero)
+    missing_m: float = 2.0 * MM  # cut without force before it counts as missing
+    overload_s: float = 12.0 * MS  # how long an overload lasts before it counts
+    breakage_s: float = 24.0 * MS  # likewise a drop
+    chatter_s: float = 60.0 * MS  # likewise chatter
+    chatter_share: float = 0.1  # broad-band vibration that belongs to a quiet cut, by mean force
+    # how long slow vibration goes on in a steady cut before it counts: longer than the arm rings
     low_chatter_s: float = 0.6
-    low_chatter_share: float = 0.1
-    settle_s: float = 0.4
-    wear_bin_m: float = 20.0 * MM
-    wear_false_alarm_m: float = 1000.0
-    wear_rise: float = 0.1
-    wear_probability: float = 1e-3
-    inertia_kg: float = 0.0
-    clear_s: float = 0.5
-    stale_cycles: int = 3
-    follow_s: float = 0.0
-    exponent: float = 0.75
-    period_s: float = 4.0 * MS
-    sample_s: float = 1.0 * MS
+    low_chatter_share: float = 0.1  # slow vibration that belongs to a quiet cut, by mean force
+    settle_s: float = 0.4  # steady cut before a drop can be seen
+    wear_bin_m: float = 20.0 * MM  # length of cut that gives one ratio
+    wear_false_alarm_m: float = 1000.0  # length of cut per false alarm of the wear trend
+    wear_rise: float = 0.1  # least rise of the ratio that counts
+    wear_probability: float = 1e-3  # that a trend is seen where there is none, one look
+    inertia_kg: float = 0.0  # mass behind the force sensor whose inertia it feels; 0 where it is taken out before
+    clear_s: float = 0.5  # how long a condition is gone before it may be reported again
+    stale_cycles: int = 3  # age of a force that is not judged any more
+    follow_s: float = 0.0  # how late the robot follows its program
+    exponent: float = 0.75  # of the force in the feed per tooth: F ~ f_z ** exponent
+    period_s: float = 4.0 * MS  # cycle
+    sample_s: float = 1.0 * MS  # period of the force sensor
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -156,7 +124,7 @@ class MonitorSettings:
 
     @property
     def keep(self) -> float:
-        """What a stage of the filter keeps per cycle: ``exp(-T / tau)``."""
+        """Share that a stage of the filter keeps per cycle: ``exp(-T / tau)``."""
         return math.exp(-self.period_s / self.filter_s)
 
     @property
@@ -266,7 +234,7 @@ def unwatched(
 
 
 def low_chatter_time(ring_s: float) -> float:
-    """How long slow vibration must go on before it is no ring: three times its memory, 0.6 s at the least.
+    """Time after which slow vibration is no ring any more: three times its memory, at least 0.6 s.
 
     A ring that begins A times as large as the limit is above it for ``ring_s log(A)``: for three times ``ring_s`` only
     where A is above 20.

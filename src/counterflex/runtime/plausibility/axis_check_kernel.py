@@ -93,7 +93,7 @@ def _angle(square: float) -> float:
 
 @kernel("void(Check, Trail[::1])", Check=CHECK, Trail=TRAIL)
 def _travelled(c: Record, trail: Records) -> None:
-    """How far the last pose of the trail is from any before it, the commanded or that of the angles; way and turn."""
+    """Largest distance of the trail's last pose from any before it, commanded or of the angles; way and turn."""
     last = trail[(c.trail_next + trail.shape[0] - 1) % trail.shape[0]]
     way = turned = 0.0
     for i in range(c.trail_rows):
@@ -159,7 +159,7 @@ def _allowed(c: Record, correction: Float) -> tuple[float, float]:
 
 @kernel("boolean(Check, Trail[::1], float64[::1], int64, float64, float64)", Check=CHECK, Trail=TRAIL)
 def _agrees(c: Record, trail: Records, pose: Float, belongs: int, least_m: float, least_rad: float) -> bool:
-    """Whether one pose of the telegram is that of the angles; the largest disagreement is remembered."""
+    """Return whether one pose of the telegram is that of the angles; the largest disagreement is remembered."""
     if belongs == ABSENT:
         return True
     pose_deviation(pose, 0, c.own[:], c.nothing[:], c.found[:])

@@ -247,7 +247,7 @@ def before_step(
 
 @kernel("int64(Memory, int64)", **LOOP_TYPES)
 def degraded_by(memory: Record, degraded: int) -> int:
-    """Why the correction is worse than it could be: by the force, the robot's answer, or as found before."""
+    """Cause of a degraded correction: by the force, the robot's answer, or as found before."""
     if memory.step == REPORTED:
         return _OFFSET
     if degraded == 0 and memory.short == 1:

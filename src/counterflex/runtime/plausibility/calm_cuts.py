@@ -62,7 +62,7 @@ _OFF: Final = 2
 
 @kernel("void(Memory)", **LOOP_TYPES)
 def forget_calm(memory: Record) -> None:
-    """What calm cuts have shown is learnt anew."""
+    """Forget the levels of calm cuts, to be learnt again."""
     memory.calm = memory.calm_long = memory.calm_off = memory.calm_rows = 0
     memory.calm_told = memory.calm_air = 0
 
@@ -195,7 +195,7 @@ def _period_ends(feed: Float, limits: Record, memory: Record, now: Record) -> bo
 
 @kernel("boolean(Memory, Kind)", **LOOP_TYPES)
 def _is_calm(memory: Record, now: Record) -> bool:
-    """Whether plan, speed and residual have stayed over two periods."""
+    """Return whether plan, speed and residual have stayed over two periods."""
     cut, last = now.cut, memory.calm_last
     load = size(cut.planned[:])
     even = memory.calm_spread_n < _EVEN_N + _EVEN * load and memory.calm_spread_way < _EVEN * cut.way

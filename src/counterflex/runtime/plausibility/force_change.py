@@ -35,7 +35,7 @@ def size(a: Float) -> float:
 
 @kernel("boolean(float64[::1], float64[::1], Limits, float64)", **LOOP_TYPES)
 def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bool:
-    """Whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
+    """Return whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
     x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
     least = max(limits.idle_n, _MISSING * size(planned)) + noise
     return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
@@ -43,7 +43,7 @@ def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bo
 
 @kernel("boolean(Cut, float64[::1], Limits, Memory)", **LOOP_TYPES)
 def zero_is_right(mean: Record, planned: Float, limits: Record, memory: Record) -> bool:
-    """Whether the sensor shows next to nothing where nothing is cut: in air, or at rest.
+    """Return whether the sensor shows next to nothing where nothing is cut: in air, or at rest.
 
     ``planned``: (3,) force now, N.
     """
@@ -140,7 +140,7 @@ def mean_ringing(memory: Record, back: int, count: int) -> float:
 
 @kernel("int64(float64[::1], float64[::1], int64, Settings, Limits, Memory)", **LOOP_TYPES)
 def by_currents(change: Float, jac: Float, first: int, settings: Record, limits: Record, memory: Record) -> int:
-    """What the torque of the axes says of a change of the force: 1 the process, -1 the sensor, 0 nothing.
+    """Origin of a change of the force by the torque of the axes: 1 the process, -1 the sensor, 0 not decided.
 
     The share of ``J^T dw`` that is found in the change of the torques, by least squares.
 

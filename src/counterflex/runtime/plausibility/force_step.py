@@ -271,7 +271,7 @@ def believe_force(
     memory: Record,
     work: Record,
 ) -> None:
-    """Which force the step takes for the measured one (R17): writes ``believed``, and ``soft`` where it must hold.
+    """Choose the force that the step takes as measured (R17): writes ``believed``, and ``soft`` where it must hold.
 
     It is ``planned + s r0`` in place of the measured one while a step is suspected, and once it is told with anything
     but ``"tell"``; s the share of the planned force that is left of what it was. Run again over its own output it

@@ -35,7 +35,7 @@ from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 
 @kernel("boolean(float64[::1], float64[::1], boolean, Limits, Memory)", **LOOP_TYPES)
 def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Record, memory: Record) -> bool:
-    """Whether the measured force points elsewhere than the predicted one (R19, WRONG_FRAME without a tracker).
+    """Return whether the measured force points elsewhere than the predicted one (R19, WRONG_FRAME without a tracker).
 
     Args:
         measured: (3,) N, filtered, part axes.
@@ -56,7 +56,7 @@ def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Re
 
 @kernel("boolean(float64[::1], boolean, float64, Limits, Memory)", **LOOP_TYPES)
 def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Record, memory: Record) -> bool:
-    """Whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, or a missing plan (R17).
+    """Return whether the sensor shows a force where the plan cuts air: drifted zero, wrong load, missing plan (R17).
 
     Both limits grow by the share of the force that the inertia of what hangs behind the sensor explains.
 
@@ -126,7 +126,7 @@ def residual_grows(
     limits: Record,
     memory: Record,
 ) -> bool:
-    """Whether the tracker's deviation grows under the correction (R19: sign test, DIVERGENCE).
+    """Return whether the tracker's deviation grows under the correction (R19: sign test, DIVERGENCE).
 
     Counted are samples with ``|d| > 0.1 mm`` and ``|d| > 1.5 max(start, expected)``: start is the residual before the
     correction acted, expected the deflection under the force that is known. A deviation can also grow by itself; so a
@@ -178,7 +178,7 @@ def residual_grows(
 
 @kernel("boolean(float64[::1], boolean, Limits, Memory)", **LOOP_TYPES)
 def frame_is_wrong(deviation: Float, moves: bool, limits: Record, memory: Record) -> bool:
-    """Whether the tracker sees the tool elsewhere than where the controller says it is (R19, before arming).
+    """Return whether the tracker sees the tool elsewhere than where the controller says it is (R19, before arming).
 
     A robot that moves trails its program: then a sample can only prove the frame, not disprove it.
 
@@ -210,7 +210,7 @@ def return_is_believed(
     limits: Record,
     memory: Record,
 ) -> bool:
-    """Whether a tracker's sample may be used: after a gap only where it goes on as predicted (R18).
+    """Return whether a tracker's sample may be used: after a gap only where it goes on as predicted (R18).
 
     Prediction: the last believed deviation plus how correction in effect and expected deflection have changed since.
     T_RETURN samples in a row must lie within 0.2 mm of it; the first of all samples within the limit of the frame

@@ -14,20 +14,14 @@ from counterflex.runtime.state.doubts import STEP_MOST, WINDOW_MOST
 
 @dataclass(frozen=True)
 class AxisTolerance:
-    """How far axis angles and pose of a telegram may disagree.
+    """Largest disagreement of axis angles and pose of a telegram."""
 
-    Attributes:
-        position_m: Between the pose of the telegram and that of the angles, offset of the frames taken off: geometry
-            of the controller against that of the description.
-        rotation_rad: Likewise, orientation.
-        offset_m: Largest offset of the frames.
-        offset_rad: Likewise.
-    """
-
+    # between the pose of the telegram and that of the angles, offset of the frames taken off: geometry of the
+    # controller against that of the description
     position_m: float = 2.0 * MM
-    rotation_rad: float = 0.2 * DEG
-    offset_m: float = 20.0 * MM
-    offset_rad: float = 3.0 * DEG
+    rotation_rad: float = 0.2 * DEG  # likewise, orientation
+    offset_m: float = 20.0 * MM  # largest offset of the frames
+    offset_rad: float = 3.0 * DEG  # likewise
 
     def __post_init__(self) -> None:
         """Check that they are lengths and angles above zero.
@@ -45,89 +39,55 @@ _SIGN_LEAST = 15
 
 @dataclass(frozen=True)
 class Plausibility:
-    """When something is not believed any more.
+    """Limits of the plausibility tests."""
 
-    Attributes:
-        least_m: Correction or deviation below which nothing is judged.
-        answer_share: Share of the correction by which the robot's reported answer may differ from it.
-        answer_late_s: How much later than thought the robot may answer a correction.
-        follow_late_s: How much later than thought it may follow its path, where that turns.
-        answer_s: How long a wrong answer lasts before it is a fault.
-        early_m: Part of the correction against which the robot's answer falls short that is a fault after ``early_s``.
-        early_share: Likewise, share of the correction. A robot that answers 2.5 times as slowly as thought shows more
-            than 0.15 of it where the loop expects the first 0.12 mm, one that does nothing, or something else, less.
-        early_late_s: How much later than thought it may answer there.
-        early_s: How long that lasts.
-        load_share: Share of a change of the deflection by which the drives may yield until their controllers have
-            taken the load up; 0.17 in simulated cells whose load goes within a cycle.
-        settle_s: Over which drives and arm settle: a mean of what is missing of the correction, and how long the answer
-            is not judged behind a stop of the programmed point.
-        missing_m: Largest lasting part of the correction that may be missing at the robot.
-        plan_m: Largest lasting distance of the program from the plan in the cut; half of it is told.
-        plan_feed: Largest share by which the speed may lastingly differ from the planned one.
-        plan_force: Likewise, the measured from the predicted force.
-        growth: Residual by what it was before the correction acted.
-        against: Share of the correction's change by which the residual may grow against it where no force is known.
-        residual_s: How long that lasts before it is a fault.
-        mirrored: Share of the correction's change by which that of the residual may differ from its mirror image for
-            the sign to be judged wrong.
-        frame_m: Largest difference of measured and commanded position before arming.
-        frame_rad: Likewise of orientation.
-        return_m: Largest difference from the prediction when a tracker is back.
-        return_s: How long it must hold.
-        rejected_share: Share of a tracker's samples that may be rejected before it is not relied on.
-        rejected_s: Over which time, about, with a sample in every cycle.
-        silent_s: How long it may show nothing that is believed.
-        angle_rad: Largest angle between measured and predicted force.
-        force_n: Force below which a direction is not judged.
-        direction_s: How long a wrong direction lasts before it is a fault.
-        step_n: Largest step of the measured less the planned force where plan and speed stay.
-        step_plan: Share of a change of the planned force that swings on.
-        step_few_s: Over which samples a step is looked for.
-        step_long_s: How far apart the means are in which a slower one is looked for.
-        step_back_s: How long it must be gone.
-        idle_n: Largest force where the plan cuts air.
-        idle_nm: Largest moment there.
-        idle_s: How long it lasts before the loop holds.
-    """
-
-    least_m: float = 0.1 * MM
-    answer_share: float = 0.5
-    answer_late_s: float = 60.0 * MS
-    follow_late_s: float = 150.0 * MS
-    answer_s: float = 100.0 * MS
+    least_m: float = 0.1 * MM  # correction or deviation below which nothing is judged
+    answer_share: float = 0.5  # share of the correction by which the robot's reported answer may differ from it
+    answer_late_s: float = 60.0 * MS  # how much later than thought the robot may answer a correction
+    follow_late_s: float = 150.0 * MS  # how much later than thought it may follow its path, where that turns
+    answer_s: float = 100.0 * MS  # how long a wrong answer lasts before it is a fault
+    # part of the correction against which the robot's answer falls short that is a fault after ``early_s``
     early_m: float = 0.12 * MM
+    # likewise, share of the correction. A robot that answers 2.5 times as slowly as thought shows more than 0.15 of it
+    # where the loop expects the first 0.12 mm, one that does nothing, or something else, less
     early_share: float = 0.85
-    early_late_s: float = 8.0 * MS
-    early_s: float = 12.0 * MS
+    early_late_s: float = 8.0 * MS  # how much later than thought it may answer there
+    early_s: float = 12.0 * MS  # how long that lasts
+    # share of a change of the deflection by which the drives may yield until their controllers have taken the load up;
+    # 0.17 in simulated cells whose load goes within a cycle
     load_share: float = 0.3
+    # over which drives and arm settle: a mean of what is missing of the correction, and how long the answer is not
+    # judged behind a stop of the programmed point
     settle_s: float = 250.0 * MS
-    missing_m: float = 0.3 * MM
-    plan_m: float = 1.0 * MM
-    plan_feed: float = 0.3
-    plan_force: float = 0.5
-    growth: float = 1.5
+    missing_m: float = 0.3 * MM  # largest lasting part of the correction that may be missing at the robot
+    plan_m: float = 1.0 * MM  # largest lasting distance of the program from the plan in the cut; half of it is told
+    plan_feed: float = 0.3  # largest share by which the speed may lastingly differ from the planned one
+    plan_force: float = 0.5  # likewise, the measured from the predicted force
+    growth: float = 1.5  # residual by what it was before the correction acted
+    # share of the correction's change by which the residual may grow against it where no force is known
     against: float = 0.5
-    residual_s: float = 250.0 * MS
+    residual_s: float = 250.0 * MS  # how long that lasts before it is a fault
+    # share of the correction's change by which that of the residual may differ from its mirror image for the sign to be
+    # judged wrong
     mirrored: float = 0.2
-    frame_m: float = 2.0 * MM
-    frame_rad: float = 0.2 * DEG
-    return_m: float = 0.2 * MM
-    return_s: float = 12.0 * MS
-    rejected_share: float = 0.3
-    rejected_s: float = 240.0 * MS
-    silent_s: float = 100.0 * MS
-    angle_rad: float = 60.0 * DEG
-    force_n: float = 50.0
-    direction_s: float = 250.0 * MS
-    step_n: float = 40.0
-    step_plan: float = 0.4
-    step_few_s: float = 12.0 * MS
-    step_long_s: float = 600.0 * MS
-    step_back_s: float = 100.0 * MS
-    idle_n: float = 15.0
-    idle_nm: float = 5.0
-    idle_s: float = 500.0 * MS
+    frame_m: float = 2.0 * MM  # largest difference of measured and commanded position before arming
+    frame_rad: float = 0.2 * DEG  # likewise of orientation
+    return_m: float = 0.2 * MM  # largest difference from the prediction when a tracker is back
+    return_s: float = 12.0 * MS  # how long it must hold
+    rejected_share: float = 0.3  # share of a tracker's samples that may be rejected before it is not relied on
+    rejected_s: float = 240.0 * MS  # over which time, about, with a sample in every cycle
+    silent_s: float = 100.0 * MS  # how long it may show nothing that is believed
+    angle_rad: float = 60.0 * DEG  # largest angle between measured and predicted force
+    force_n: float = 50.0  # force below which a direction is not judged
+    direction_s: float = 250.0 * MS  # how long a wrong direction lasts before it is a fault
+    step_n: float = 40.0  # largest step of the measured less the planned force where plan and speed stay
+    step_plan: float = 0.4  # share of a change of the planned force that swings on
+    step_few_s: float = 12.0 * MS  # over which samples a step is looked for
+    step_long_s: float = 600.0 * MS  # how far apart the means are in which a slower one is looked for
+    step_back_s: float = 100.0 * MS  # how long it must be gone
+    idle_n: float = 15.0  # largest force where the plan cuts air
+    idle_nm: float = 5.0  # largest moment there
+    idle_s: float = 500.0 * MS  # how long it lasts before the loop holds
 
     def __post_init__(self) -> None:
         """Check ranges: zero never means unlimited.

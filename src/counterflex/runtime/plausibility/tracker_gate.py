@@ -27,12 +27,7 @@ from typing import Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.plausibility.kernel import (
-    DOUBT_FROZEN,
-    DOUBT_JUMP,
-    DOUBT_STAMP,
-    gap_cycles,
-)
+from counterflex.runtime.plausibility.kernel import DOUBT_FROZEN, DOUBT_JUMP, DOUBT_STAMP, gap_cycles
 from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.primitives.loop_types import LOOP_TYPES
 from counterflex.runtime.state.memory import PAST_ROWS
@@ -162,7 +157,7 @@ def watch_session(given: Record, limits: Record, memory: Record) -> None:
 
 @kernel("boolean(Given, float64[::1], Memory)", **LOOP_TYPES)
 def _repeats(given: Record, stands: Float, memory: Record) -> bool:
-    """Whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise.
+    """Return whether a sample is the last one bit for bit although the tool has moved since; remembers it otherwise.
 
     By its program, or by more than :data:`CORRECTED_M` of a correction.
     """
@@ -201,7 +196,7 @@ def sample_doubt(
     memory: Record,
     work: Float,
 ) -> int:
-    """What a new sample is doubted for; see the module.
+    """Cause for which a new sample is doubted; see the module.
 
     Args:
         given: Inputs of the cycle.
@@ -308,7 +303,7 @@ def count_sample(
 
 @kernel("int64(Limits, Memory)", **LOOP_TYPES)
 def tracker_cause(limits: Record, memory: Record) -> int:
-    """Why the tracker is not to be relied on any more, or 0: silent for too long, or too many samples rejected."""
+    """Cause for which the tracker is not used any more, or 0: silent for too long, or too many samples rejected."""
     if memory.without >= limits.silent_cycles or memory.rejected_share > limits.rejected_share:
         return memory.why if memory.why != 0 else _LOST
     return 0

@@ -44,7 +44,7 @@ _ARMED: Final = int(State.ARMED)
 
 @kernel("boolean(Given, Settings)", **LOOP_TYPES)
 def judges(given: Record, settings: Record) -> bool:
-    """Whether samples of a tracker are judged: in every tracker mode, and by the estimator where there is a tracker."""
+    """Return whether a tracker's samples are judged: in every tracker mode, and by the estimator that has a tracker."""
     fused = settings.force == _FUSED and given.sources & _TRACKER != 0
     return bool(settings.tracker != 0 or fused)
 
@@ -81,7 +81,7 @@ def known_then(
     pose: Float,
     model: Float,
 ) -> bool:
-    """What the estimator knew at the time of a sample.
+    """Estimate at the time of a sample.
 
     ``pose``: (12,) commanded pose that the robot followed then; written. ``model``: (6,) correction in effect, then
     expected deflection, m, part axes; written.

@@ -23,13 +23,13 @@ _TRACKER_LOST: Final = int(Cause.TRACKER_LOST)
 
 @kernel("boolean(int64)")
 def of_the_force(soft: int) -> bool:
-    """Whether a cause of a hold says that the force sensor must not be used."""
+    """Return whether a cause of a hold says that the force sensor must not be used."""
     return soft in (_FORCE_STALE, _FORCE_INVALID, _FORCE_SATURATED, _FORCE_OFFSET)
 
 
 @kernel("boolean(Settings, int64)", entry=True, **LOOP_TYPES)
 def can_yield(settings: Record, soft: int) -> bool:
-    """Whether a cause of a hold is a sensor's, and does not hold while the estimator has another source.
+    """Return whether a cause of a hold is a sensor's, and does not hold while the estimator has another source.
 
     Args:
         settings: Of the loop.

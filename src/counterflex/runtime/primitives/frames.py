@@ -117,7 +117,7 @@ def size_of(x: Float, at: int) -> float:
 
 @kernel("boolean(float64[::1])")
 def all_finite(x: Float) -> bool:
-    """Whether every number is finite."""
+    """Return whether every number is finite."""
     finite = True
     for k in range(x.shape[0]):
         finite = finite and math.isfinite(x[k])

@@ -75,7 +75,7 @@ def row_at(ring: Records, newest: int, clock: float, out: Record) -> bool:
 
 @kernel("boolean(Past[::1], int64, float64[::1])", **LOOP_TYPES)
 def moves(ring: Records, here: int, nominal: Float) -> bool:
-    """Whether the program goes on, and did two spans ago: only then does the force say something of the plan's.
+    """Return whether the program goes on, and did two spans ago: only then does the force say something of the plan's.
 
     A program that is paused in the cut leaves no force, whatever the plan says; one that goes on again has none before
     the robot follows and the filters have forgotten the pause.
@@ -96,7 +96,7 @@ def moves(ring: Records, here: int, nominal: Float) -> bool:
 
 @kernel("boolean(Past[::1], int64, float64[::1])", **LOOP_TYPES)
 def stands(ring: Records, here: int, nominal: Float) -> bool:
-    """Whether the program stands: the commanded point has not moved by more than STANDS_M within SPAN cycles.
+    """Return whether the program stands: the commanded point has not moved by more than STANDS_M within SPAN cycles.
 
     Args:
         ring: Past cycles.

@@ -80,7 +80,7 @@ def _take(p: Record, y: float, variance: float) -> None:
 
 @kernel("boolean(Pair, Paired)", Pair=PAIR, Paired=PAIRED)
 def _agree(c: Record, p: Record) -> bool:
-    """Whether both readings can be of one force, along each axis of the second sensor; ``gap_n`` is written."""
+    """Return whether both readings can be of one force, along each axis of the second sensor; ``gap_n`` is written."""
     agree = True
     p.gap_n = 0.0
     for k in range(3):

@@ -22,29 +22,18 @@ _MOMENT_S: Final = 0.1
 
 @dataclass(frozen=True)
 class PairTuning:
-    """What the filter of two sensors is told.
+    """Settings of the filter of two sensors."""
 
-    Attributes:
-        noise_n: Standard deviation of the flange sensor's reading of a cycle.
-        zero_n: Standard deviation of its zero when it has been taken.
-        walk_n: Standard deviation of that zero's walk over one second.
-        holder_walk_n: (3,) likewise of the force that the zeros of the holder's bridges look like, holder axes.
-        slew_n: Standard deviation of the force's walk over one second.
-        late_s: Age of a reading of the flange sensor and of the holder.
-        gate: Standard deviations by which they may differ.
-        differ_n: And so many newtons on top.
-        differ_s: How long they may differ by more before it is an alarm; meanwhile the force stands still.
-    """
-
-    noise_n: float = 3.0
-    zero_n: float = 1.0
-    walk_n: float = 0.1
+    noise_n: float = 3.0  # standard deviation of the flange sensor's reading of a cycle
+    zero_n: float = 1.0  # standard deviation of its zero when it has been taken
+    walk_n: float = 0.1  # standard deviation of that zero's walk over one second
+    # (3,) likewise of the force that the zeros of the holder's bridges look like, holder axes
     holder_walk_n: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    slew_n: float = 1000.0
-    late_s: tuple[float, float] = (0.0, 0.0)
-    gate: float = 5.0
-    differ_n: float = 30.0
-    differ_s: float = 0.1
+    slew_n: float = 1000.0  # standard deviation of the force's walk over one second
+    late_s: tuple[float, float] = (0.0, 0.0)  # age of a reading of the flange sensor and of the holder
+    gate: float = 5.0  # standard deviations by which they may differ
+    differ_n: float = 30.0  # and so many newtons on top
+    differ_s: float = 0.1  # how long they may differ by more before it is an alarm; meanwhile the force stands still
 
     def __post_init__(self) -> None:
         """Check ranges.

@@ -124,7 +124,7 @@ def mean_strain(h: Record, o: Record, samples: Float, warm: Float, count: int) -
 
 @kernel("boolean(Holder, Observed)", Holder=HOLDER, Observed=OBSERVED)
 def consistent(h: Record, o: Record) -> bool:
-    """Whether some force explains the mean strains of this cycle: with three bridges always.
+    """Return whether some force explains the mean strains of this cycle: with three bridges always.
 
     Weighted least squares over the bridges that show something; ``residual`` and ``worst`` are written.
     """

@@ -37,25 +37,16 @@ _UNTARED_N, _UNTARED_UM_M = 1000.0, 50.0
 
 @dataclass(frozen=True)
 class ObserverTuning:
-    """What the filter of an instrumented holder is told beside the holder's constants.
+    """Settings of the filter of an instrumented holder, beside the holder's constants."""
 
-    Attributes:
-        slew_n: (3,) N, standard deviation of the force's walk over one second, holder axes.
-        wander: Standard deviation of each zero's walk over one second, strain.
-        zero: Standard deviation of each zero since it was taken before the cut, strain.
-        share: Of the largest strain that may contradict the other bridges.
-        step_s: Between samples, where the clock of the amplifier does not tell.
-        most_sigma_n: Standard deviation of the force in its worst direction above which it is not used.
-        least: Bridges without which there is no force.
-    """
-
+    # (3,) N, standard deviation of the force's walk over one second, holder axes
     slew_n: tuple[float, float, float] = (1000.0, 1000.0, 1000.0)
-    wander: float = 0.02 * MICRO
-    zero: float = 0.1 * MICRO
-    share: float = 0.04
-    step_s: float = 1e-3
-    most_sigma_n: float = 60.0
-    least: int = 4
+    wander: float = 0.02 * MICRO  # standard deviation of each zero's walk over one second, strain
+    zero: float = 0.1 * MICRO  # standard deviation of each zero since it was taken before the cut, strain
+    share: float = 0.04  # of the largest strain that may contradict the other bridges
+    step_s: float = 1e-3  # between samples, where the clock of the amplifier does not tell
+    most_sigma_n: float = 60.0  # standard deviation of the force in its worst direction above which it is not used
+    least: int = 4  # bridges without which there is no force
 
     def __post_init__(self) -> None:
         """Check ranges.

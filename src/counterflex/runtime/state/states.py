@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class State(IntEnum):
-    """What the loop may do."""
+    """State of the loop."""
 
     IDLE = 0
     """Answers with zero; nothing is checked yet."""
@@ -25,7 +25,7 @@ class State(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why a state was left; the first one of an incident is kept."""
+    """Cause of leaving a state; the first one of an incident is kept."""
 
     NONE = 0
     OPERATOR = 1

@@ -1,4 +1,4 @@
-"""Who lets the correction act: states, what moves between them, and what the output may do in each.
+"""States of the loop, the events that move between them, and the output allowed in each.
 
 A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
 (HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
@@ -27,24 +27,17 @@ from counterflex.runtime.state.states import State as State
 
 @dataclass(frozen=True)
 class SupervisorSettings:
-    """How long things may last, in cycles.
+    """Longest durations of conditions, in cycles."""
 
-    Attributes:
-        hold: Longest HOLD, also in several pieces with ramps that were broken off between them, before the output is
-            ramped out, or the robot stopped that does not hold.
-        good: Clean cycles before HOLD may end.
-        rise: Cycles over which the correction is faded in.
-        stop: Cycles in FAULT in which the robot is told to stop, before the loop falls silent; also behind a ramp.
-        returns: How often HOLD may end by itself before it needs a person: stop, do not limp.
-        calm: Cycles in ACTIVE after which one return is forgotten.
-    """
-
+    # longest HOLD, also in several pieces with ramps that were broken off between them, before the output is ramped
+    # out, or the robot stopped that does not hold
     hold: int = 125
-    good: int = 50
-    rise: int = 50
+    good: int = 50  # clean cycles before HOLD may end
+    rise: int = 50  # cycles over which the correction is faded in
+    # cycles in FAULT in which the robot is told to stop, before the loop falls silent; also behind a ramp
     stop: int = 125
-    returns: int = 3
-    calm: int = 2500
+    returns: int = 3  # how often HOLD may end by itself before it needs a person: stop, do not limp
+    calm: int = 2500  # cycles in ACTIVE after which one return is forgotten
 
     def packed(self) -> tuple[int, ...]:
         """The six numbers, in the order of :data:`counterflex.runtime.state.chosen.SUPERVISION`.

@@ -76,7 +76,7 @@ def to_axes(given: Record, settings: Record, work: Record, cycle: Record, motion
 
 @kernel("void(Settings, Pid, PidState, float64[::1])", Pid=PID, PidState=PID_STATE, **LOOP_TYPES)
 def _answered(settings: Record, pid: Record, memory: Record, requested: Float) -> None:
-    """What the robot should have made of the angles wanted by now: dead time, then its second-order lag, in place."""
+    """Expected response of the robot to the angles wanted: dead time, then its second-order lag, in place."""
     here = memory.row
     then = (here - pid.dead + ASKED_MOST) % ASKED_MOST
     for k in range(6):

@@ -7,12 +7,7 @@ from typing import Any, Final
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records
-from counterflex.runtime.estimator.deflection import (
-    currents_shown,
-    estimate_loads,
-    missing_cause,
-    sources_of,
-)
+from counterflex.runtime.estimator.deflection import currents_shown, estimate_loads, missing_cause, sources_of
 from counterflex.runtime.estimator.force import blend, learn_scale, met_share, scaled
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.primitives.causes import can_yield
@@ -48,7 +43,7 @@ def _filter_forces(
 
 @kernel("void(Given, Settings, State, Cycle)", **LOOP_TYPES)
 def _find_sources(given: Record, settings: Record, state: Record, cycle: Record) -> None:
-    """What the estimator can use in this cycle; the loss of one sensor is no cause while it has another."""
+    """Find the estimator's sources of this cycle; the loss of one sensor is no cause while it has another."""
     cycle.sources = sources_of(given, settings, given.soft, state.disbelieved, cycle.planned)
     cycle.degraded = missing_cause(given.sources, cycle.sources, given.soft)
     if cycle.sources == 0 and cycle.soft == 0:

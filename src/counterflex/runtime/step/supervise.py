@@ -9,12 +9,7 @@ from counterflex.core.records import Record, Records
 from counterflex.runtime.primitives.frames import size_of
 from counterflex.runtime.primitives.history import SPAN, STANDS_M, row_back, stands
 from counterflex.runtime.primitives.loop_types import LOOP_TYPES
-from counterflex.runtime.state.supervisor import (
-    Cause,
-    State,
-    risen,
-    supervise,
-)
+from counterflex.runtime.state.supervisor import Cause, State, risen, supervise
 
 SESSION_S: Final = 1.0
 """How long a session of a controller may go on without a telegram, s; what comes later is another one's."""
@@ -46,7 +41,7 @@ _NOT_CLOSED = int(Cause.NOT_CLOSED)
 
 @kernel("int64(Given, Past[::1], int64, State)", **LOOP_TYPES)
 def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
-    """What the controller goes on with whose counter jumped, or that began another session.
+    """Correction that stays in force at a controller whose counter jumped, or that began another session.
 
     A counter can jump while the session goes on, and then the correction that was sent last is in force; in another
     session none is. Where the controller reports its own pose, that shows which: the reported one less the commanded
@@ -86,7 +81,7 @@ def in_force(given: Record, ring: Records, here: int, state: Record) -> int:
 
 @kernel("int64(boolean, boolean, float64, float64, int64)")
 def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int) -> int:
-    """What is known of whether material is cut here.
+    """Estimate of whether material is cut here.
 
     Args:
         planned: There is a plan.
@@ -107,7 +102,7 @@ def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int)
 
 @kernel("int64(Given, int64, int64, State)", **LOOP_TYPES)
 def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int:
-    """Whether the program wants the correction, a flicker of its signal aside, and what follows where it is away.
+    """Test whether the program wants the correction, a flicker of its signal aside; act where it does not.
 
     While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the
     cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on
@@ -155,7 +150,7 @@ def _forget(state: Record) -> None:
 
 @kernel("boolean(Settings, State)", **LOOP_TYPES)
 def _at_zero(settings: Record, state: Record) -> bool:
-    """Whether the correction is zero and at rest."""
+    """Return whether the correction is zero and at rest."""
     y, v, period = state.correction[:], state.correction_rate[:], settings.period
     still = size_of(v, 0) * period < _AT_ZERO_M and size_of(v, 3) * period < _AT_ZERO_RAD
     return size_of(y, 0) < _AT_ZERO_M and size_of(y, 3) < _AT_ZERO_RAD and still
@@ -172,7 +167,7 @@ def ask_supervisor(
     cycle: Record,
     result: Record,
 ) -> int:
-    """Who may act in this cycle; forgets what belongs to another place or another session.
+    """Ask the supervisor for this cycle; forget the state that belongs to another place or another session.
 
     ``standing``: 1: the program stands; ``cuts``: NO_CUT, CUT or MAY_CUT; ``session``: what :func:`in_force` says where
     the controller's counter jumped, else KEPT.
@@ -219,7 +214,7 @@ def ask_supervisor(
 def supervise_cycle(
     given: Record, settings: Record, state: Record, ring: Records, cycle: Record, result: Record
 ) -> float:
-    """Who may act, by what was found in this cycle.
+    """Run the supervisor on the findings of this cycle.
 
     Returns:
         Share 0..1 by which the correction is faded in.

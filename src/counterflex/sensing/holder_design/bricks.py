@@ -20,19 +20,12 @@ from counterflex.geometry.rotation import skew
 
 @dataclass(frozen=True, eq=False)
 class Bricks:
-    """A body on a grid.
+    """A body on a grid."""
 
-    Attributes:
-        x: (nx + 1,) m, planes of the grid, increasing.
-        y: (ny + 1,) m, likewise.
-        z: (nz + 1,) m, likewise; the first is clamped, the last moves as a rigid body.
-        filled: (nx, ny, nz) cells that are material.
-    """
-
-    x: Float
-    y: Float
-    z: Float
-    filled: Bool
+    x: Float  # (nx + 1,) m, planes of the grid, increasing
+    y: Float  # (ny + 1,) m, likewise
+    z: Float  # (nz + 1,) m, likewise; the first is clamped, the last moves as a rigid body
+    filled: Bool  # (nx, ny, nz) cells that are material
 
     def __post_init__(self) -> None:
         """Check that it is a body that can be clamped and loaded.
@@ -56,15 +49,10 @@ class Bricks:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The body under the six unit motions of its loaded face, about the point of its plane at x = y = 0.
+    """The body under the six unit motions of its loaded face, about the point of its plane at x = y = 0."""
 
-    Attributes:
-        stiffness: (6, 6) N/m, N, N m: wrench on the loaded face by its motion.
-        unknowns: Of the system that was solved.
-    """
-
-    stiffness: Float
-    unknowns: int
+    stiffness: Float  # (6, 6) N/m, N, N m: wrench on the loaded face by its motion
+    unknowns: int  # of the system that was solved
     _basis: Any
     _motion: Float
 
@@ -95,13 +83,9 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class MirroredBody:
-    """A solved body mirrored at the plane x = 0 of its own frame: ``u'(Sx) = S u(x)``, S = diag(-1, 1, 1).
+    """A solved body mirrored at the plane x = 0 of its own frame: ``u'(Sx) = S u(x)``, S = diag(-1, 1, 1)."""
 
-    Attributes:
-        original: The body that was solved.
-    """
-
-    original: Solved
+    original: Solved  # the body that was solved
 
     @property
     def stiffness(self) -> Float:

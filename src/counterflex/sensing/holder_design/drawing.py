@@ -32,27 +32,16 @@ LEAST_GAP_M = 1e-3
 
 @dataclass(frozen=True)
 class Pocket:
-    """One pocket with its bridge of gauges.
+    """One pocket with its bridge of gauges."""
 
-    Attributes:
-        side: -1 the cheek at -x, +1 the one at +x.
-        outer: In the face that looks away from the other cheek, else in the inner one.
-        y_m: Middle across the cheek.
-        z_m: Middle along the cheek.
-        width_m: Along y.
-        height_m: Along z: twice the radius of the cutter for a slot.
-        depth_m: Along x.
-        rib_m: Width along y of the rib that is left; 0: none.
-    """
-
-    side: int
-    outer: bool
-    y_m: float
-    z_m: float
-    width_m: float
-    height_m: float
-    depth_m: float
-    rib_m: float = 0.0
+    side: int  # -1 the cheek at -x, +1 the one at +x
+    outer: bool  # in the face that looks away from the other cheek, else in the inner one
+    y_m: float  # middle across the cheek
+    z_m: float  # middle along the cheek
+    width_m: float  # along y
+    height_m: float  # along z: twice the radius of the cutter for a slot
+    depth_m: float  # along x
+    rib_m: float = 0.0  # width along y of the rib that is left; 0: none
 
     @property
     def bridged(self) -> bool:
@@ -91,19 +80,12 @@ class Pocket:
 
 @dataclass(frozen=True)
 class Drawing:
-    """The whole holder.
+    """The whole holder."""
 
-    Attributes:
-        beam: Its cheeks without pockets.
-        pockets: In any order; each carries one bridge.
-        p_holder_tcp: Tool tip, m.
-        gauge_m: Length of the gauge's grid, along z.
-    """
-
-    beam: HolderBeam
-    pockets: tuple[Pocket, ...]
-    p_holder_tcp: tuple[float, float, float]
-    gauge_m: float = 3e-3
+    beam: HolderBeam  # its cheeks without pockets
+    pockets: tuple[Pocket, ...]  # in any order; each carries one bridge
+    p_holder_tcp: tuple[float, float, float]  # tool tip, m
+    gauge_m: float = 3e-3  # length of the gauge's grid, along z
 
     def __post_init__(self) -> None:
         """Check every pocket, and that none meets another. Raises InputError: they cannot be cut."""
@@ -194,6 +176,10 @@ def _face(pocket: Pocket) -> int:
     return pocket.side if pocket.outer else -pocket.side
 
 
+def _brick_m(at: float, coarse: float, fine: list[tuple[float, float, float]]) -> float:
+    return min([coarse, *(edge + GROWTH * max(a - at, at - b, 0.0) for a, b, edge in fine)])
+
+
 def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, float]]) -> Float:
     """Planes through all marks, no farther apart than ``coarse``, graded towards what is fine.
 
@@ -203,13 +189,9 @@ def _planes(marks: list[float], coarse: float, fine: list[tuple[float, float, fl
     places = np.unique(np.round(marks, 12))
     out = [float(places[0])]
     for low, high in pairwise(places.tolist()):
-
-        def size(at: float) -> float:
-            return min([coarse, *(edge + GROWTH * max(a - at, at - b, 0.0) for a, b, edge in fine)])
-
         # Planes at equal steps of the number of bricks: the integral of 1 / size.
         at = np.linspace(low, high, 201)
-        density = np.array([1.0 / size(float(v)) for v in at])
+        density = np.array([1.0 / _brick_m(float(v), coarse, fine) for v in at])
         count = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(at))])
         n = max(1, int(np.ceil(count[-1] - 1e-6)))
         out += np.interp(np.arange(1, n + 1) * count[-1] / n, count, at).tolist()

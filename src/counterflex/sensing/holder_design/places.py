@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import wrench
 from counterflex.geometry.rotation import skew
@@ -18,22 +19,15 @@ from counterflex.sensing.strain_holder import Gauge, HolderBeam, Sight, lever, s
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
-    """A holder under load.
+    """A holder under load."""
 
-    Attributes:
-        compliance: (6, 6) m/N, rad/(N m): motion of the tool tip by a wrench about it, holder axes.
-        sensitivity: (n, 6) 1/N, 1/(N m): what each bridge shows (strain of a bar in tension) by a wrench about the
-            holder's origin.
-        strain: (n, 3) 1/N: the same by a force at the tool tip.
-        sight: What the bridges see of a force at the tool tip, for white noise of one unit each scaled by ``noise``.
-        unknowns: Of the cheeks that were solved: one where the other is its mirror image.
-    """
-
-    compliance: Float
+    compliance: Float  # (6, 6) m/N, rad/(N m): motion of the tool tip by a wrench about it, holder axes
+    # (n, 6) 1/N, 1/(N m): what each bridge shows (strain of a bar in tension) by a wrench about the holder's origin
     sensitivity: Float
-    strain: Float
+    strain: Float  # (n, 3) 1/N: the same by a force at the tool tip
+    # what the bridges see of a force at the tool tip, for white noise of one unit each scaled by ``noise``
     sight: Sight | None
-    unknowns: int
+    unknowns: int  # of the cheeks that were solved: one where the other is its mirror image
 
     @property
     def tip_m_per_n(self) -> Float:
@@ -149,18 +143,12 @@ _TRIALS = 4
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """Places chosen.
+    """Places chosen."""
 
-    Attributes:
-        drawing: With its pockets.
-        plain: The holder without them, same grid.
-        trials: How often the finite elements were asked.
-    """
-
-    drawing: Drawing
-    plain: Behaviour
+    drawing: Drawing  # with its pockets
+    plain: Behaviour  # the holder without them, same grid
     cut: Behaviour
-    trials: int
+    trials: int  # how often the finite elements were asked
 
 
 def candidates(drawing: Drawing, template: Pocket) -> tuple[Pocket, ...]:
@@ -230,14 +218,7 @@ def _exchange(places: tuple[Pocket, ...], K: Float, cost: Float, count: int, lim
     """Greedy choice, then exchanges while the determinant grows; pockets keep apart and the cost below the limit."""
     free = np.array([[_free(a, b) for b in places] for a in places])
     K = K / np.sqrt(np.mean(K**2))
-
-    def score(rows: list[int]) -> float:
-        if len(rows) > 1 and not np.all(free[np.ix_(rows, rows)] | np.eye(len(rows), dtype=np.bool_)):
-            return -np.inf
-        over = float(np.max(np.sum(cost[rows], axis=0))) / (limit * len(rows) / count) - 1.0
-        value = float(np.linalg.slogdet(K[rows].T @ K[rows] + 1e-6 * np.eye(3))[1])
-        return value - 100.0 * max(0.0, over)
-
+    score = partial(_score, free, K, cost, limit, count)
     chosen: list[int] = []
     while len(chosen) < count:
         chosen.append(max(range(len(places)), key=lambda i: score([*chosen, i])))
@@ -250,6 +231,15 @@ def _exchange(places: tuple[Pocket, ...], K: Float, cost: Float, count: int, lim
         if now <= best + 1e-9:
             return tuple(places[i] for i in chosen)
         best = now
+
+
+def _score(free: Bool, K: Float, cost: Float, limit: float, count: int, rows: list[int]) -> float:
+    """Logarithm of the determinant of the information, less a penalty for cost above the rows' share of the limit."""
+    if len(rows) > 1 and not np.all(free[np.ix_(rows, rows)] | np.eye(len(rows), dtype=np.bool_)):
+        return -np.inf
+    over = float(np.max(np.sum(cost[rows], axis=0))) / (limit * len(rows) / count) - 1.0
+    value = float(np.linalg.slogdet(K[rows].T @ K[rows] + 1e-6 * np.eye(3))[1])
+    return value - 100.0 * max(0.0, over)
 
 
 def _free(a: Pocket, b: Pocket) -> bool:

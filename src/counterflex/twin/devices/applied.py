@@ -38,31 +38,21 @@ class Applied:
 
     Args:
         stream: Where every cycle is written as CSV, or None.
-
-    Attributes:
-        correction_m: Largest correction in force, its length.
-        correction_rad: Largest angle of its rotation.
-        axes_rad: Largest correction of an axis.
-        step_m: Largest change of the correction from one cycle to the next, its length.
-        step_rad: Likewise, of its rotation.
-        step_axes_rad: Likewise, of an axis.
-        clamped: Cycles in which POSCORR or AXISCORR clamped.
-        refused: Reasons for which answers were not accepted, with their number.
-        ages: How many cycles each age of the correction in force was met: 0 is an answer in time.
-        reply_s: Times from a telegram to its answer.
     """
 
     stream: TextIO | None = None
-    correction_m: float = 0.0
-    correction_rad: float = 0.0
-    axes_rad: float = 0.0
-    step_m: float = 0.0
-    step_rad: float = 0.0
-    step_axes_rad: float = 0.0
-    clamped: int = 0
+    correction_m: float = 0.0  # largest correction in force, its length
+    correction_rad: float = 0.0  # largest angle of its rotation
+    axes_rad: float = 0.0  # largest correction of an axis
+    step_m: float = 0.0  # largest change of the correction from one cycle to the next, its length
+    step_rad: float = 0.0  # likewise, of its rotation
+    step_axes_rad: float = 0.0  # likewise, of an axis
+    clamped: int = 0  # cycles in which POSCORR or AXISCORR clamped
+    # reasons for which answers were not accepted, with their number
     refused: dict[str, int] = field(default_factory=dict)
+    # how many cycles each age of the correction in force was met: 0 is an answer in time
     ages: dict[int, int] = field(default_factory=dict)
-    reply_s: array[float] = field(default_factory=lambda: array("f"))
+    reply_s: array[float] = field(default_factory=lambda: array("f"))  # times from a telegram to its answer
     _before: Float = field(default_factory=lambda: np.zeros(12))
     _age: int = 0
 

@@ -27,27 +27,17 @@ _AHEAD = 250
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What the controller knows after a cycle.
+    """Report of the controller after a cycle."""
 
-    Attributes:
-        time_s: Simulated time.
-        T_part_nominal: (4, 4) commanded pose without correction, as the controller computes it.
-        T_part_actual: (4, 4) pose from motor encoders and nominal geometry, correction included.
-        q_command: (6,) rad commanded angles without correction.
-        q_actual: (6,) rad motor encoders.
-        cutting_program: The program runs (not waiting before its start, not at its end).
-        finished: The program has come to its end.
-        drive_torque: (6,) N m, mean torque of the drives over the cycle on the link side, positive in the positive
-            direction of each axis; zero where nothing is simulated that has one.
-    """
-
-    time_s: float
-    T_part_nominal: Float
-    T_part_actual: Float
-    q_command: Float
-    q_actual: Float
-    cutting_program: bool
-    finished: bool
+    time_s: float  # simulated time
+    T_part_nominal: Float  # (4, 4) commanded pose without correction, as the controller computes it
+    T_part_actual: Float  # (4, 4) pose from motor encoders and nominal geometry, correction included
+    q_command: Float  # (6,) rad commanded angles without correction
+    q_actual: Float  # (6,) rad motor encoders
+    cutting_program: bool  # the program runs (not waiting before its start, not at its end)
+    finished: bool  # the program has come to its end
+    # (6,) N m, mean torque of the drives over the cycle on the link side, positive in the positive direction of each
+    # axis; zero where nothing is simulated that has one
     drive_torque: Float = field(default_factory=lambda: np.zeros(6))
 
 
@@ -129,7 +119,7 @@ class CommandedMotion:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self.at >= self.cycles - 1
 
     def advance(

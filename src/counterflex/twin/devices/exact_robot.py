@@ -14,17 +14,13 @@ from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
 
 
 class ControlledRobot(Protocol):
-    """What a controller's protocol server needs of a robot and its program.
+    """Robot and program as a controller's protocol server needs them."""
 
-    Attributes:
-        period_s: Cycle of the controller.
-    """
-
-    period_s: float
+    period_s: float  # cycle of the controller
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
 
     @property
     def cycles(self) -> int:
@@ -61,7 +57,7 @@ class ExactRobot:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self._motion.finished
 
     @property
@@ -96,17 +92,11 @@ class ExactRobot:
 
 @dataclass(frozen=True, eq=False)
 class Standstill:
-    """A program that only waits.
+    """A program that only waits."""
 
-    Attributes:
-        T_part_tcp: (4, 4) m, where the tool is.
-        q: (6,) rad, the angles that belong to it.
-        duration_s: How long it waits.
-    """
-
-    T_part_tcp: Float
-    q: Float
-    duration_s: float
+    T_part_tcp: Float  # (4, 4) m, where the tool is
+    q: Float  # (6,) rad, the angles that belong to it
+    duration_s: float  # how long it waits
 
     def __post_init__(self) -> None:
         """Check shapes and ranges."""
@@ -135,7 +125,7 @@ class StandingRobot:
 
     @property
     def finished(self) -> bool:
-        """Whether it has waited long enough."""
+        """Return whether it has waited long enough."""
         return self._at >= self.cycles
 
     @property

@@ -14,29 +14,19 @@ Address = tuple[str, int]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ForceStart:
-    """What a simulated force sensor is started with.
+    """Settings of a simulated force sensor."""
 
-    Attributes:
-        host: Address that it binds; of a sensor that sends by itself, where it sends to.
-        port: UDP port; 0 takes a free one, and says of a sensor that sends by itself that nobody has named one.
-        http_port: Of a document that it serves; 0 takes a free one.
-        rate_hz: Samples in a second.
-        status: Of every sample.
-        faults: Scripted, by the time of the samples and their number.
-        values: Of ``[sensor.link]`` in the cell file.
-        frame: Of ``[sensor.frame]``, see :class:`counterflex.protocols.force.sensors.Opening`.
-        where: Cell file, for messages.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    http_port: int = 0
-    rate_hz: int = 1000
-    status: int = 0
+    host: str = "127.0.0.1"  # address that it binds; of a sensor that sends by itself, where it sends to
+    port: int = 0  # UDP port; 0 takes a free one, and says of a sensor that sends by itself that nobody has named one
+    http_port: int = 0  # of a document that it serves; 0 takes a free one
+    rate_hz: int = 1000  # samples in a second
+    status: int = 0  # of every sample
+    # scripted, by the time of the samples and their number
     faults: FaultSchedule = field(default_factory=FaultSchedule)
+    # of ``[sensor.link]`` in the cell file
     values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
-    frame: object = None
-    where: str = ""
+    frame: object = None  # of ``[sensor.frame]``, see Opening
+    where: str = ""  # cell file, for messages
 
 
 class ForceDevice(Protocol):
@@ -47,11 +37,11 @@ class ForceDevice(Protocol):
 
     @property
     def address(self) -> Address | None:
-        """Where it is asked; None: it sends by itself."""
+        """Address at which it is asked; None: it sends by itself."""
 
     @property
     def http_address(self) -> Address | None:
-        """Where a document about it is."""
+        """Address of a document about it."""
 
     def poll(self) -> None:
         """Take what was asked of it."""
@@ -60,7 +50,7 @@ class ForceDevice(Protocol):
         """Send a sample (6,) N, N m; without a time it counts samples."""
 
     def counts(self, taken: int, /) -> dict[str, int]:
-        """What left it, by name, after so many samples."""
+        """Counts of what left it, by name, after so many samples."""
 
     def close(self) -> None:
         """Free the sockets."""

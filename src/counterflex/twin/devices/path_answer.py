@@ -16,17 +16,11 @@ from counterflex.core.arrays import Float, as_positive
 
 @dataclass(frozen=True)
 class PathAnswer:
-    """Dynamics of the correction inside the controller.
+    """Dynamics of the correction inside the controller."""
 
-    Attributes:
-        dead_s: Dead time.
-        natural_hz: Natural frequency of the lag; 0 leaves it out.
-        damping: Its damping ratio.
-    """
-
-    dead_s: float = 12.0e-3
-    natural_hz: float = 5.0
-    damping: float = 0.7
+    dead_s: float = 12.0e-3  # dead time
+    natural_hz: float = 5.0  # natural frequency of the lag; 0 leaves it out
+    damping: float = 0.7  # its damping ratio
 
     def __post_init__(self) -> None:
         """Check ranges."""

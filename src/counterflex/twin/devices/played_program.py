@@ -20,7 +20,7 @@ NO_TAG: Final = -1
 
 
 class Phase(IntEnum):
-    """Where the program is."""
+    """Phase of the program."""
 
     WAITS = 0
     """At the beginning, correction off."""
@@ -75,7 +75,7 @@ class PlayedProgram:
             self.place += 0 if self._feed_held else cycles
 
     def cycle(self, reported_state: int, *, answered: bool, feed_hold: bool, stopped: str) -> str:
-        """What it does in the next cycle, by what came in the last one.
+        """Choose what it does in the next cycle, by what came in the last one.
 
         Args:
             reported_state: What the sensor program says it is doing; :data:`NO_TAG` where it cannot say.

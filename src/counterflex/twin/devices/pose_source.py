@@ -19,13 +19,9 @@ PoseSource = Callable[[float], Float]
 
 @dataclass(frozen=True, eq=False)
 class StandingTarget:
-    """A target that does not move.
+    """A target that does not move."""
 
-    Attributes:
-        T_tracker_target: (4, 4) m.
-    """
-
-    T_tracker_target: Float
+    T_tracker_target: Float  # (4, 4) m
 
     def __call__(self, time_s: float) -> Float:  # noqa: ARG002
         """The pose."""
@@ -34,17 +30,11 @@ class StandingTarget:
 
 @dataclass(frozen=True, eq=False)
 class CircleTarget:
-    """A target on a circle in its own xy plane, counter-clockwise, at constant speed; it starts at the right.
+    """A target on a circle in its own xy plane, counter-clockwise, at constant speed; it starts at the right."""
 
-    Attributes:
-        T_tracker_centre: (4, 4) m, the circle's middle; x and y span its plane.
-        radius_m: Of the circle.
-        speed_m_s: Along it.
-    """
-
-    T_tracker_centre: Float
-    radius_m: float
-    speed_m_s: float
+    T_tracker_centre: Float  # (4, 4) m, the circle's middle; x and y span its plane
+    radius_m: float  # of the circle
+    speed_m_s: float  # along it
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -63,17 +53,11 @@ class CircleTarget:
 
 @dataclass(frozen=True, eq=False)
 class SquareTarget:
-    """A target around a square in its own xy plane, counter-clockwise, at constant speed, from the lower left corner.
+    """A target around a square in its xy plane, counter-clockwise, at constant speed, from the lower left corner."""
 
-    Attributes:
-        T_tracker_centre: (4, 4) m, the square's middle; its sides are along x and y.
-        side_m: Length of a side.
-        speed_m_s: Along it.
-    """
-
-    T_tracker_centre: Float
-    side_m: float
-    speed_m_s: float
+    T_tracker_centre: Float  # (4, 4) m, the square's middle; its sides are along x and y
+    side_m: float  # length of a side
+    speed_m_s: float  # along it
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -115,19 +99,12 @@ class NoisyPose:
 
 @dataclass(frozen=True, eq=False)
 class TrackerLog:
-    """What a tracker has measured.
+    """Measurements of a tracker."""
 
-    Attributes:
-        time_ns: (n,) of its own clock, increasing.
-        Ts_tracker_target: (n, 4, 4) m.
-        status: (n,) status bits of the datagram.
-        sigma_m: (n,) standard deviation of the position, 0 where not known.
-    """
-
-    time_ns: tuple[int, ...]
-    Ts_tracker_target: Float
-    status: tuple[int, ...]
-    sigma_m: tuple[float, ...]
+    time_ns: tuple[int, ...]  # (n,) of its own clock, increasing
+    Ts_tracker_target: Float  # (n, 4, 4) m
+    status: tuple[int, ...]  # (n,) status bits of the datagram
+    sigma_m: tuple[float, ...]  # (n,) standard deviation of the position, 0 where not known
 
     def __post_init__(self) -> None:
         """Check that there is something, and that time goes on.

@@ -48,10 +48,10 @@ class RobotController(Protocol):
         """The telegram of the next cycle."""
 
     def answers(self, data: bytes) -> bool:
-        """Whether a datagram is the answer to the newest telegram, as far as the protocol lets it be seen."""
+        """Return whether a datagram is the answer to the newest telegram, as far as the protocol lets it be seen."""
 
     def answer(self, data: bytes | None) -> None:
-        """What came in the cycle (the last datagram), or None."""
+        """Take the answer of the cycle (the last datagram), or None."""
 
     def pose_correction(self) -> Float:
         """(6,) Cartesian correction in force: m and rotation vector, part axes."""

@@ -13,6 +13,7 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -40,53 +41,34 @@ _LATEST: Final = 0.5  # of a cycle: with less left for an answer, cycles are cou
 
 @dataclass(frozen=True, eq=False)
 class CycleSeen:
-    """What one cycle was.
+    """One cycle as the controller saw it."""
 
-    Attributes:
-        cycle: From 0.
-        counter: Of its telegram.
-        sent: The telegram left unharmed.
-        reply_s: From sending to the answer, NaN without one.
-        refused: Why no answer was accepted, or empty.
-        late: Answers that were late or refused so far.
-        stat: 0, 1 correcting, 2 limited.
-        correction: (6,) Cartesian correction in force as the protocol has it, m and rad.
-        axes: (6,) axis correction in force, rad.
-        report: What the controller reported.
-    """
-
-    cycle: int
-    counter: int
-    sent: bool
-    reply_s: float
-    refused: str
-    late: int
-    stat: int
-    correction: Float
-    axes: Float
-    report: Report
+    cycle: int  # from 0
+    counter: int  # of its telegram
+    sent: bool  # the telegram left unharmed
+    reply_s: float  # from sending to the answer, NaN without one
+    refused: str  # why no answer was accepted, or empty
+    late: int  # answers that were late or refused so far
+    stat: int  # 0, 1 correcting, 2 limited
+    correction: Float  # (6,) Cartesian correction in force as the protocol has it, m and rad
+    axes: Float  # (6,) axis correction in force, rad
+    report: Report  # what the controller reported
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How a simulated controller keeps time, and how long it waits for what.
+    """Clock of a simulated controller, and its longest waits."""
 
-    Attributes:
-        realtime: Keep real time; else lockstep.
-        wait_s: How long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not
-            wait.
-        gate_s: For which the program waits after the session began, so that everything can settle; the robot program
-            enables the correction at their end.
-        answer_s: Real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms).
-        patience_s: Lockstep: how long an answer may take.
-        most_held_s: Lockstep: longest time, by the controller's clock, for which the feed may be held in one piece.
-    """
-
-    realtime: bool = False
+    realtime: bool = False  # keep real time; else lockstep
+    # how long it waits for the sensor program to be there, as a robot program does before RSI_ON; 0 does not wait
     wait_s: float = 60.0
+    # for which the program waits after the session began, so that everything can settle; the robot program enables the
+    # correction at their end
     gate_s: float = 0.6
+    # real time: how long an answer may take; None is the whole cycle (a KR C2 leaves 10 of 12 ms)
     answer_s: float | None = None
-    patience_s: float = 5.0
+    patience_s: float = 5.0  # lockstep: how long an answer may take
+    # lockstep: longest time, by the controller's clock, for which the feed may be held in one piece
     most_held_s: float = 60.0
 
 
@@ -275,16 +257,15 @@ class RobotServer:
         if self.timing.realtime and self._due - self._sent_at < _LATEST * self._period_s:
             self._due = self._sent_at + self._period_s  # a controller never hurries to catch up
             self.stalls += 1
-
-        def deliver(data: bytes) -> None:
-            self._unharmed |= data == telegram
-            self._send(data)
-
         if not silent:
-            self._out.put(telegram, now_s, deliver)
+            self._out.put(telegram, now_s, partial(self._deliver, telegram))
         answer = self._wait_realtime(now_s) if self.timing.realtime else self._wait_lockstep(now_s)
         if not silent:
             self.controller.answer(answer)
+
+    def _deliver(self, telegram: bytes, data: bytes) -> None:
+        self._unharmed |= data == telegram
+        self._send(data)
 
     def _send(self, data: bytes) -> None:
         with contextlib.suppress(ConnectionError):
@@ -318,31 +299,31 @@ class RobotServer:
 
     def _wait_realtime(self, now_s: float) -> bytes | None:
         datagrams: list[bytes] = []
-        begin, window = self._due - self._period_s, self._due - self._period_s + self._answer_s
-
-        def elapsed_s() -> float:
-            return now_s + max(0.0, time.perf_counter() - begin)
-
+        window = self._due - self._period_s + self._answer_s
         while (remaining := self._due - time.perf_counter()) > 0.0:
             if time.perf_counter() > window:
                 time.sleep(remaining)  # what comes now is late, and waits in the socket
                 break
-            self._out.release(elapsed_s(), self._send)
-            self._in.release(elapsed_s(), datagrams.append)
-            pending = min(self._out.due_s(), self._in.due_s()) - elapsed_s()
+            self._out.release(self._elapsed(now_s), self._send)
+            self._in.release(self._elapsed(now_s), datagrams.append)
+            pending = min(self._out.due_s(), self._in.due_s()) - self._elapsed(now_s)
             self._socket.settimeout(max(min(remaining, window - time.perf_counter(), pending), 1e-5))
             try:
                 data = self._socket.recv(65536)
             except (TimeoutError, ConnectionError):
                 continue
             self._reply_s = time.perf_counter() - self._sent_at
-            self._in.put(data, elapsed_s(), datagrams.append)
+            self._in.put(data, self._elapsed(now_s), datagrams.append)
         if self._answer_s >= self._period_s:
-            self._take_waiting(elapsed_s(), datagrams)
+            self._take_waiting(self._elapsed(now_s), datagrams)
         return datagrams[-1] if datagrams else None
 
+    def _elapsed(self, now_s: float) -> float:
+        """Simulated time in real time: that of the cycle's begin and what has passed since."""
+        return now_s + max(0.0, time.perf_counter() - (self._due - self._period_s))
+
     def _take_waiting(self, now_s: float, datagrams: list[bytes]) -> None:
-        """What came while this process itself was held up is not late."""
+        """Take what came while this process itself was held up: it is not late."""
         self._socket.setblocking(False)
         while True:
             try:

@@ -18,17 +18,11 @@ WrenchSource = Callable[[float], Float]
 
 @dataclass(frozen=True, eq=False)
 class SteadyWrench:
-    """A constant load, with a sine on top: ``w + a sin(2 pi f t)``.
+    """A constant load, with a sine on top: ``w + a sin(2 pi f t)``."""
 
-    Attributes:
-        w_constant: (6,) N, N m.
-        w_amplitude: (6,) N, N m of the sine.
-        sine_hz: Its frequency.
-    """
-
-    w_constant: Float
-    w_amplitude: Float
-    sine_hz: float = 0.0
+    w_constant: Float  # (6,) N, N m
+    w_amplitude: Float  # (6,) N, N m of the sine
+    sine_hz: float = 0.0  # its frequency
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -44,17 +38,11 @@ class SteadyWrench:
 
 @dataclass(frozen=True, eq=False)
 class RecordedWrench:
-    """A record, linear between its rows; before and after it the nearest row, or from the beginning again.
+    """A record, linear between its rows; before and after it the nearest row, or from the beginning again."""
 
-    Attributes:
-        time_s: (n,) increasing.
-        w_record: (n, 6) N, N m.
-        repeat: Begin again after the end.
-    """
-
-    time_s: Float
-    w_record: Float
-    repeat: bool = False
+    time_s: Float  # (n,) increasing
+    w_record: Float  # (n, 6) N, N m
+    repeat: bool = False  # begin again after the end
 
     def __post_init__(self) -> None:
         """Check shapes.

@@ -7,6 +7,7 @@ orientation. Each load is an experiment of its own on the moving robot, as in :m
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -92,16 +93,19 @@ def measure(order: Order) -> Measured:
     )
 
 
+def _cubes(plant: Plant, bodies: list[str | None]) -> Float:
+    """(k, 4, 4) poses of the cubes on bodies; None: on the base."""
+    bodies_poses = np.stack([np.eye(4) if name is None else plant.body_pose(name) for name in bodies])
+    out: Float = bodies_poses @ pose.make(p=np.array(OFFSET_M))
+    return out
+
+
 def _motions(
     truth: Truth, q: Float, load: Float, approach: Float, history: str, watched: list[int], progress: Progress
 ) -> tuple[Float, Float]:
     """Centres (n, k, 3) m of the watched cubes and their motions (n, k, 6) m, rad."""
     plant = Plant(truth)
-    offset = pose.make(p=np.array(OFFSET_M))
-
-    def read() -> Float:
-        return np.stack([np.eye(4) if i == 0 else plant.body_pose(truth.bodies[i - 1].name) for i in watched]) @ offset
-
+    read = partial(_cubes, plant, [None if i == 0 else truth.bodies[i - 1].name for i in watched])
     centres, moves = np.empty((len(q), len(watched), 3)), np.empty((len(q), len(watched), 6))
     for row in range(len(q)):
         unloaded, loaded = pull(plant, q[row], load[row], approach[row], history, read)

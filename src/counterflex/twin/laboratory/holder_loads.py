@@ -23,31 +23,20 @@ _SLICES = 20
 
 @dataclass(frozen=True)
 class SideCut:
-    """Milling along an edge, down-milling; x feed, y normal (positive away from the material), z axis.
+    """Milling along an edge, down-milling; x feed, y normal (positive away from the material), z axis."""
 
-    Attributes:
-        diameter_m: Of the cutter.
-        width_m: Radial depth of cut.
-        depth_m: Axial depth of cut.
-        kc_pa: Specific cutting force at 1 mm.
-        exponent: Of the thickness.
-        radial_share: Radial by tangential force.
-        axial_share: Axial by tangential force.
-        runout_m: Offset of the tool's axis.
-    """
-
-    diameter_m: float = 12.0 * MM
+    diameter_m: float = 12.0 * MM  # of the cutter
     flutes: int = 3
     helix_rad: float = 30.0 * DEG
     speed_rad_s: float = 12000.0 * RPM
     feed_m_s: float = 3000.0 * MM_PER_MIN
-    width_m: float = 1.0 * MM
-    depth_m: float = 10.0 * MM
-    kc_pa: float = 780.0 * N_PER_MM2
-    exponent: float = 0.25
-    radial_share: float = 0.35
-    axial_share: float = 0.25
-    runout_m: float = 5e-6
+    width_m: float = 1.0 * MM  # radial depth of cut
+    depth_m: float = 10.0 * MM  # axial depth of cut
+    kc_pa: float = 780.0 * N_PER_MM2  # specific cutting force at 1 mm
+    exponent: float = 0.25  # of the thickness
+    radial_share: float = 0.35  # radial by tangential force
+    axial_share: float = 0.25  # axial by tangential force
+    runout_m: float = 5e-6  # offset of the tool's axis
 
     def force(self, time_s: Float, engaged: Float) -> Float:
         """Force on the tool (m, 3) N at times (m,) s with a share (m,) 0..1 of the width engaged."""

@@ -7,6 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MS
@@ -30,46 +33,33 @@ class OtherClock:
 
 @dataclass(frozen=True)
 class Channel:
-    """Delay of one channel.
+    """Delay of one channel."""
 
-    Attributes:
-        dead_time_s: Between what happens and what the channel shows at that stamp.
-        lag_s: Time constant of its low-pass of first order, 0 for none.
-        jitter_s: Standard deviation of its stamps.
-        lost: Share of samples that never arrive.
-    """
-
-    dead_time_s: float
-    lag_s: float
-    jitter_s: float
-    lost: float
+    dead_time_s: float  # between what happens and what the channel shows at that stamp
+    lag_s: float  # time constant of its low-pass of first order, 0 for none
+    jitter_s: float  # standard deviation of its stamps
+    lost: float  # share of samples that never arrive
 
 
 @dataclass(frozen=True)
 class InstrumentClocks:
-    """Times of the laboratory.
+    """Times of the laboratory."""
 
-    Attributes:
-        feedback: Position that the controller shows (its own clock).
-        tracker_clock: Against the controller's.
-        correction: Sensor interface: from the correction given to the reference of the drives.
-        link_dead_time_s: Of the encoders on the links (the controller's clock).
-    """
-
-    feedback: Channel
+    feedback: Channel  # position that the controller shows (its own clock)
     tracker: Channel
-    tracker_clock: OtherClock
-    correction: Channel
-    link_dead_time_s: float
+    tracker_clock: OtherClock  # against the controller's
+    correction: Channel  # sensor interface: from the correction given to the reference of the drives
+    link_dead_time_s: float  # of the encoders on the links (the controller's clock)
+
+
+def _about(rng: np.random.Generator, value: float, spread: float) -> float:
+    return float(value * math.exp(spread * rng.standard_normal()))
 
 
 def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
     """The times of a laboratory's instruments."""
     rng = laboratory.standing("clocks.setup")
-
-    def about(value: float, spread: float) -> float:
-        return float(value * math.exp(spread * rng.standard_normal()))
-
+    about = partial(_about, rng)
     feedback = Channel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
     tracker = Channel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
     tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))

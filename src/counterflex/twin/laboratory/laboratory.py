@@ -27,26 +27,16 @@ NOMINAL_T_TCP_TARGET = pose.make(p=np.array([0.0, 0.0, 50.0 * MM]))
 
 @dataclass(frozen=True, eq=False)
 class Laboratory:
-    """Instruments as they truly are.
+    """Instruments as they truly are."""
 
-    Attributes:
-        seed: That drew it.
-        T_base_tracker: (4, 4).
-        T_tcp_target: (4, 4) tracker target on the last body, in the undeformed frame of the tool tip.
-        tracker_m: Standard deviation of a measured position, per axis.
-        tracker_rad: Standard deviation of a measured orientation, per axis.
-        force_n: Noise of the force sensor, per axis and sample.
-        moment_nm: Noise of its moments.
-        session: Which day of measuring this is; each session has noise of its own, the instruments stay as they are.
-    """
-
-    seed: int
-    T_base_tracker: Float
-    T_tcp_target: Float
-    tracker_m: float = 15.0 * UM
-    tracker_rad: float = 30.0 * URAD
-    force_n: float = 1.0
-    moment_nm: float = 0.1
+    seed: int  # that drew it
+    T_base_tracker: Float  # (4, 4)
+    T_tcp_target: Float  # (4, 4) tracker target on the last body, in the undeformed frame of the tool tip
+    tracker_m: float = 15.0 * UM  # standard deviation of a measured position, per axis
+    tracker_rad: float = 30.0 * URAD  # standard deviation of a measured orientation, per axis
+    force_n: float = 1.0  # noise of the force sensor, per axis and sample
+    moment_nm: float = 0.1  # noise of its moments
+    # which day of measuring this is; each session has noise of its own, the instruments stay as they are
     session: str = ""
 
     def noise(self, name: str) -> np.random.Generator:
@@ -62,61 +52,46 @@ class Laboratory:
         return np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{place}").getrandbits(64)))
 
 
+def _off(rng: np.random.Generator, T: Float, length_m: float, angle_rad: float) -> Float:
+    """A pose moved by chance."""
+    out: Float = T @ pose.make(rotation.exp(angle_rad * rng.standard_normal(3)), length_m * rng.standard_normal(3))
+    return out
+
+
 def laboratory(seed: int) -> Laboratory:
     """The equipment of a seed: tracker and target off from where they are thought by 20 mm and 2 deg, 2 mm and 1 deg.
 
     ``seed``: 0, 1, 2, ...
     """
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-lab-1:{seed}:setup").getrandbits(64)))
-
-    def off(T: Float, length: float, angle: float) -> Float:
-        move = pose.make(rotation.exp(angle * rng.standard_normal(3)), length * rng.standard_normal(3))
-        out: Float = T @ move
-        return out
-
     return Laboratory(
         seed=seed,
-        T_base_tracker=off(NOMINAL_T_BASE_TRACKER, 20.0 * MM, 2.0 * DEG),
-        T_tcp_target=off(NOMINAL_T_TCP_TARGET, 2.0 * MM, 1.0 * DEG),
+        T_base_tracker=_off(rng, NOMINAL_T_BASE_TRACKER, 20.0 * MM, 2.0 * DEG),
+        T_tcp_target=_off(rng, NOMINAL_T_TCP_TARGET, 2.0 * MM, 1.0 * DEG),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Result of a measurement.
+    """Result of a measurement."""
 
-    Attributes:
-        channels: (n, k) SI by canonical channel name; orientations as rotation vectors (n, 3).
-        sigma: Standard deviation by channel name, SI, scalar or (k,).
-        group: (n,) rows that belong together.
-        settings: Further facts that the laboratory would note down.
-        sensors: Of a measuring frame, as it is thought to stand: ``name``, ``position_m``, ``direction``, ``normal``,
-            ``point_m`` of each.
-    """
-
-    channels: Mapping[str, Float]
-    sigma: Mapping[str, float | Float]
-    group: Int
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    channels: Mapping[str, Float]  # (n, k) SI by canonical channel name; orientations as rotation vectors (n, 3)
+    sigma: Mapping[str, float | Float]  # standard deviation by channel name, SI, scalar or (k,)
+    group: Int  # (n,) rows that belong together
+    settings: Mapping[str, Any] = field(default_factory=dict)  # further facts that the laboratory would note down
+    # of a measuring frame, as it is thought to stand: ``name``, ``position_m``, ``direction``, ``normal``, ``point_m``
+    # of each
     sensors: tuple[Mapping[str, Any], ...] = ()
 
 
 class Order(NamedTuple):
-    """Inputs of every measurement.
+    """Inputs of every measurement."""
 
-    Attributes:
-        truth: The cell as it is.
-        laboratory: The instruments as they are, and their noise.
-        request: Columns of a proposal by name, each (n,), SI, the unit as suffix.
-        settings: What the proposal says besides.
-        progress: Progress callback, fraction 0 to 1.
-    """
-
-    truth: Truth
-    laboratory: Laboratory
-    request: Mapping[str, Float]
-    settings: Mapping[str, Any]
-    progress: Progress
+    truth: Truth  # the cell as it is
+    laboratory: Laboratory  # the instruments as they are, and their noise
+    request: Mapping[str, Float]  # columns of a proposal by name, each (n,), SI, the unit as suffix
+    settings: Mapping[str, Any]  # what the proposal says besides
+    progress: Progress  # progress callback, fraction 0 to 1
 
     def columns(self, *names: str) -> Float:
         """Columns of the request side by side, (n, len(names)).

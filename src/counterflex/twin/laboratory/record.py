@@ -111,7 +111,7 @@ def _run(truth: Truth, t: Float, q: Float, progress: Progress) -> tuple[Float, F
 
 
 def _late(time_s: Float, values: Float, at: Float, channel: Channel) -> Float:
-    """What a channel shows at instants (m,) of a signal (n, k): low-pass and dead time."""
+    """A signal (n, k) at instants (m,) behind the channel's low-pass and dead time."""
     out = values
     if channel.lag_s > 0.0:
         out = first_order_lag(values, float(time_s[1] - time_s[0]), 1.0 / channel.lag_s)

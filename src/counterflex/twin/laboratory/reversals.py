@@ -106,25 +106,24 @@ def _run(plant: Plant, q: Float, axis: int, size: float, speed: float, late_s: f
         plant.step(q_ref[k], qd_ref[k], free)
         torque[k] = plant.drive_torque
     plant.check()
-    shift = late_s / STEP_S
-    index = np.clip(np.arange(count) - shift, 0, count - 1)
-    low = np.floor(index).astype(np.int64)
-    high = np.minimum(low + 1, count - 1)
-    weight = (index - low)[:, None]
+    name, seen = ("q_link", link) if seen_by == "link" else ("p_base", p)
+    shown = {"time_s": t[:count, None], "q_motor": motor, "tau_motor": torque, name: _delayed(seen, late_s)}
+    return {channel: _mean(values) for channel, values in shown.items()}
+
+
+def _mean(values: Float) -> Float:
+    """(rows, k) means over the intervals of (n, k) steps."""
     per = round(INTERVAL_S / STEP_S)
-    rows = count // per
+    rows = len(values) // per
+    out: Float = values[: rows * per].reshape(rows, per, -1).mean(axis=1)
+    return out
 
-    def mean(values: Float) -> Float:
-        out: Float = values[: rows * per].reshape(rows, per, -1).mean(axis=1)
-        return out
 
-    def delayed(values: Float) -> Float:
-        out: Float = values[low] * (1.0 - weight) + values[high] * weight
-        return out
-
-    part = {"time_s": mean(t[:count, None]), "q_motor": mean(motor), "tau_motor": mean(torque)}
-    if seen_by == "link":
-        part["q_link"] = mean(delayed(link))
-    else:
-        part["p_base"] = mean(delayed(p))
-    return part
+def _delayed(values: Float, late_s: float) -> Float:
+    """(n, k) values ``late_s`` before each step, linear between steps."""
+    last = len(values) - 1
+    index = np.clip(np.arange(len(values)) - late_s / STEP_S, 0, last)
+    low = np.floor(index).astype(np.int64)
+    weight = (index - low)[:, None]
+    out: Float = values[low] * (1.0 - weight) + values[np.minimum(low + 1, last)] * weight
+    return out

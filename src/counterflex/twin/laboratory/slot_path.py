@@ -21,25 +21,15 @@ COLUMNS = ("blank", "cut", "start_x_m", "start_y_m", "start_z_m", "end_x_m", "en
 
 @dataclass(frozen=True, eq=False)
 class StraightCuts:
-    """Straight feed motions, one a row.
+    """Straight feed motions, one a row."""
 
-    Attributes:
-        blank: (n,) number of the blank.
-        cut: (n,) number of the cut that the motion belongs to.
-        start_part: (n, 3) m, tool tip at its start, part frame.
-        end_part: (n, 3) m.
-        feed_m_s: (n,) along the motion.
-        spindle_rad_s: (n,) clockwise seen from the spindle.
-        width_m: (n,) signed width: positive from the left edge of the cutter, negative from the right.
-    """
-
-    blank: Int
-    cut: Int
-    start_part: Float
-    end_part: Float
-    feed_m_s: Float
-    spindle_rad_s: Float
-    width_m: Float
+    blank: Int  # (n,) number of the blank
+    cut: Int  # (n,) number of the cut that the motion belongs to
+    start_part: Float  # (n, 3) m, tool tip at its start, part frame
+    end_part: Float  # (n, 3) m
+    feed_m_s: Float  # (n,) along the motion
+    spindle_rad_s: Float  # (n,) clockwise seen from the spindle
+    width_m: Float  # (n,) signed width: positive from the left edge of the cutter, negative from the right
 
     def __len__(self) -> int:
         """Number of motions."""
@@ -67,15 +57,12 @@ def straight_cuts(request: Mapping[str, Float]) -> StraightCuts:
         raise InputError("the request for test cuts lacks a column", value=missing[0], limit=", ".join(COLUMNS))
     n = len(np.atleast_1d(request["cut"]))
     column = {name: as_float(name, np.atleast_1d(request[name]), (n,)) for name in COLUMNS}
-
-    def point(end: str) -> Float:
-        return np.stack([column[f"{end}_{c}_m"] for c in "xyz"], axis=1)
-
+    start, end = (np.stack([column[f"{end}_{c}_m"] for c in "xyz"], axis=1) for end in ("start", "end"))
     cuts = StraightCuts(
         blank=column["blank"].astype(np.int64),
         cut=column["cut"].astype(np.int64),
-        start_part=point("start"),
-        end_part=point("end"),
+        start_part=start,
+        end_part=end,
         feed_m_s=column["feed_m_s"],
         spindle_rad_s=column["spindle_rad_s"],
         width_m=column["width_m"],
@@ -92,43 +79,28 @@ def slot_path(cuts: StraightCuts, tool: int, rapid_m_s: float = 0.25) -> tuple[T
     Returns the path, and (rows,) the test cut that each row runs, -1 between cuts.
     """
     top = float(max(cuts.start_part[:, 2].max(), cuts.end_part[:, 2].max())) + _CLEAR_M
-    points: list[Float] = []
-    kind: list[int] = []
-    source: list[int] = []
-    speed: list[float] = []
-
-    def go(target: Float, what: int, feed: float, row: int) -> None:
-        begin = points[-1]
-        count = max(1, int(np.ceil(np.linalg.norm(target - begin) / STEP_M))) if what == FEED else 1
-        for k in range(1, count + 1):
-            points.append(begin + (target - begin) * (k / count))
-            kind.append(what)
-            source.append(row)
-            speed.append(feed)
-
     above = cuts.start_part[0].copy()
     above[2] = top
-    points.append(above)
-    kind.append(RAPID)
-    source.append(-1)
-    speed.append(rapid_m_s)
+    along = [(above, -1)]
     for i in range(len(cuts)):
         if i == 0 or cuts.cut[i] != cuts.cut[i - 1]:
-            for target in _over(points[-1], cuts.start_part[i], top):
-                go(target, RAPID, rapid_m_s, -1)
-        go(cuts.end_part[i], FEED, float(cuts.feed_m_s[i]), i)
-    last = points[-1].copy()
+            for target in _over(along[-1][0], cuts.start_part[i], top):
+                along.append((_between(along[-1][0], target, 1)[0], -1))
+        begin, end = along[-1][0], cuts.end_part[i]
+        count = max(1, int(np.ceil(np.linalg.norm(end - begin) / STEP_M)))
+        along += [(point, i) for point in _between(begin, end, count)]
+    last = along[-1][0].copy()
     last[2] = top
-    go(last, RAPID, rapid_m_s, -1)
-    p, rows = np.array(points), np.array(source, dtype=np.int64)
-    feeds = np.array(speed)
+    along.append((_between(along[-1][0], last, 1)[0], -1))
+    p, rows = np.array([point for point, _ in along]), np.array([row for _, row in along], dtype=np.int64)
+    feeds = np.where(rows >= 0, cuts.feed_m_s[np.maximum(rows, 0)], rapid_m_s)
     length = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
     motion = np.concatenate([[0], np.cumsum(np.diff(rows) != 0)]).astype(np.int64)
     spindle = np.where(rows >= 0, cuts.spindle_rad_s[np.maximum(rows, 0)], cuts.spindle_rad_s[0])
     path = ToolPath(
         p_part_tcp=p,
         axis_part=np.tile(np.array([0.0, 0.0, 1.0]), (len(p), 1)),
-        kind=np.array(kind, dtype=np.int64),
+        kind=np.where(rows >= 0, FEED, RAPID).astype(np.int64),
         feed_m_s=feeds,
         spindle_rad_s=spindle,
         time_s=np.cumsum(length / feeds),
@@ -136,6 +108,11 @@ def slot_path(cuts: StraightCuts, tool: int, rapid_m_s: float = 0.25) -> tuple[T
         tool=np.full(len(p), tool, dtype=np.int64),
     )
     return path, rows
+
+
+def _between(begin: Float, end: Float, count: int) -> list[Float]:
+    """The ``count`` points after ``begin`` in equal steps up to ``end``."""
+    return [begin + (end - begin) * (k / count) for k in range(1, count + 1)]
 
 
 def _over(here: Float, target: Float, top: float) -> Sequence[Float]:

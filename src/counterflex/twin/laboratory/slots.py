@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int, as_float
 from counterflex.core.errors import InputError
-from counterflex.core.progress import Progress
+from counterflex.core.progress import Progress, share_of
 from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
@@ -42,17 +43,11 @@ _BELOW_M: Final = 500.0 * MM
 
 @dataclass(frozen=True, eq=False)
 class TrackedProgram:
-    """Log of the tracker.
+    """Log of the tracker."""
 
-    Attributes:
-        time_s: (n,) s, one reading for each cycle of the controller.
-        Ts_part_tcp: (n, 4, 4) m, the tool in the part frame as registered, with the noise of the readings.
-        sigma_m: Standard deviation of a position, per axis.
-    """
-
-    time_s: Float
-    Ts_part_tcp: Float
-    sigma_m: float
+    time_s: Float  # (n,) s, one reading for each cycle of the controller
+    Ts_part_tcp: Float  # (n, 4, 4) m, the tool in the part frame as registered, with the noise of the readings
+    sigma_m: float  # standard deviation of a position, per axis
 
 
 def track(
@@ -156,11 +151,8 @@ def measure(order: Order) -> Measured:
     blanks = np.unique(cuts.blank)
     for k, blank in enumerate(blanks):
         mine = cuts.subset(cuts.blank == blank)
-
-        def part_of_all(fraction: float, what: str = "", k: int = k) -> None:
-            progress((k + fraction) / len(blanks), what)
-
-        parts.append(_one_blank(truth, laboratory, mine, settings, bias, rng, part_of_all))
+        part = share_of(progress, k / len(blanks), (k + 1) / len(blanks))
+        parts.append(_one_blank(truth, laboratory, mine, settings, bias, rng, part))
     joined = {name: np.concatenate([p.channels[name] for p in parts]) for name in parts[0].channels}
     return Measured(joined, parts[0].sigma, np.concatenate([p.group for p in parts]))
 
@@ -313,10 +305,12 @@ def _setting(settings: Mapping[str, Any], name: str) -> Any:
     return settings[name]
 
 
-def _controller(settings: Mapping[str, Any]) -> Controller:
-    def get(name: str, *shape: int) -> Float:
-        return as_float(name, _setting(settings, name), shape)
+def _numbers(settings: Mapping[str, Any], name: str, *shape: int) -> Float:
+    return as_float(name, _setting(settings, name), shape)
 
+
+def _controller(settings: Mapping[str, Any]) -> Controller:
+    get = partial(_numbers, settings)
     a1, a2, b, c1, c2, c3, c4 = get("opw_m", 7).tolist()
     offsets = tuple(get("opw_offsets_rad", 6).tolist())
     signs = tuple(int(s) for s in get("opw_signs", 6).tolist())
@@ -340,7 +334,7 @@ def _cutter(settings: Mapping[str, Any]) -> Cutter:
 
 
 def _box(settings: Mapping[str, Any]) -> tuple[Float, Float]:
-    low, high = (as_float(name, _setting(settings, name), (3,)) for name in ("blank_low_m", "blank_high_m"))
+    low, high = (_numbers(settings, name, 3) for name in ("blank_low_m", "blank_high_m"))
     return low, high
 
 

@@ -27,33 +27,19 @@ _STEPS_PER_SAMPLE = 2  # integration steps of 0.5 ms per sample of the instrumen
 
 @dataclass(eq=False)
 class Instruments:
-    """What is read off the cell, every millisecond.
+    """Instruments that read the cell every millisecond."""
 
-    Attributes:
-        laboratory: Noise, and where the tracker and its target truly are.
-        force_sensor: As it truly is; or None.
-        device: What sends its readings; or None.
-        tracker_peer: Where poses go; or None.
-        beam_broken: The tracker does not see its target.
-        temperature_c: Of the force sensor.
-        tracker_faults: Scripted.
-        tracker_every_s: Time between two poses; photogrammetry takes its time.
-        holder: Bridges of the instrumented spindle holder, or None.
-        strain: Where their readings go.
-        strain_steps: Integration steps for each of their readings.
-    """
-
-    laboratory: Laboratory
-    force_sensor: ForceSensor | None = None
-    device: ForceDevice | None = None
-    tracker_peer: tuple[str, int] | None = None
-    beam_broken: bool = False
-    temperature_c: float = 20.0
-    tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)
-    tracker_every_s: float = 1e-3
-    holder: StrainStream | None = None
-    strain: StrainSender | None = None
-    strain_steps: int = 2
+    laboratory: Laboratory  # noise, and where the tracker and its target truly are
+    force_sensor: ForceSensor | None = None  # as it truly is; or None
+    device: ForceDevice | None = None  # what sends its readings; or None
+    tracker_peer: tuple[str, int] | None = None  # where poses go; or None
+    beam_broken: bool = False  # the tracker does not see its target
+    temperature_c: float = 20.0  # of the force sensor
+    tracker_faults: FaultSchedule = field(default_factory=FaultSchedule)  # scripted
+    tracker_every_s: float = 1e-3  # time between two poses; photogrammetry takes its time
+    holder: StrainStream | None = None  # bridges of the instrumented spindle holder, or None
+    strain: StrainSender | None = None  # where their readings go
+    strain_steps: int = 2  # integration steps for each of their readings
 
     def __post_init__(self) -> None:
         """Take a noise stream of its own for each instrument."""

@@ -20,20 +20,12 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.twin.devices.commanded_motion import CommandedMotion
 from counterflex.twin.devices.commanded_motion import Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
+from counterflex.twin.plant import simulate as simulation
 from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
-from counterflex.twin.plant.simulate import (
-    as_delivered,
-    hermite,
-    load_on_hand,
-    mounted_tools,
-    near_stock,
-    tip_in_part,
-    touched_part_frame,
-)
 from counterflex.twin.truth.truth import Truth
 
 CHANGE_S: Final = 2.0
@@ -41,7 +33,7 @@ CHANGE_S: Final = 2.0
 
 
 def true_answer(answer: PathAnswer | None, truth: Truth, cycle_s: float) -> PathAnswer:
-    """What was asked for, with the dead time that this controller has beside it."""
+    """The response asked for, with the dead time that this controller has beside it."""
     requested = PathAnswer() if answer is None else answer
     kind = truth.other.controller
     return requested if kind is None else replace(requested, dead_s=requested.dead_s + kind.dead_cycles * cycle_s)
@@ -109,9 +101,9 @@ class LiveCell:
         self.T_base_part, self._residual = as_float("T_base_part", controller.T_base_part, (4, 4)), np.zeros((0, 3))
         if datum_points_part is not None:
             then = self.plant if touched is None else Plant(touched, step_s=step_s)
-            self.T_base_part, self._residual = touched_part_frame(then, controller, datum_points_part)
-        blank = as_delivered(stock, truth.stock_top_offset_m)
-        mounted = mounted_tools(path)
+            self.T_base_part, self._residual = simulation.touched_part_frame(then, controller, datum_points_part)
+        blank = simulation.as_delivered(stock, truth.stock_top_offset_m)
+        mounted = simulation.mounted_tools(path)
         self._tools: Int = mounted[self.reference.source]
         self._tool = int(self._tools[0])
         self._cutters = {
@@ -123,10 +115,10 @@ class LiveCell:
         self._change_cycles, self._standing = max(1, round(CHANGE_S / controller.cycle_s)), 0
         self._process = Process(blank, self._cutters[self._tool], truth.cutting, step_s, self.T_base_part)
         widest = max(one.radius_m for one in self._cutters.values())
-        self._near = near_stock(self.reference.p_part_command, blank, widest)
+        self._near = simulation.near_stock(self.reference.p_part_command, blank, widest)
         self._spindle = path.spindle_rad_s[self.reference.source]
         self.period_s, self._substeps = controller.cycle_s, substeps
-        self._place, self._speed = hermite(substeps, controller.cycle_s)
+        self._place, self._speed = simulation.hermite(substeps, controller.cycle_s)
         self._log = _Log()
         self._cycle = 0
         self._turning, self._was_near = np.nan, False
@@ -149,7 +141,7 @@ class LiveCell:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has come to its end."""
+        """Return whether the program has come to its end."""
         return self.motion.finished
 
     @property
@@ -159,7 +151,7 @@ class LiveCell:
 
     @property
     def changing(self) -> bool:
-        """Whether the robot stands for a change of tools; its program takes no correction meanwhile."""
+        """Return whether the robot stands for a change of tools; its program takes no correction meanwhile."""
         return self._standing > 0
 
     def _change(self) -> None:
@@ -224,7 +216,7 @@ class LiveCell:
         )
 
     def record(self) -> Record:
-        """What was machined so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
+        """Record of the machining so far, as :func:`counterflex.twin.plant.simulate.simulate` gives it."""
         log = self._log
         cycles = SimulatedCycles(
             np.array(log.k, dtype=np.int64),
@@ -254,11 +246,11 @@ class LiveCell:
         near = bool(self._near[k]) and self.motion.running
         if near:
             if not self._was_near:
-                process.restart(tip_in_part(plant, process, fixed))
+                process.restart(simulation.tip_in_part(plant, process, fixed))
             if self._spindle[k] != self._turning:
                 self._turning = self._spindle[k]
                 process.spindle(float(self._turning))
-            process.advance(tip_in_part(plant, process, fixed))
+            process.advance(simulation.tip_in_part(plant, process, fixed))
         self._was_near = near
         process.clear()
         knots = np.stack([self._q, self._qd, q_next, qd_next])
@@ -266,7 +258,7 @@ class LiveCell:
         free = np.zeros(6)
         self._torque = np.zeros(6)
         for i in range(self._substeps):
-            plant.step(q[i], qd[i], load_on_hand(plant, process, fixed) if near else free)
+            plant.step(q[i], qd[i], simulation.load_on_hand(plant, process, fixed) if near else free)
             self._torque += plant.drive_torque
             self.on_step(i)
         log.sums.append(process.sums.copy())

@@ -15,6 +15,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.twin.laboratory.laboratory import Laboratory
 from counterflex.twin.live.live_cell import LiveCell, Report
 from counterflex.twin.plant.force_sensor import ForceSensor
+from counterflex.twin.plant.plant import Plant
 
 SAMPLES: Final = 4
 """Readings of the instruments in a cycle of 4 ms."""
@@ -24,31 +25,20 @@ _LONGEST_LAG: Final = 50
 
 @dataclass(frozen=True, eq=False)
 class RecordedPass:
-    """What a controller and its instruments would report, over n cycles of 4 ms.
+    """Reports of a controller and its instruments over n cycles of 4 ms."""
 
-    Attributes:
-        T_part_nominal: (n, 4, 4) commanded pose.
-        T_part_actual: (n, 4, 4) pose by the encoders.
-        q_command: (n, 6) rad.
-        q_actual: (n, 6) rad.
-        w_sensor: (n, 4, 6) N, N m: readings with noise.
-        p_tracker_target: (n, 4, 3) m: readings with noise.
-        quat_wxyz: (n, 4, 4) of the same readings.
-        R_tracker_part: (3, 3) to turn a correction into the tracker's frame.
-    """
-
-    T_part_nominal: Float
-    T_part_actual: Float
-    q_command: Float
-    q_actual: Float
-    w_sensor: Float
-    p_tracker_target: Float
-    quat_wxyz: Float
-    R_tracker_part: Float
+    T_part_nominal: Float  # (n, 4, 4) commanded pose
+    T_part_actual: Float  # (n, 4, 4) pose by the encoders
+    q_command: Float  # (n, 6) rad
+    q_actual: Float  # (n, 6) rad
+    w_sensor: Float  # (n, 4, 6) N, N m: readings with noise
+    p_tracker_target: Float  # (n, 4, 3) m: readings with noise
+    quat_wxyz: Float  # (n, 4, 4) of the same readings
+    R_tracker_part: Float  # (3, 3) to turn a correction into the tracker's frame
 
     @property
     def cycles(self) -> int:
-        """How many there are."""
+        """Number of cycles."""
         return len(self.q_command)
 
     def there_and_back(self, k: int) -> int:
@@ -73,6 +63,31 @@ class RecordedPass:
         return min(self.cycles - 1, self.there_and_back(k) + self.lag)
 
 
+class _Readings:
+    """Force and pose by the instruments, one each every ``steps`` steps of the plant."""
+
+    def __init__(
+        self, plant: Plant, sensor: ForceSensor, laboratory: Laboratory, T_tracker_base: Float, steps: int
+    ) -> None:
+        self._plant, self._sensor, self._laboratory, self._steps = plant, sensor, laboratory, steps
+        self._T_tracker_base, self._noise = T_tracker_base, laboratory.noise("pass")
+        self._spread = np.r_[np.full(3, laboratory.force_n), np.full(3, laboratory.moment_nm)]
+        self.w: list[Float] = []
+        self.p: list[Float] = []
+        self.quat: list[Float] = []
+
+    def after_step(self, i: int) -> None:
+        if (i + 1) % self._steps:
+            return
+        plant, laboratory, noise = self._plant, self._laboratory, self._noise
+        true = self._sensor.true_wrench(plant, plant.truth.gravity_base)
+        self.w.append(self._sensor.reading(true, 0.0, 20.0) + self._spread * noise.standard_normal(6))
+        T_tracker_target = self._T_tracker_base @ plant.tcp_pose() @ laboratory.T_tcp_target
+        self.p.append(T_tracker_target[:3, 3] + laboratory.tracker_m * noise.standard_normal(3))
+        turn = rotation.exp(laboratory.tracker_rad * noise.standard_normal(3))
+        self.quat.append(rotation.quat_wxyz(turn @ T_tracker_target[:3, :3]))
+
+
 def record_pass(
     cell: LiveCell, sensor: ForceSensor, laboratory: Laboratory, most_cycles: int, progress: Progress = silent
 ) -> RecordedPass:
@@ -92,21 +107,8 @@ def record_pass(
     if abs(cell.period_s - 4e-3) > 1e-9:
         raise InputError("cycle of the cell", value=cell.period_s, limit="4 ms")
     T_tracker_base = pose.inverse(laboratory.T_base_tracker)
-    noise = laboratory.noise("pass")
-    spread = np.r_[np.full(3, laboratory.force_n), np.full(3, laboratory.moment_nm)]
-    w, p, quat = [], [], []
-
-    def read(i: int) -> None:
-        if (i + 1) % steps:
-            return
-        true = sensor.true_wrench(cell.plant, cell.plant.truth.gravity_base)
-        w.append(sensor.reading(true, 0.0, 20.0) + spread * noise.standard_normal(6))
-        T_tracker_target = T_tracker_base @ cell.plant.tcp_pose() @ laboratory.T_tcp_target
-        p.append(T_tracker_target[:3, 3] + laboratory.tracker_m * noise.standard_normal(3))
-        turn = rotation.exp(laboratory.tracker_rad * noise.standard_normal(3))
-        quat.append(rotation.quat_wxyz(turn @ T_tracker_target[:3, :3]))
-
-    cell.on_step = read  # type: ignore[method-assign]
+    readings = _Readings(cell.plant, sensor, laboratory, T_tracker_base, steps)
+    cell.on_step = readings.after_step  # type: ignore[method-assign]
     cell.skip_to_contact()
     cell.start()
     nothing = np.zeros(6)
@@ -124,8 +126,8 @@ def record_pass(
         T_part_actual=np.array([r.T_part_actual for r in reports]),
         q_command=np.array([r.q_command for r in reports]),
         q_actual=np.array([r.q_actual for r in reports]),
-        w_sensor=np.array(w).reshape(n, SAMPLES, 6),
-        p_tracker_target=np.array(p).reshape(n, SAMPLES, 3),
-        quat_wxyz=np.array(quat).reshape(n, SAMPLES, 4),
+        w_sensor=np.array(readings.w).reshape(n, SAMPLES, 6),
+        p_tracker_target=np.array(readings.p).reshape(n, SAMPLES, 3),
+        quat_wxyz=np.array(readings.quat).reshape(n, SAMPLES, 4),
         R_tracker_part=T_tracker_base[:3, :3] @ cell.T_base_part[:3, :3],
     )

@@ -122,25 +122,11 @@ class ReplayedCell:
             if self.sensor is not None and k % 250 == 0:
                 self.sensor.poll()
             self._instruments(row, 0, tracker, due)
-            data: bytes | None = None
-            reply_s = echo_s = np.nan
-            woken_s = late_s
-            sent = time.perf_counter()
+            data, reply_s, echo_s, woken_s = self._millisecond_by_millisecond(
+                row, telegram, due, peer if running else None, tracker, echo
+            )
             if running:
-                _send(self._robot, telegram, peer)
-            answers = self.controller.answers
-            for tick in range(SAMPLES):
-                end = due + (tick + 1) * MS
-                if data is None and running:
-                    data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, answers)
-                if tick == SAMPLES - 1:
-                    break
-                woken_s = max(woken_s, _until(end))
-                self._instruments(row, tick + 1, tracker, end)
-                if echo is not None and running and tick + 1 == _ECHO_AT:
-                    echo_s = self._echoed(telegram, echo, end + 0.9 * MS, answers)
-            if running:
-                times.add(reply_s, echo_s, late_s, woken_s, self._take(data))
+                times.add(reply_s, echo_s, late_s, max(late_s, woken_s), self._take(data))
                 why = self._go_on(answered=data is not None)
                 if why:
                     times.ended.append((time.perf_counter() - begin, why))
@@ -158,6 +144,36 @@ class ReplayedCell:
             if last:
                 return
 
+    def _millisecond_by_millisecond(
+        self,
+        row: int,
+        telegram: bytes,
+        due: float,
+        peer: tuple[str, int] | None,
+        tracker: tuple[str, int] | None,
+        echo: tuple[str, int] | None,
+    ) -> tuple[bytes | None, float, float, float]:
+        """Send the telegram, unless ``peer`` is None, and further readings, and wait for the answer between them.
+
+        Returns the answer or None, how long it took, how long the echo took, and the latest waking, s.
+        """
+        data: bytes | None = None
+        reply_s, echo_s, woken_s = np.nan, np.nan, 0.0
+        answers, sent = self.controller.answers, time.perf_counter()
+        if peer is not None:
+            _send(self._robot, telegram, peer)
+        for tick in range(SAMPLES):
+            end = due + (tick + 1) * MS
+            if data is None and peer is not None:
+                data, reply_s = self._await(self._robot, sent, end - 0.1 * MS, answers)
+            if tick == SAMPLES - 1:
+                break
+            woken_s = max(woken_s, _until(end))
+            self._instruments(row, tick + 1, tracker, end)
+            if echo is not None and peer is not None and tick + 1 == _ECHO_AT:
+                echo_s = self._echoed(telegram, echo, end + 0.9 * MS, answers)
+        return data, reply_s, echo_s, woken_s
+
     @property
     def refused(self) -> int:
         """Answers that the controller did not take, since the start, over all sessions."""
@@ -170,7 +186,7 @@ class ReplayedCell:
         return NOT_REPORTED if self.controller.refused else self.controller.reported_state
 
     def _take_in(self) -> None:
-        """What the controller makes of its correction within a cycle."""
+        """Let the controller apply its correction for a cycle."""
         in_force = self._answer(self.controller.pose_correction())
         self._moved = self.played.R_tracker_part @ in_force[:3]
         self._largest = max(self._largest, float(np.max(np.abs(in_force[:3]))))

@@ -15,33 +15,20 @@ NOT_REPORTED: Final = -1
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What was timed in a number of cycles; n of them had a telegram.
+    """Times of a number of cycles; n of them had a telegram."""
 
-    Attributes:
-        reply_s: (n,) from sending a telegram to having its answer; not-a-number where none came within the cycle.
-        echo_s: (n,) the same of the datagram that is only sent back.
-        late_s: (n,) how late this side wanted to send the telegram and could not.
-        woken_s: (n,) how late this side woke up at most within the cycle, whatever it waited for.
-        reported_state: (n,) what the sensor program said it was doing in its answer; :data:`NOT_REPORTED` without one.
-        missed: Cycles that were over before this side woke up: their telegrams were not sent, and nobody answered them.
-        paused: Cycles without a telegram, between two sessions.
-        held_cycles: Cycles in which the robot stood because the feed was held.
-        ended: Time since the start, s, and why, each time the robot program was ended.
-        largest_m: Largest correction in force, since the start.
-        refused: Answers that the controller did not take, since the start.
-    """
-
-    reply_s: Float
-    echo_s: Float
-    late_s: Float
-    woken_s: Float
-    reported_state: Int
+    reply_s: Float  # (n,) from sending a telegram to having its answer; not-a-number where none came within the cycle
+    echo_s: Float  # (n,) the same of the datagram that is only sent back
+    late_s: Float  # (n,) how late this side wanted to send the telegram and could not
+    woken_s: Float  # (n,) how late this side woke up at most within the cycle, whatever it waited for
+    reported_state: Int  # (n,) what the sensor program said it was doing in its answer; NOT_REPORTED without one
+    # cycles that were over before this side woke up: their telegrams were not sent, and nobody answered them
     missed: int
-    paused: int
-    held_cycles: int
-    ended: tuple[tuple[float, str], ...]
-    largest_m: float
-    refused: int
+    paused: int  # cycles without a telegram, between two sessions
+    held_cycles: int  # cycles in which the robot stood because the feed was held
+    ended: tuple[tuple[float, str], ...]  # time since the start, s, and why, each time the robot program was ended
+    largest_m: float  # largest correction in force, since the start
+    refused: int  # answers that the controller did not take, since the start
 
 
 class Times:

@@ -93,17 +93,28 @@ class Fault:
             raise InputError("direction of a fault", where=where, value=self.direction, limit="out or in")
         if self.direction == "in" and self.kind not in DATAGRAM_KINDS:
             raise InputError("only datagrams have a direction", where=where, value="in", limit="out")
-        if self.kind == "late" and not 0.0 < self.late_s <= _LONGEST_S:
-            raise InputError("how late is not said", where=where, value=self.late_s, limit=f"> 0 and <= {_LONGEST_S} s")
-        if self.kind == "counter" and self.step == 0:
-            raise InputError("how far the counter jumps is not said", where=where, value=0, limit="not 0")
-        if self.kind == "status" and not 0 < self.bits <= 0xFFFFFFFF:
-            raise InputError("bits of the status", where=where, value=self.bits, limit="1 .. 0xFFFFFFFF")
-        if self.kind == "offset" and (not all(map(math.isfinite, self.offset)) or not any(self.offset)):
-            raise InputError("offset of the readings", where=where, value=self.offset, limit="finite and not zero")
+        wrong, what, value, limit = self._numbers_of_kind()
+        if wrong:
+            raise InputError(what, where=where, value=value, limit=limit)
         if self.kind in ("silent", "dying", "counter") and self.share != 1.0:
             raise InputError("this fault has no share", where=where, value=self.share, limit="1")
         self.impairment()
+
+    def _numbers_of_kind(self) -> tuple[bool, str, object, str]:
+        """Check the number that the kind needs: whether it is wrong, its name, its value, its limit."""
+        match self.kind:
+            case "late":
+                wrong = not 0.0 < self.late_s <= _LONGEST_S
+                return wrong, "how late is not said", self.late_s, f"> 0 and <= {_LONGEST_S} s"
+            case "counter":
+                return self.step == 0, "how far the counter jumps is not said", 0, "not 0"
+            case "status":
+                return not 0 < self.bits <= 0xFFFFFFFF, "bits of the status", self.bits, "1 .. 0xFFFFFFFF"
+            case "offset":
+                wrong = not all(map(math.isfinite, self.offset)) or not any(self.offset)
+                return wrong, "offset of the readings", self.offset, "finite and not zero"
+            case _:
+                return False, "", None, ""
 
     def impairment(self) -> Impairment:
         """The fault as what chance does to datagrams; one that is lost there is one that the fault hits.
@@ -130,7 +141,7 @@ class Fault:
                 return Impairment(loss=self.share)
 
     def covers(self, index: int, time_s: float) -> bool:
-        """Whether a datagram or sample lies in the window."""
+        """Return whether a datagram or sample lies in the window."""
         if index < self.first or (self.count is not None and index >= self.first + self.count):
             return False
         return -_TICK_S <= time_s - self.from_s < self.for_s - _TICK_S
@@ -138,44 +149,26 @@ class Fault:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What arrives of a datagram.
-
-    Attributes:
-        data: Bytes.
-        late_s: After it was sent.
-        overtaken_by: Datagrams that follow it and arrive before it.
-    """
+    """One copy of a datagram that arrives."""
 
     data: bytes
-    late_s: float = 0.0
-    overtaken_by: int = 0
+    late_s: float = 0.0  # after it was sent
+    overtaken_by: int = 0  # datagrams that follow it and arrive before it
 
 
 @dataclass(frozen=True)
 class Condition:
-    """In what condition an instrument is for one sample.
+    """In what condition an instrument is for one sample."""
 
-    Attributes:
-        silent: It sends nothing.
-        dead: It never will again.
-        saturated: Its readings are at the end of their range.
-        frozen: It repeats its last reading.
-        not_a_number: Its readings are NaN.
-        beam_broken: A tracker does not see its target.
-        bits: Set in its status.
-        offset: (3,) m or N added to its readings.
-        step: Sum of the jumps of its counter so far.
-    """
-
-    silent: bool = False
-    dead: bool = False
-    saturated: bool = False
-    frozen: bool = False
-    not_a_number: bool = False
-    beam_broken: bool = False
-    bits: int = 0
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    step: int = 0
+    silent: bool = False  # it sends nothing
+    dead: bool = False  # it never will again
+    saturated: bool = False  # its readings are at the end of their range
+    frozen: bool = False  # it repeats its last reading
+    not_a_number: bool = False  # its readings are NaN
+    beam_broken: bool = False  # a tracker does not see its target
+    bits: int = 0  # set in its status
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) m or N added to its readings
+    step: int = 0  # sum of the jumps of its counter so far
 
 
 SOUND: Final = Condition()
@@ -184,15 +177,10 @@ SOUND: Final = Condition()
 
 @dataclass(frozen=True)
 class FaultSchedule:
-    """All faults of one instrument.
+    """All faults of one instrument."""
 
-    Attributes:
-        faults: Those of datagrams act one after the other, each on what the one before has left.
-        seed: Of chance.
-    """
-
-    faults: tuple[Fault, ...] = ()
-    seed: int = 0
+    faults: tuple[Fault, ...] = ()  # those of datagrams act one after the other, each on what the one before has left
+    seed: int = 0  # of chance
     _of_datagrams: dict[str, tuple[tuple[Fault, Schedule], ...]] = field(init=False, repr=False, compare=False)
     _of_source: tuple[tuple[Fault, Schedule], ...] = field(init=False, repr=False, compare=False)
 
@@ -229,11 +217,11 @@ class FaultSchedule:
             raise InputError(f"{instrument} does not have the bridge of this fault", value=alone, limit=limit)
 
     def spares(self, direction: Direction) -> bool:
-        """Whether every datagram of a direction arrives as it was sent."""
+        """Return whether every datagram of a direction arrives as it was sent."""
         return not self._of_datagrams[direction]
 
     def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
-        """What arrives of a datagram: nothing, itself, something else, or several.
+        """Deliveries of a datagram: nothing, itself, something else, or several.
 
         Args:
             data: The datagram.

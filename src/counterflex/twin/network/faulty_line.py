@@ -62,7 +62,7 @@ class FaultyLine:
             self.carried += 1
 
     def due_s(self) -> float:
-        """When the next late datagram comes out, s since the start; infinite where none is waiting."""
+        """Time at which the next late datagram comes out, s since the start; infinite where none is waiting."""
         return self._late[0][0] if self._late else math.inf
 
     def _carry(self, delivery: Delivery, time_s: float, deliver: Callable[[bytes], None]) -> None:

@@ -22,15 +22,11 @@ _DRAWS: Final = 11
 
 @dataclass(frozen=True)
 class Burst:
-    """Losses that come together (Gilbert): a good state loses nothing, a bad one everything.
+    """Losses that come together (Gilbert): a good state loses nothing, a bad one everything."""
 
-    Attributes:
-        share: Share of all datagrams that is lost in the long run, 0..1; reached while ``share <= mean / (1 + mean)``.
-        mean: Mean length of a burst, datagrams.
-    """
-
+    # share of all datagrams that is lost in the long run, 0..1; reached while ``share <= mean / (1 + mean)``
     share: float
-    mean: float
+    mean: float  # mean length of a burst, datagrams
 
     def __post_init__(self) -> None:
         """Check that such a chain exists.
@@ -60,17 +56,11 @@ class Burst:
 
 @dataclass(frozen=True)
 class Stall:
-    """A path that stands still: what is sent meanwhile comes at its end, all at once.
+    """A path that stands still: what is sent meanwhile comes at its end, all at once."""
 
-    Attributes:
-        first: Number of the first datagram held back.
-        count: How many are held back.
-        lost: They are dropped instead.
-    """
-
-    first: int
-    count: int
-    lost: bool = False
+    first: int  # number of the first datagram held back
+    count: int  # how many are held back
+    lost: bool = False  # they are dropped instead
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -84,43 +74,24 @@ class Stall:
 
 @dataclass(frozen=True)
 class Impairment:
-    """What one way of a network does to datagrams; the default does nothing.
+    """Impairment of one way of a network; the default does nothing."""
 
-    Attributes:
-        loss: Probability that a datagram is lost, each by itself.
-        burst: Losses in bursts, or None.
-        pattern: Repeated over the datagrams: ``1`` comes, ``0`` is lost; empty: none.
-        delay_s: Of every datagram.
-        jitter_s: Further delay, uniform from 0 to this.
-        duplicate: Probability that a datagram comes twice, the copy up to ``reorder_s`` later.
-        reorder: Probability that a datagram comes ``reorder_s`` later than it would.
-        reorder_s: See there.
-        flip: Probability that one bit of a datagram is turned over.
-        truncate: Probability that its end is missing.
-        garbage: Probability that its bytes are replaced by random ones.
-        stalls: See :class:`Stall`.
-        period_s: Time between datagrams, for stalls.
-        first: Datagrams before this one are left alone.
-        end: From this one on they are left alone again, or None.
-        dies: From this one on all are lost, or None.
-    """
-
-    loss: float = 0.0
-    burst: Burst | None = None
-    pattern: str = ""
-    delay_s: float = 0.0
-    jitter_s: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
+    loss: float = 0.0  # probability that a datagram is lost, each by itself
+    burst: Burst | None = None  # losses in bursts, or None
+    pattern: str = ""  # repeated over the datagrams: ``1`` comes, ``0`` is lost; empty: none
+    delay_s: float = 0.0  # of every datagram
+    jitter_s: float = 0.0  # further delay, uniform from 0 to this
+    duplicate: float = 0.0  # probability that a datagram comes twice, the copy up to ``reorder_s`` later
+    reorder: float = 0.0  # probability that a datagram comes ``reorder_s`` later than it would
     reorder_s: float = 6e-3
-    flip: float = 0.0
-    truncate: float = 0.0
-    garbage: float = 0.0
-    stalls: tuple[Stall, ...] = ()
-    period_s: float = 4e-3
-    first: int = 0
-    end: int | None = None
-    dies: int | None = None
+    flip: float = 0.0  # probability that one bit of a datagram is turned over
+    truncate: float = 0.0  # probability that its end is missing
+    garbage: float = 0.0  # probability that its bytes are replaced by random ones
+    stalls: tuple[Stall, ...] = ()  # see Stall
+    period_s: float = 4e-3  # time between datagrams, for stalls
+    first: int = 0  # datagrams before this one are left alone
+    end: int | None = None  # from this one on they are left alone again, or None
+    dies: int | None = None  # from this one on all are lost, or None
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -141,22 +112,19 @@ class Impairment:
         if self.first < 0 or (self.end is not None and self.end < self.first):
             raise InputError("impairment: first and end", value=(self.first, self.end), limit="0 <= first <= end")
 
+    def touches(self, n: int) -> bool:
+        """Return whether datagram ``n`` may be changed at all."""
+        return n >= self.first and (self.end is None or n < self.end)
+
 
 @dataclass(frozen=True)
 class Delivery:
-    """One copy of a datagram that arrives.
+    """One copy of a datagram that arrives."""
 
-    Attributes:
-        delay_s: After it was sent.
-        flip: Which bit is turned over, as share 0..1 of its bits; None: none.
-        keep: Share of its bytes that is left; 1: all.
-        garbage: Seed of the random bytes that replace its own; None: they are its own.
-    """
-
-    delay_s: float = 0.0
-    flip: float | None = None
-    keep: float = 1.0
-    garbage: int | None = None
+    delay_s: float = 0.0  # after it was sent
+    flip: float | None = None  # which bit is turned over, as share 0..1 of its bits; None: none
+    keep: float = 1.0  # share of its bytes that is left; 1: all
+    garbage: int | None = None  # seed of the random bytes that replace its own; None: they are its own
 
     @property
     def unchanged(self) -> bool:
@@ -177,7 +145,7 @@ class Delivery:
 
 
 class Schedule:
-    """What happens to each datagram of one way.
+    """Fate of each datagram of one way.
 
     Args:
         impairment: Settings.
@@ -217,7 +185,7 @@ class Schedule:
         return self._bad[n // _BLOCK][n % _BLOCK]
 
     def decide(self, n: int) -> tuple[Delivery, ...]:
-        """What arrives of datagram n, counted from 0 on this way: nothing, one delivery or two.
+        """Deliveries of datagram n, counted from 0 on this way: none, one or two.
 
         Raises:
             InputError: n is negative.
@@ -227,21 +195,17 @@ class Schedule:
         made = self.impairment
         if made.dies is not None and n >= made.dies:
             return ()
-        if n < made.first or (made.end is not None and n >= made.end):
+        if not made.touches(n):
             return (Delivery(),)
         draw = self._block(n // _BLOCK)[n % _BLOCK]
-        if draw[_LOSS] < made.loss or self._in_burst(n):
-            return ()
-        if made.pattern and made.pattern[(n - made.first) % len(made.pattern)] == "0":
+        stalls = [stall for stall in made.stalls if stall.first <= n < stall.first + stall.count]
+        if self._is_lost(n, draw, stalls):
             return ()
         delay = made.delay_s + made.jitter_s * float(draw[_JITTER])
         if draw[_REORDER] < made.reorder:
             delay += made.reorder_s
-        for stall in made.stalls:
-            if stall.first <= n < stall.first + stall.count:
-                if stall.lost:
-                    return ()
-                delay += (stall.first + stall.count - n) * made.period_s
+        for stall in stalls:
+            delay += (stall.first + stall.count - n) * made.period_s
         one = Delivery(
             delay,
             float(draw[_FLIP_AT]) if draw[_FLIP] < made.flip else None,
@@ -251,3 +215,8 @@ class Schedule:
         if draw[_COPY] < made.duplicate:
             return (one, Delivery(delay + made.reorder_s * float(draw[_COPY_DELAY])))
         return (one,)
+
+    def _is_lost(self, n: int, draw: Float, stalls: list[Stall]) -> bool:
+        made, pattern = self.impairment, self.impairment.pattern or "1"
+        by_chance = draw[_LOSS] < made.loss or self._in_burst(n)
+        return by_chance or pattern[(n - made.first) % len(pattern)] == "0" or any(stall.lost for stall in stalls)

@@ -32,10 +32,10 @@ _LONGEST_WAIT_S: Final = 0.2
 
 
 class Decider(Protocol):
-    """What decides on the fate of datagrams of one way."""
+    """Decider on the fate of datagrams of one way."""
 
     def decide(self, n: int) -> tuple[Delivery, ...]:
-        """What arrives of datagram n."""
+        """Deliveries of datagram n."""
 
 
 class Recorded:
@@ -49,7 +49,7 @@ class Recorded:
         self._deliveries = deliveries
 
     def decide(self, n: int) -> tuple[Delivery, ...]:
-        """What arrived of datagram n."""
+        """Deliveries of datagram n, as they were."""
         return self._deliveries.get(n, (Delivery(),))
 
 

@@ -28,38 +28,25 @@ CYCLE_S = 4.0e-3
 
 @dataclass(frozen=True)
 class Controller:
-    """Settings of the robot controller.
+    """Settings of the robot controller."""
 
-    Attributes:
-        opw: Geometry of the robot.
-        joint_limits_rad: (6, 2).
-        T_flange_tcp: (4, 4) tool.
-        T_base_part: (4, 4) part frame as the controller has it.
-        branch: One of :data:`counterflex.robot.model.opw.BRANCHES`.
-        rotation_about_tool_rad: Turns the tool frame from "x along part x", right-handed about the direction from
-            tip to spindle.
-        turning: How the tool turns about its axis along the program, in place of a constant rotation; or None.
-        T_base_tcp: (4, 4) tool frame of a spindle that stands, when the robot holds the part: ``T_flange_tcp`` is the
-            part frame in the flange then, and ``T_base_part`` says nothing. None: the robot holds the tool.
-        blending_m: Distance of approximate positioning; 0 is exact stop at every corner.
-        acceleration_m_s2: Limit along and across the path.
-        following_gain_per_s: Kv of a drive without speed feed-forward, or None for full feed-forward.
-        smoothing_s: Length of the moving mean over the axis references, 0 for none.
-    """
-
-    opw: Opw
-    joint_limits_rad: Float
-    T_flange_tcp: Float
-    T_base_part: Float
-    branch: str = "front up noflip"
+    opw: Opw  # geometry of the robot
+    joint_limits_rad: Float  # (6, 2)
+    T_flange_tcp: Float  # (4, 4) tool
+    T_base_part: Float  # (4, 4) part frame as the controller has it
+    branch: str = "front up noflip"  # one of BRANCHES
+    # turns the tool frame from "x along part x", right-handed about the direction from tip to spindle
     rotation_about_tool_rad: float = 0.0
-    blending_m: float = 0.5e-3
-    acceleration_m_s2: float = 1.0
+    blending_m: float = 0.5e-3  # distance of approximate positioning; 0 is exact stop at every corner
+    acceleration_m_s2: float = 1.0  # limit along and across the path
     rapid_m_s: float = 0.25
-    following_gain_per_s: float | None = None
+    following_gain_per_s: float | None = None  # Kv of a drive without speed feed-forward, or None for full feed-forward
     cycle_s: float = CYCLE_S
-    smoothing_s: float = 0.0
+    smoothing_s: float = 0.0  # length of the moving mean over the axis references, 0 for none
+    # how the tool turns about its axis along the program, in place of a constant rotation; or None
     turning: ToolRotation | None = None
+    # (4, 4) tool frame of a spindle that stands, when the robot holds the part: ``T_flange_tcp`` is the part frame in
+    # the flange then, and ``T_base_part`` says nothing. None: the robot holds the tool
     T_base_tcp: Float | None = None
 
     def __post_init__(self) -> None:
@@ -159,25 +146,15 @@ def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, *
 
 @dataclass(frozen=True)
 class Reference:
-    """References for the drives, one row per cycle.
+    """References for the drives, one row per cycle."""
 
-    Attributes:
-        time_s: (n,) s.
-        p_part_command: (n, 3) m, interpolated tool tip.
-        axis_part: (n, 3) interpolated tool axis.
-        q_ref: (n, 6) rad.
-        qd_ref: (n, 6) rad/s.
-        source: (n,) row of the tool path.
-        turned_rad: (n,) rotation about the tool axis, or None where it is constant.
-    """
-
-    time_s: Float
-    p_part_command: Float
-    axis_part: Float
-    q_ref: Float
-    qd_ref: Float
-    source: Int
-    turned_rad: Float | None = None
+    time_s: Float  # (n,) s
+    p_part_command: Float  # (n, 3) m, interpolated tool tip
+    axis_part: Float  # (n, 3) interpolated tool axis
+    q_ref: Float  # (n, 6) rad
+    qd_ref: Float  # (n, 6) rad/s
+    source: Int  # (n,) row of the tool path
+    turned_rad: Float | None = None  # (n,) rotation about the tool axis, or None where it is constant
 
 
 def as_it_is(controller: Controller, kind: ControllerKind | None) -> Controller:

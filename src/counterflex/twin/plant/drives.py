@@ -30,7 +30,7 @@ RIPPLE_A: Final = 0.05
 
 
 class MotorCurrents:
-    """What the controller of one robot shows."""
+    """Motor currents as the controller of one robot shows them."""
 
     def __init__(self, seed: int) -> None:
         rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-currents-1:{seed}").getrandbits(64)))
@@ -102,7 +102,7 @@ def following_gains(drives: tuple[Drive, ...], everywhere_per_s: float | None = 
 
 
 class FollowingLag:
-    """What the drives make of the angles they are told, cycle by cycle: :func:`first_order_lag` per axis.
+    """Response of the drives to their references, cycle by cycle: :func:`first_order_lag` per axis.
 
     ``gains_per_s``: (n,) Kv; infinite follows at once. ``start``: (n,) rad, where they stand.
     """

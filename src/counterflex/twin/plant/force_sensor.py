@@ -29,28 +29,16 @@ REFERENCE_C = 20.0
 
 @dataclass(frozen=True, eq=False)
 class ForceSensor:
-    """A sensor as it truly is.
+    """A sensor as it truly is."""
 
-    Attributes:
-        segment: Body that carries the sensor frame.
-        carried: First body on its tool side.
-        arm: Body that the hose pack comes from.
-        T_seg_sensor: (4, 4) true frame.
-        gain: (6, 6) of the reading on the true wrench.
-        w_bias: (6,) N, N m.
-        w_creep: (6,) zero after long time minus zero at the start.
-        w_kelvin: (6,) per K at the reference temperature.
-        hose: Or None.
-    """
-
-    segment: str
-    carried: str
-    arm: str
-    T_seg_sensor: Float
-    gain: Float
-    w_bias: Float
-    w_creep: Float
-    w_kelvin: Float
+    segment: str  # body that carries the sensor frame
+    carried: str  # first body on its tool side
+    arm: str  # body that the hose pack comes from
+    T_seg_sensor: Float  # (4, 4) true frame
+    gain: Float  # (6, 6) of the reading on the true wrench
+    w_bias: Float  # (6,) N, N m
+    w_creep: Float  # (6,) zero after long time minus zero at the start
+    w_kelvin: Float  # (6,) per K at the reference temperature
     hose: Hose | None
 
     def true_wrench(self, plant: Plant, gravity_base: Float) -> Float:

@@ -22,23 +22,14 @@ _AXES = ("1 0 0", "0 1 0", "0 0 1")
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Meaning of each coordinate of the model.
+    """Meaning of each coordinate of the model."""
 
-    Attributes:
-        body: (n,) index of the body.
-        kind: (n,) :data:`MOTOR` or 0..5 for ``tx ty tz rx ry rz``.
-        axis: (n,) driven axis 0..5 for a motor and for the torsion ``rz`` of a driven body, else -1.
-        stiffness: (n,) N/m or N m/rad, 0 for motors.
-        motor: (6,) coordinate of each motor.
-        torsion: (6,) coordinate of each driven body's ``rz``, -1 where that is rigid.
-    """
-
-    body: Int
-    kind: Int
-    axis: Int
-    stiffness: Float
-    motor: Int
-    torsion: Int
+    body: Int  # (n,) index of the body
+    kind: Int  # (n,) MOTOR or 0..5 for ``tx ty tz rx ry rz``
+    axis: Int  # (n,) driven axis 0..5 for a motor and for the torsion ``rz`` of a driven body, else -1
+    stiffness: Float  # (n,) N/m or N m/rad, 0 for motors
+    motor: Int  # (6,) coordinate of each motor
+    torsion: Int  # (6,) coordinate of each driven body's ``rz``, -1 where that is rigid
 
 
 def coordinates(truth: Truth) -> Coordinates:

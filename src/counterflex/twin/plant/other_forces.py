@@ -38,7 +38,7 @@ class PostureSprings:
         self.free: Int = np.flatnonzero((coordinates.kind >= 0) & (coordinates.axis < 0))
 
     def __bool__(self) -> bool:
-        """Whether any spring changes."""
+        """Return whether any spring changes."""
         return bool(self._regions)
 
     @property
@@ -198,7 +198,7 @@ def gear_loads(qpos: Float, torsion: Int, stiffness: Float, half_band: Float, cu
 
 
 class OtherForces:
-    """What the other kinds of a truth do to a plant.
+    """Effect of the other kinds of a truth on a plant.
 
     ``sign``: (6,) of each driven axis. ``stiffness``: (6,) N m/rad, live, of the torsions. ``half_band``: (6,) rad, of
     the dead bands.
@@ -255,7 +255,7 @@ class OtherForces:
         self._every = max(1, round(EVERY_S / step_s))
 
     def stiffest(self) -> tuple[Float, Float, Float]:
-        """What a small motion meets beyond the straight springs, axis by axis, at its largest.
+        """Largest stiffness that a small motion meets beyond the straight springs, axis by axis.
 
         Returns:
             (6,) N m/rad of the gears, hysteresis and curve; (6,) N m/rad of the bristles and (6,) N m s/rad of their

@@ -170,18 +170,44 @@ class Plant:
         """
         q = as_float("q", q, (6,))
         load = np.zeros(6) if w_tcp_base is None else as_float("w_tcp_base", w_tcp_base, (6,))
-        c, d = self.coordinates, self._data
-        mujoco.mj_resetData(self._model, d)
+        c = self.coordinates
+        mujoco.mj_resetData(self._model, self._data)
         self._qpos[c.motor] = q
         if self._springs:
             self._take_posture()
-        band, floating = np.zeros(len(c.kind)), np.ones(len(c.kind))
-        sprung = np.flatnonzero(c.torsion >= 0)
-        band[c.torsion[sprung]] = self._band[sprung]
         dry = np.sum(self._slip_limit[:, :-1], axis=1)
         if self._more is not None:
             dry += self._more.dry
             self._more.start()
+        net = self._settle(q, load, dry)
+        held = self._hold_by_stiction(net, dry)
+        self._integral[:] = -net[c.motor] - np.sum(self._slip_force[:, :-1], axis=1)
+        link = q + np.where(c.torsion >= 0, self._sign * self._qpos[c.torsion], 0.0)
+        self._slip_angle[:, 0], self._slip_angle[:, 1] = link, q
+        if qd is not None:
+            self._qvel[c.motor] = as_float("qd", qd, (6,))
+        if self._more is not None:
+            held[~self._more.replaced] = 0.0
+            self._integral -= held
+            self._more.rest(self._qpos, held)
+        self.drive_torque[:] = self._integral
+        self.time_s = 0.0
+        self.load[:], self.q_ref[:] = load, q
+        self._speed_before[:] = self._qvel
+        mujoco.mj_step1(self._model, self._data)
+
+    def _settle(self, q: Float, load: Float, dry: Float) -> Float:
+        """Move the elastic coordinates into equilibrium with the load; the forces on all coordinates there.
+
+        ``dry``: (6,) N m of dry friction, which holds a lightly loaded link afloat within its play.
+
+        Raises:
+            SimulationError: No equilibrium is found.
+        """
+        c, d = self.coordinates, self._data
+        band, floating = np.zeros(len(c.kind)), np.ones(len(c.kind))
+        sprung = np.flatnonzero(c.torsion >= 0)
+        band[c.torsion[sprung]] = self._band[sprung]
         floating[c.torsion[sprung]] = np.clip(0.5 * dry, 1e-6, _FLOAT_NM)[sprung]
         soft = self._elastic
         applied: Float = np.zeros(len(c.kind))
@@ -206,39 +232,26 @@ class Plant:
                 break
             self._qpos[soft] = target
             if change < _SETTLED:
-                break
-        else:
-            change = np.inf
-        if not change < _SETTLED:
-            raise SimulationError(
-                "the elastic chain finds no static equilibrium",
-                value=f"joints {np.round(np.degrees(q), 3).tolist()} deg",
-                hint="Check masses and compliances of the truth",
-            )
+                return net
+        raise SimulationError(
+            "the elastic chain finds no static equilibrium",
+            value=f"joints {np.round(np.degrees(q), 3).tolist()} deg",
+            hint="Check masses and compliances of the truth",
+        )
+
+    def _hold_by_stiction(self, net: Float, dry: Float) -> Float:
+        """Set the slip elements to hold what the play leaves unsupported; (6,) N m that other friction holds."""
         self._slip_force[:] = 0.0
         held: Float = np.zeros(6)
-        for i in sprung:
-            t = c.torsion[i]
+        for i in np.flatnonzero(self.coordinates.torsion >= 0):
+            t = self.coordinates.torsion[i]
             spring = play_torque(self._qpos[t], self._torsion_stiffness[i], self._band[i])
             if self._more is not None:
                 spring = self._more.spring(int(i), self._qpos[t], spring)
-            if dry[i] > 0.0:  # what the play leaves unsupported is held by stiction
+            if dry[i] > 0.0:
                 self._slip_force[i, :-1] = -self._sign[i] * (net[t] + spring) * self._slip_limit[i, :-1] / dry[i]
                 held[i] = -self._sign[i] * (net[t] + spring) - np.sum(self._slip_force[i, :-1])
-        self._integral[:] = -net[c.motor] - np.sum(self._slip_force[:, :-1], axis=1)
-        link = q + np.where(c.torsion >= 0, self._sign * self._qpos[c.torsion], 0.0)
-        self._slip_angle[:, 0], self._slip_angle[:, 1] = link, q
-        if qd is not None:
-            self._qvel[c.motor] = as_float("qd", qd, (6,))
-        if self._more is not None:
-            held[~self._more.replaced] = 0.0
-            self._integral -= held
-            self._more.rest(self._qpos, held)
-        self.drive_torque[:] = self._integral
-        self.time_s = 0.0
-        self.load[:], self.q_ref[:] = load, q
-        self._speed_before[:] = self._qvel
-        mujoco.mj_step1(self._model, d)
+        return held
 
     def step(self, q_ref: Float, qd_ref: Float, w_tcp_base: Float) -> None:
         """Advance one step; afterwards the kinematics belong to the new time.

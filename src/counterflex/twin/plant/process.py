@@ -16,16 +16,7 @@ from counterflex.core.errors import InputError, SimulationError
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.twin.plant.chip import (
-    ANGLES,
-    CORNER_SLICES,
-    END_RINGS,
-    HISTORY,
-    OK,
-    SHANK,
-    coupled_wrench,
-    cut,
-)
+from counterflex.twin.plant.chip import ANGLES, CORNER_SLICES, END_RINGS, HISTORY, OK, SHANK, coupled_wrench, cut
 from counterflex.twin.truth.other import ToolOff
 from counterflex.twin.truth.truth import CuttingTruth
 

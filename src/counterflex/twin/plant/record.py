@@ -22,48 +22,31 @@ class Record(Run):
     Stretches through air that were skipped leave gaps in ``time_s``. Forces are means over the cycle that begins at
     the row, on the tool, about the tool tip. Positions, tilt and forces are in the frame of the part as it truly lies,
     set-points in the controller's part frame.
-
-    Attributes:
-        row: (n,) row of the tool path being run.
-        engaged: (n,) whether the tool removes material.
-        q_ref: (n, 6) rad.
-        stock: The as-machined height map in the part frame; of a tool that turned the highest material of each column.
-        T_base_part: (4, 4) where the part truly lies.
-        datum_residual_m: (k, 3) m, what the rigid fit to the touched datum points leaves, base axes; (0, 3) when the
-            part frame was not touched.
-        columns: The part as a tool that turned has left it; None of one along z of the part.
     """
 
-    row: Int
-    engaged: Bool
-    q_ref: Float
+    row: Int  # (n,) row of the tool path being run
+    engaged: Bool  # (n,) whether the tool removes material
+    q_ref: Float  # (n, 6) rad
+    # the as-machined height map in the part frame; of a tool that turned the highest material of each column
     stock: HeightMap
-    T_base_part: Float
+    T_base_part: Float  # (4, 4) where the part truly lies
+    # (k, 3) m, what the rigid fit to the touched datum points leaves, base axes; (0, 3) when the part frame was not
+    # touched
     datum_residual_m: Float
-    columns: ColumnMaterial | None = None
+    columns: ColumnMaterial | None = None  # the part as a tool that turned has left it; None of one along z of the part
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedCycles:
-    """Cycles of the controller that were simulated; m rows.
+    """Cycles of the controller that were simulated; m rows."""
 
-    Attributes:
-        k: (m,) number of the cycle.
-        time_s: (m,) controller time.
-        p_base_tcp: (m, 3) m, tool tip.
-        R_base_tcp: (m, 3, 3).
-        q_ref: (m, 6) rad.
-        q_motor: (m, 6) rad.
-        sums: (m, 9) of the process over the cycle, see :class:`counterflex.twin.plant.process.Process`.
-    """
-
-    k: Int
-    time_s: Float
-    p_base_tcp: Float
-    R_base_tcp: Float
-    q_ref: Float
-    q_motor: Float
-    sums: Float
+    k: Int  # (m,) number of the cycle
+    time_s: Float  # (m,) controller time
+    p_base_tcp: Float  # (m, 3) m, tool tip
+    R_base_tcp: Float  # (m, 3, 3)
+    q_ref: Float  # (m, 6) rad
+    q_motor: Float  # (m, 6) rad
+    sums: Float  # (m, 9) of the process over the cycle, see Process
 
 
 def record_of(

@@ -25,28 +25,18 @@ from counterflex.twin.truth.truth import Truth
 
 @dataclass(frozen=True, eq=False)
 class Hose:
-    """A hose between two bodies.
+    """A hose between two bodies."""
 
-    Attributes:
-        p_arm_clamp: (3,) m, clamp on the forearm, in that body's frame.
-        p_tool_clamp: (3,) m, clamp on the tool side, in that body's frame.
-        tool_exit: (3,) unit vector in which the hose leaves the tool clamp, same frame.
-        mass_kg: Of the hose.
-        slack_m: Chord up to which it does not pull.
-        pull_n_m: Stiffness beyond that.
-        bending_nm: Moment at a right angle between exit and chord.
-    """
-
-    p_arm_clamp: Float
-    p_tool_clamp: Float
-    tool_exit: Float
-    mass_kg: float = 2.5
-    slack_m: float = 0.55
-    pull_n_m: float = 45.0
-    bending_nm: float = 4.0
+    p_arm_clamp: Float  # (3,) m, clamp on the forearm, in that body's frame
+    p_tool_clamp: Float  # (3,) m, clamp on the tool side, in that body's frame
+    tool_exit: Float  # (3,) unit vector in which the hose leaves the tool clamp, same frame
+    mass_kg: float = 2.5  # of the hose
+    slack_m: float = 0.55  # chord up to which it does not pull
+    pull_n_m: float = 45.0  # stiffness beyond that
+    bending_nm: float = 4.0  # moment at a right angle between exit and chord
 
     def on_tool(self, T_base_arm: Float, T_base_tool: Float, gravity_base: Float) -> tuple[Float, Float]:
-        """What it does to the tool side.
+        """Forces on the tool side.
 
         Args:
             T_base_arm: (4, 4) forearm.

@@ -27,29 +27,17 @@ _KAPPA = 5.0 / 6.0
 
 @dataclass(frozen=True)
 class HolderShape:
-    """The holder as it was made; frame: z along the cheeks to the spindle, x through both, y across.
+    """The holder as it was made; frame: z along the cheeks to the spindle, x through both, y across."""
 
-    Attributes:
-        length_m: Of the cheeks.
-        distance_m: Between their middles.
-        thickness_m: Of each cheek, at -x and +x.
-        width_m: At the clamped end and at the ring.
-        notch_z_m: Stations of notches, in both cheeks.
-        notch_share: Width that a notch leaves.
-        notch_m: Length of a notch along z.
-        base_m: Height of the base plate's section (its depth along z).
-        ring_m: Height of the ring's section.
-    """
-
-    length_m: float = 0.18
-    distance_m: float = 0.16
-    thickness_m: tuple[float, float] = (0.0153, 0.0148)
-    width_m: tuple[float, float] = (0.124, 0.112)
-    notch_z_m: tuple[float, ...] = (0.045, 0.09, 0.135)
-    notch_share: float = 0.9
-    notch_m: float = 0.006
-    base_m: float = 0.06
-    ring_m: float = 0.05
+    length_m: float = 0.18  # of the cheeks
+    distance_m: float = 0.16  # between their middles
+    thickness_m: tuple[float, float] = (0.0153, 0.0148)  # of each cheek, at -x and +x
+    width_m: tuple[float, float] = (0.124, 0.112)  # at the clamped end and at the ring
+    notch_z_m: tuple[float, ...] = (0.045, 0.09, 0.135)  # stations of notches, in both cheeks
+    notch_share: float = 0.9  # width that a notch leaves
+    notch_m: float = 0.006  # length of a notch along z
+    base_m: float = 0.06  # height of the base plate's section (its depth along z)
+    ring_m: float = 0.05  # height of the ring's section
     e_pa: float = 206e9
     poisson_ratio: float = 0.29
 
@@ -89,21 +77,15 @@ def _element(length: float, section: tuple[float, float, float, float], e: float
 
 @dataclass(frozen=True, eq=False)
 class StrainFrame:
-    """The frame, solved for unit loads.
-
-    Attributes:
-        stations_m: (n + 1,) z of the nodes of a cheek.
-        sections: (2, n) sections of the elements, as tuples.
-        end_forces: (2, n, 6, 6) force and moment on the upper end of each cheek element, holder axes, per unit load
-            (last axis) about the holder's origin.
-        compliance: (6, 6) m/N ... of the ring's middle about the holder's origin.
-    """
+    """The frame, solved for unit loads."""
 
     shape: HolderShape
-    stations_m: Float
-    sections: tuple[tuple[tuple[float, float, float, float], ...], ...]
+    stations_m: Float  # (n + 1,) z of the nodes of a cheek
+    sections: tuple[tuple[tuple[float, float, float, float], ...], ...]  # (2, n) sections of the elements, as tuples
+    # (2, n, 6, 6) force and moment on the upper end of each cheek element, holder axes, per unit load (last axis) about
+    # the holder's origin
     end_forces: Float
-    compliance: Float
+    compliance: Float  # (6, 6) m/N ... of the ring's middle about the holder's origin
 
     def strain(self, p_holder_gauge: Float, angle_rad: float) -> Float:
         """Strain per unit load along a direction in the surface.
@@ -146,6 +128,12 @@ class StrainFrame:
         return out
 
 
+def _add(K: Float, a: int, b: int, k: Float) -> None:
+    """Add an element between nodes ``a`` and ``b`` to the stiffness of the frame."""
+    places = np.r_[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]
+    K[np.ix_(places, places)] += k
+
+
 def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
     s = shape
@@ -157,11 +145,6 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     K = np.zeros((6 * count, 6 * count))
     sections: list[list[tuple[float, float, float, float]]] = [[], []]
     stiffness: list[list[Float]] = [[], []]
-
-    def add(a: int, b: int, k: Float) -> None:
-        places = np.r_[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]
-        K[np.ix_(places, places)] += k
-
     for side in range(2):
         for e in range(n):
             middle = 0.5 * (z[e] + z[e + 1])
@@ -172,7 +155,7 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
             k = _element(float(z[e + 1] - z[e]), section, s.e_pa, s.poisson_ratio)
             sections[side].append(section)
             stiffness[side].append(k)
-            add(side * (n + 1) + e, side * (n + 1) + e + 1, k)
+            _add(K, side * (n + 1) + e, side * (n + 1) + e + 1, k)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # local z along the holder's x
     T = np.kron(np.eye(4), turn)
     for middle, height, at in ((base, s.base_m, 0), (ring, s.ring_m, n)):
@@ -180,7 +163,7 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
             k = _element(0.5 * s.distance_m, _rectangle(height, s.width_m[0]), s.e_pa, s.poisson_ratio)
             cheek = side * (n + 1) + at
             ends = (cheek, middle) if side == 0 else (middle, cheek)
-            add(*ends, T @ k @ T.T)
+            _add(K, *ends, T @ k @ T.T)
     load = np.zeros((6 * count, 6))
     at_ring = np.eye(6)
     at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))
@@ -215,18 +198,12 @@ PAPER_TCP_M = (0.07, 0.0, 0.42)
 
 @dataclass(frozen=True, eq=False)
 class InstrumentedHolder:
-    """A holder as it truly is.
-
-    Attributes:
-        sensitivity: (n, 6) 1/N, 1/(N m): what the bridges truly show per load about the holder's origin.
-        zero: (n,) strain shown with no load.
-        per_kelvin: (n,) 1/K.
-    """
+    """A holder as it truly is."""
 
     frame: StrainFrame
-    sensitivity: Float
-    zero: Float
-    per_kelvin: Float
+    sensitivity: Float  # (n, 6) 1/N, 1/(N m): what the bridges truly show per load about the holder's origin
+    zero: Float  # (n,) strain shown with no load
+    per_kelvin: Float  # (n,) 1/K
 
     def still(self, force: Float, p_holder_load: Float) -> Float:
         """(m, n) strain without hysteresis, noise and temperature of forces (m, 3) N at points (m, 3) m."""

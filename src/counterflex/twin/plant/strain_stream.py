@@ -14,17 +14,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, wrench
+from counterflex.twin.plant import strain_holder
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.plant.slow_changes import hose_of
-from counterflex.twin.plant.strain_holder import (
-    HYSTERESIS_AT,
-    HYSTERESIS_SHARE,
-    NOISE,
-    REFERENCE_C,
-    SAMPLE_S,
-    WANDER,
-    InstrumentedHolder,
-)
 
 WARM_K, WARM_S = 3.0, 900.0
 """How much the holder warms up from the begin of a run on, and over which time: a spindle at work."""
@@ -42,11 +34,11 @@ class StrainStream:
 
     def __init__(
         self,
-        holder: InstrumentedHolder,
+        holder: strain_holder.InstrumentedHolder,
         segment: str,
         plant: Plant,
         rng: np.random.Generator,
-        step_s: float = SAMPLE_S,
+        step_s: float = strain_holder.SAMPLE_S,
         warm_k: float = WARM_K,
     ) -> None:
         names = [body.name for body in plant.truth.bodies]
@@ -55,8 +47,8 @@ class StrainStream:
         self._holder, self._segment, self._plant, self._rng = holder, segment, plant, rng
         self._carried, self._step_s, self._warm_k = names[names.index(segment) + 1], step_s, warm_k
         n = len(holder.zero)
-        self._limit: Float = np.array(HYSTERESIS_AT)[:, None]
-        self._slip: Float = np.zeros((len(HYSTERESIS_AT), n))
+        self._limit: Float = np.array(strain_holder.HYSTERESIS_AT)[:, None]
+        self._slip: Float = np.zeros((len(strain_holder.HYSTERESIS_AT), n))
         self._before: Float = np.zeros(n)
         self._wander: Float = np.zeros(n)
 
@@ -83,7 +75,11 @@ class StrainStream:
         self._slip = np.clip(self._slip + still - self._before, -self._limit, self._limit)
         self._before = still
         warmer = self._warm_k * -math.expm1(-time_s / WARM_S)
-        self._wander += WANDER * math.sqrt(self._step_s) * rng.standard_normal(len(still))
-        noise = NOISE * math.sqrt(SAMPLE_S / self._step_s) * rng.standard_normal(len(still))
-        strain = still + HYSTERESIS_SHARE * self._slip.sum(axis=0) + holder.zero + warmer * holder.per_kelvin
-        return strain + self._wander + noise, REFERENCE_C + warmer + THERMOMETER_K * float(rng.standard_normal())
+        self._wander += strain_holder.WANDER * math.sqrt(self._step_s) * rng.standard_normal(len(still))
+        noise = strain_holder.NOISE * math.sqrt(strain_holder.SAMPLE_S / self._step_s) * rng.standard_normal(len(still))
+        strain = (
+            still + strain_holder.HYSTERESIS_SHARE * self._slip.sum(axis=0) + holder.zero + warmer * holder.per_kelvin
+        )
+        return strain + self._wander + noise, strain_holder.REFERENCE_C + warmer + THERMOMETER_K * float(
+            rng.standard_normal()
+        )

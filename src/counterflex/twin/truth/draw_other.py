@@ -10,6 +10,7 @@ import itertools
 import math
 import random
 from dataclasses import replace
+from functools import partial
 from statistics import NormalDist
 from typing import Final
 
@@ -17,17 +18,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, N_PER_MM, UM
+from counterflex.twin.truth import other as kinds
 from counterflex.twin.truth.family import Family
-from counterflex.twin.truth.other import (
-    BristleFriction,
-    ControllerKind,
-    Coupling,
-    GearCurve,
-    HosePack,
-    OtherPhysics,
-    Thermal,
-    ToolOff,
-)
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
 # Numbers drawn from a seed, the same on every machine.
@@ -116,16 +108,17 @@ def other_cutting(cutting: CuttingTruth, seed: int, family: Family) -> CuttingTr
     )
 
 
+def _is_there(seed: int, kind: str) -> bool:
+    return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
+
+
 def other_cell(truth: Truth, seed: int, family: Family) -> Truth:
     """A truth with the kinds that its seed has; the same where the family has none."""
     if not family.other:
         return truth
-
-    def there(kind: str) -> bool:
-        return happens(seed, f"other.{kind}", SHARE_OF_KINDS)
-
+    there = partial(_is_there, seed)
     bodies = _with_bearings(truth.bodies, seed) if there("couplings") else truth.bodies
-    other = OtherPhysics(
+    other = kinds.OtherPhysics(
         gears=_gears(bodies, seed) if there("gears") else (),
         frictions=_frictions(truth, seed) if there("frictions") else (),
         couplings=_couplings(bodies, seed) if there("couplings") else (),
@@ -153,7 +146,7 @@ def _sprung(bodies: tuple[Body, ...]) -> list[tuple[int, Body]]:
     return [(b.joint, b) for b in bodies if b.joint is not None and b.compliance[5] > 0.0]
 
 
-def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[GearCurve, ...]:
+def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[kinds.GearCurve, ...]:
     """Cycloidal gears (a small soft zone, more hysteresis) or strain wave gears, axis by axis.
 
     Strain wave gears have K1 / K2 of 0.6 to 0.8 up to about a sixth of the rated torque and K3 / K2 of 1.1 to 1.3.
@@ -167,7 +160,7 @@ def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[GearCurve, ...]:
         else:
             knots, first, third = (0.16, 0.6), (0.60, 0.80), (1.10, 1.30)
         out.append(
-            GearCurve(
+            kinds.GearCurve(
                 axis=axis,
                 torque_nm=(knots[0] * rated, knots[1] * rated),
                 share=(between(seed, f"{name}.first", *first), 1.0, between(seed, f"{name}.third", *third)),
@@ -179,7 +172,7 @@ def _gears(bodies: tuple[Body, ...], seed: int) -> tuple[GearCurve, ...]:
     return tuple(out)
 
 
-def _frictions(truth: Truth, seed: int) -> tuple[BristleFriction, ...]:
+def _frictions(truth: Truth, seed: int) -> tuple[kinds.BristleFriction, ...]:
     """Bristles in place of slip elements, as strong as these together.
 
     Bittencourt and Gunnarsson 2012 (at the motor, torque over the largest one): dry friction of 0.03 that doubles at
@@ -194,7 +187,7 @@ def _frictions(truth: Truth, seed: int) -> tuple[BristleFriction, ...]:
         name = f"other.axis{axis + 1}.bristles"
         slip = float(np.dot(truth.drives[axis].link_slip_rad, truth.drives[axis].link_friction_nm)) / dry
         out.append(
-            BristleFriction(
+            kinds.BristleFriction(
                 axis=axis,
                 coulomb_nm=dry,
                 stiction_share=between(seed, f"{name}.stiction", 1.05, 1.35),
@@ -226,7 +219,7 @@ def _with_bearings(bodies: tuple[Body, ...], seed: int) -> tuple[Body, ...]:
     return tuple(out)
 
 
-def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[Coupling, ...]:
+def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[kinds.Coupling, ...]:
     """Between rotations of a body, between those of neighbours, and of each with the posture; gears' torsions none."""
     turning = [
         (body, [d for d in (3, 4, 5) if body.compliance[d] > 0.0 and (body.joint is None or d < 5)])
@@ -237,21 +230,21 @@ def _couplings(bodies: tuple[Body, ...], seed: int) -> tuple[Coupling, ...]:
     for (body, directions), axis in zip(turning, axes, strict=True):
         for first, second in itertools.combinations(directions, 2):
             share = between(seed, f"other.{body.name}.{first}{second}", -0.20, 0.20)
-            out.append(Coupling((body.name, body.name), (first, second), share))
+            out.append(kinds.Coupling((body.name, body.name), (first, second), share))
         for d in directions:
             name = f"other.{body.name}.posture.{d}"
             share, phase = between(seed, name, -0.15, 0.15), between(seed, f"{name}.phase", -math.pi, math.pi)
-            out.append(Coupling((body.name, body.name), (d, d), share, min(axis + 1, 5), phase))
+            out.append(kinds.Coupling((body.name, body.name), (d, d), share, min(axis + 1, 5), phase))
     for ((body, directions), (other, others)), axis in zip(itertools.pairwise(turning), axes[1:], strict=True):
         for d in sorted(set(directions) & set(others)):
             share = between(seed, f"other.{body.name}.{other.name}.{d}", -0.15, 0.15)
-            out.append(Coupling((body.name, other.name), (d, d), share, axis, 0.0))
+            out.append(kinds.Coupling((body.name, other.name), (d, d), share, axis, 0.0))
     return tuple(out)
 
 
-def _controller(seed: int) -> ControllerKind:
+def _controller(seed: int) -> kinds.ControllerKind:
     """Rounding begins elsewhere, references are smoothed over 8 to 48 ms, corrections wait up to 2 cycles more."""
-    return ControllerKind(
+    return kinds.ControllerKind(
         blending_share=between(seed, "other.blending", 0.6, 1.8),
         smoothing_s=between(seed, "other.smoothing", 8.0e-3, 48.0e-3),
         dead_cycles=int(between(seed, "other.dead", 0.0, 2.999)),
@@ -266,10 +259,10 @@ def _trailing(drive: Drive, seed: int, axis: int) -> Drive:
     return replace(drive, following_gain_per_s=drive.position_gain_per_s / missing)
 
 
-def _thermal(seed: int) -> Thermal:
+def _thermal(seed: int) -> kinds.Thermal:
     """A spindle that grows by 20 to 80 um and an arm that drifts by 40 um (1 sigma) in each direction."""
     x, y, z = (float(v) for v in vector(seed, "other.drift", 40.0 * UM))
-    return Thermal(
+    return kinds.Thermal(
         before_s=between(seed, "other.before", 300.0, 1800.0),
         spindle_m=between(seed, "other.growth", 20.0 * UM, 80.0 * UM),
         spindle_s=between(seed, "other.growth.time", 500.0, 1200.0),
@@ -278,13 +271,13 @@ def _thermal(seed: int) -> Thermal:
     )
 
 
-def _hose(bodies: tuple[Body, ...], seed: int) -> HosePack | None:
+def _hose(bodies: tuple[Body, ...], seed: int) -> kinds.HosePack | None:
     """Power, coolant and air of a spindle: some kg, held back by a spring of some tens of N."""
     arm = next((body.name for body in bodies[:-1] if body.joint == 3), None)
     if arm is None:
         return None
     far, near = (vector(seed, f"other.hose.{end}", 30.0 * MM) for end in ("arm", "tool"))
-    return HosePack(
+    return kinds.HosePack(
         arm_body=arm,
         p_arm_clamp=(0.15 + far[0], 0.05 + far[1], 0.10 + far[2]),
         p_tool_clamp=(0.05 + near[0], near[1], 0.12 + near[2]),
@@ -295,9 +288,9 @@ def _hose(bodies: tuple[Body, ...], seed: int) -> HosePack | None:
     )
 
 
-def _tool(seed: int, number: int) -> ToolOff:
+def _tool(seed: int, number: int) -> kinds.ToolOff:
     """Length as a presetter leaves it, diameter in the tolerance field h10 of 10 to 18 mm (ISO 286: 0 to -70 um)."""
-    return ToolOff(
+    return kinds.ToolOff(
         number=number,
         length_m=15.0 * UM * draw(seed, f"other.tool{number}.length"),
         diameter_m=-between(seed, f"other.tool{number}.diameter", 0.0, 70.0 * UM),

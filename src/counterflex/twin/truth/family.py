@@ -24,37 +24,21 @@ REPORTING_SEEDS: Final = range(1001, 1021)
 
 @dataclass(frozen=True)
 class Family:
-    """Standard deviations of a family; those of factors are of the factor's logarithm, so 0.1 is 10 %.
+    """Standard deviations of a family; those of factors are of the factor's logarithm, so 0.1 is 10 %."""
 
-    Attributes:
-        name: As ``--family`` and the truth file call it.
-        compliance_sigma: Of each elastic element, all its entries together.
-        compliance_common_sigma: Of all elements together.
-        region_sigma: Of what a region of the joint space changes of a compliance.
-        force_common_sigma: Of all force constants together.
-        force_each_sigma: Of cutting, radial and axial constants separately.
-        friction_sigma: Of the dry friction of each axis.
-        play_sigma: Of the dead band of each axis.
-        slip_sigma: Of the angles over which friction reverses.
-        servo_sigma: Of the gain of each speed loop.
-        loop_sigma: Of position gain and integral time of each axis.
-        mass_sigma: Of each body, its inertia with it.
-        other: Whether there are other kinds of physics.
-    """
-
-    name: str
-    compliance_sigma: float
-    compliance_common_sigma: float
-    region_sigma: float
-    force_common_sigma: float
-    force_each_sigma: float
-    friction_sigma: float
-    play_sigma: float
-    slip_sigma: float
-    servo_sigma: float
-    loop_sigma: float
-    mass_sigma: float
-    other: bool = False
+    name: str  # as ``--family`` and the truth file call it
+    compliance_sigma: float  # of each elastic element, all its entries together
+    compliance_common_sigma: float  # of all elements together
+    region_sigma: float  # of what a region of the joint space changes of a compliance
+    force_common_sigma: float  # of all force constants together
+    force_each_sigma: float  # of cutting, radial and axial constants separately
+    friction_sigma: float  # of the dry friction of each axis
+    play_sigma: float  # of the dead band of each axis
+    slip_sigma: float  # of the angles over which friction reverses
+    servo_sigma: float  # of the gain of each speed loop
+    loop_sigma: float  # of position gain and integral time of each axis
+    mass_sigma: float  # of each body, its inertia with it
+    other: bool = False  # whether there are other kinds of physics
 
 
 MILD: Final = Family(

@@ -17,11 +17,51 @@ from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
 from counterflex.twin.truth.family import MILD, family_of
 from counterflex.twin.truth.other_file import other_from, other_to_dict
-from counterflex.twin.truth.table import DIRECTIONS, Table, closed, in_unit, pose_to
+from counterflex.twin.truth.table import (
+    DIRECTIONS,
+    Table,
+    TableKey,
+    closed,
+    from_table,
+    in_unit,
+    optional,
+    pose_to,
+    to_table,
+)
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
+_CUTTING: Final = (
+    TableKey("k11_n_mm2", "k_pa", N_PER_MM2, numbers=3),
+    TableKey("h_ref_mm", "h_ref_m", MM),
+    TableKey("exponent", "exponent", numbers=3),
+    TableKey("edge_n_mm", "edge_n_m", N_PER_MM, numbers=3),
+    TableKey("edge_onset_um", "edge_onset_m", UM),
+    TableKey("runout_um", "runout_m", UM),
+)
+_BALANCE: Final = (
+    TableKey("axis", "joint", "joint"),
+    TableKey("anchor_column_mm", "anchor_column_m", MM),
+    TableKey("anchor_arm_mm", "anchor_arm_m", MM),
+    TableKey("angle_of_least_force_deg", "q_min_force_rad", DEG),
+    TableKey("piston_area_mm2", "piston_area_m2", MM**2),
+    TableKey("gas_constant_j", "gas_constant_j"),
+    TableKey("gas_volume_max_mm3", "gas_volume_max_m3", MM**3),
+)
+_DRIVE: Final = (
+    TableKey("rotor_inertia_kg_m2", "rotor_inertia_kg_m2"),
+    TableKey("servo_inertia_kg_m2", "servo_inertia_kg_m2"),
+    TableKey("speed_bandwidth_per_s", "speed_bandwidth_per_s"),
+    TableKey("position_gain_per_s", "position_gain_per_s"),
+    TableKey("integral_time_ms", "integral_time_s", MS),
+    TableKey("dead_band_half_urad", "dead_band_rad", URAD),
+    TableKey("motor_friction_nm", "motor_friction_nm"),
+    TableKey("motor_slip_urad", "motor_slip_rad", URAD),
+    TableKey("link_friction_nm", "link_friction_nm", numbers=3),
+    TableKey("link_slip_urad", "link_slip_rad", URAD, numbers=3),
+    TableKey("following_gain_per_s", "following_gain_per_s", optional=True),
+)
 
 _HINT: Final = "counterflex truth writes one"
 
@@ -34,26 +74,9 @@ def to_dict(truth: Truth) -> dict[str, Any]:
     out["stock_top_offset_mm"] = truth.stock_top_offset_m / MM
     out["gravity_base_m_s2"] = in_unit(truth.gravity_base, 1.0)
     out["tcp"] = pose_to(truth.T_last_tcp)
-    c = truth.cutting
-    out["cutting"] = {
-        "k11_n_mm2": in_unit(c.k_pa, N_PER_MM2),
-        "h_ref_mm": c.h_ref_m / MM,
-        "exponent": list(c.exponent),
-        "edge_n_mm": in_unit(c.edge_n_m, N_PER_MM),
-        "edge_onset_um": c.edge_onset_m / UM,
-        "runout_um": c.runout_m / UM,
-    }
+    out["cutting"] = to_table(truth.cutting, _CUTTING)
     if truth.counterbalance is not None:
-        b = truth.counterbalance
-        out["counterbalance"] = {
-            "axis": b.joint + 1,
-            "anchor_column_mm": b.anchor_column_m / MM,
-            "anchor_arm_mm": b.anchor_arm_m / MM,
-            "angle_of_least_force_deg": b.q_min_force_rad / DEG,
-            "piston_area_mm2": b.piston_area_m2 / MM**2,
-            "gas_constant_j": b.gas_constant_j,
-            "gas_volume_max_mm3": b.gas_volume_max_m3 / MM**3,
-        }
+        out["counterbalance"] = to_table(truth.counterbalance, _BALANCE)
     if truth.sensor is not None:
         out["sensor"] = {"segment": truth.sensor.segment, **pose_to(truth.sensor.T_seg_sensor)}
     if truth.regions:
@@ -67,22 +90,7 @@ def to_dict(truth: Truth) -> dict[str, Any]:
             }
             for r in truth.regions
         ]
-    out["drives"] = [
-        {
-            "rotor_inertia_kg_m2": d.rotor_inertia_kg_m2,
-            "servo_inertia_kg_m2": d.servo_inertia_kg_m2,
-            "speed_bandwidth_per_s": d.speed_bandwidth_per_s,
-            "position_gain_per_s": d.position_gain_per_s,
-            "integral_time_ms": d.integral_time_s / MS,
-            "dead_band_half_urad": d.dead_band_rad / URAD,
-            "motor_friction_nm": d.motor_friction_nm,
-            "motor_slip_urad": d.motor_slip_rad / URAD,
-            "link_friction_nm": list(d.link_friction_nm),
-            "link_slip_urad": in_unit(d.link_slip_rad, URAD),
-            **({} if d.following_gain_per_s is None else {"following_gain_per_s": d.following_gain_per_s}),
-        }
-        for d in truth.drives
-    ]
+    out["drives"] = [to_table(drive, _DRIVE) for drive in truth.drives]
     out |= other_to_dict(truth.other)
     out["bodies"] = [_body_to(body) for body in truth.bodies]
     return out
@@ -144,15 +152,11 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
             T_last_tcp=closed(tcp, Table.pose),
-            cutting=closed(cutting, _cutting_from),
-            counterbalance=closed(Table(top.raw("counterbalance"), f"{where}: counterbalance"), _balance_from)
-            if "counterbalance" in top
-            else None,
+            cutting=from_table(cutting, CuttingTruth, _CUTTING),
+            counterbalance=optional(top, "counterbalance", Counterbalance, _BALANCE),
             sensor=closed(Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from) if "sensor" in top else None,
-            drives=tuple(closed(row, _drive_from) for row in drives),
-            regions=tuple(closed(row, _region_from) for row in top.rows("elastic_regions"))
-            if "elastic_regions" in top
-            else (),
+            drives=tuple(from_table(row, Drive, _DRIVE) for row in drives),
+            regions=tuple(closed(row, _region_from) for row in top.rows("elastic_regions", ())),
             other=other_from(top),
             bodies=tuple(closed(row, _body_from) for row in bodies),
         )
@@ -162,33 +166,6 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
         raise FileFormatError(str(fault), where=where) from fault
     top.close()
     return truth
-
-
-def _three(values: tuple[float, ...]) -> tuple[float, float, float]:
-    return values[0], values[1], values[2]
-
-
-def _cutting_from(t: Table) -> CuttingTruth:
-    return CuttingTruth(
-        k_pa=_three(t.numbers("k11_n_mm2", 3, N_PER_MM2)),
-        exponent=_three(t.numbers("exponent", 3)),
-        edge_n_m=_three(t.numbers("edge_n_mm", 3, N_PER_MM)),
-        edge_onset_m=t.number("edge_onset_um", UM),
-        runout_m=t.number("runout_um", UM),
-        h_ref_m=t.number("h_ref_mm", MM),
-    )
-
-
-def _balance_from(t: Table) -> Counterbalance:
-    return Counterbalance(
-        joint=t.integer("axis") - 1,
-        anchor_column_m=t.number("anchor_column_mm", MM),
-        anchor_arm_m=t.number("anchor_arm_mm", MM),
-        q_min_force_rad=t.number("angle_of_least_force_deg", DEG),
-        piston_area_m2=t.number("piston_area_mm2", MM**2),
-        gas_constant_j=t.number("gas_constant_j"),
-        gas_volume_max_m3=t.number("gas_volume_max_mm3", MM**3),
-    )
 
 
 def _sensor_from(t: Table) -> SensorPlace:
@@ -209,22 +186,6 @@ def _region_from(t: Table) -> ElasticRegion:
         axis=t.axis(),
         angles_rad=Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
         factors=t.numbers("factors", count),
-    )
-
-
-def _drive_from(t: Table) -> Drive:
-    return Drive(
-        rotor_inertia_kg_m2=t.number("rotor_inertia_kg_m2"),
-        servo_inertia_kg_m2=t.number("servo_inertia_kg_m2"),
-        speed_bandwidth_per_s=t.number("speed_bandwidth_per_s"),
-        position_gain_per_s=t.number("position_gain_per_s"),
-        integral_time_s=t.number("integral_time_ms", MS),
-        dead_band_rad=t.number("dead_band_half_urad", URAD),
-        motor_friction_nm=t.number("motor_friction_nm"),
-        motor_slip_rad=t.number("motor_slip_urad", URAD),
-        link_friction_nm=t.numbers("link_friction_nm", 3),
-        link_slip_rad=t.numbers("link_slip_urad", 3, URAD),
-        following_gain_per_s=t.number("following_gain_per_s") if "following_gain_per_s" in t else None,
     )
 
 

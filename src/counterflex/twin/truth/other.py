@@ -22,22 +22,14 @@ class GearCurve:
     The form is that of the data sheets of strain wave gears (Harmonic Drive, engineering data: K1 up to T1, K2 up to
     T2, K3 beyond) and, with a small ``torque_1``, of cycloidal gears (Nabtesco RV, rating table: lost motion at 3 % of
     the rated torque, hysteresis loss, stiffness between half and full rated torque).
-
-    Attributes:
-        axis: 0..5.
-        torque_nm: (2,) at which the slope changes.
-        share: (3,) of the axis' stiffness.
-        hysteresis_nm: Of the unloaded gear.
-        hysteresis_share: Of the load.
-        hysteresis_rad: Wind-up over which the unloaded hysteresis builds up.
     """
 
-    axis: int
-    torque_nm: tuple[float, float]
-    share: tuple[float, float, float]
-    hysteresis_nm: float
-    hysteresis_share: float
-    hysteresis_rad: float
+    axis: int  # 0..5
+    torque_nm: tuple[float, float]  # (2,) at which the slope changes
+    share: tuple[float, float, float]  # (3,) of the axis' stiffness
+    hysteresis_nm: float  # of the unloaded gear
+    hysteresis_share: float  # of the load
+    hysteresis_rad: float  # wind-up over which the unloaded hysteresis builds up
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -55,18 +47,13 @@ class GearCurve:
 
 @dataclass(frozen=True)
 class ControllerKind:
-    """Behaviour of the controller beside what it was told.
+    """Behaviour of the controller beside what it was told."""
 
-    Attributes:
-        blending_share: Distance at which it really begins to round a corner, over the one it was told.
-        smoothing_s: Length of the moving mean over its axis references (a filter of finite impulse response behind the
-            interpolation; Biagiotti and Melchiorri 2008, Trajectory Planning for Automatic Machines and Robots).
-        dead_cycles: Cycles more until a correction from outside is answered.
-    """
-
-    blending_share: float = 1.0
+    blending_share: float = 1.0  # distance at which it really begins to round a corner, over the one it was told
+    # length of the moving mean over its axis references (a filter of finite impulse response behind the interpolation;
+    # Biagiotti and Melchiorri 2008, Trajectory Planning for Automatic Machines and Robots)
     smoothing_s: float = 0.0
-    dead_cycles: int = 0
+    dead_cycles: int = 0  # cycles more until a correction from outside is answered
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -79,28 +66,17 @@ class BristleFriction:
     """Link-side friction of an axis with stiction, load and temperature, in place of its slip elements.
 
     The law and its sources: :mod:`counterflex.twin.plant.friction`.
-
-    Attributes:
-        axis: 0..5.
-        coulomb_nm: Fc of the warm, unloaded joint.
-        stiction_share: Friction at standstill over Fc, >= 1.
-        stribeck_rad_s: v_s, speed of the link over which stiction vanishes.
-        bristle_rad: Fc over the stiffness of the bristles.
-        viscous_nm_s: N m per rad/s.
-        load_nm: Torque of the gear that doubles the friction.
-        cold_share: How much higher it is when the joint is cold, share.
-        warming_s: Time constant of warming up.
     """
 
-    axis: int
-    coulomb_nm: float
-    stiction_share: float
-    stribeck_rad_s: float
-    bristle_rad: float
-    viscous_nm_s: float
-    load_nm: float
-    cold_share: float
-    warming_s: float
+    axis: int  # 0..5
+    coulomb_nm: float  # fc of the warm, unloaded joint
+    stiction_share: float  # friction at standstill over Fc, >= 1
+    stribeck_rad_s: float  # v_s, speed of the link over which stiction vanishes
+    bristle_rad: float  # fc over the stiffness of the bristles
+    viscous_nm_s: float  # N m per rad/s
+    load_nm: float  # torque of the gear that doubles the friction
+    cold_share: float  # how much higher it is when the joint is cold, share
+    warming_s: float  # time constant of warming up
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -121,20 +97,13 @@ class Coupling:
     The law: :mod:`counterflex.twin.plant.other_forces`. Links and bearings have full stiffness matrices (Klimchik,
     Pashkevich and Chablat 2013, CAD-based approach for identification of elasto-static parameters of robotic
     manipulators). The torsions of gears have play and take no part.
-
-    Attributes:
-        bodies: The two bodies; the same twice for one.
-        directions: (2,) 0..5 for ``tx ty tz rx ry rz``.
-        share: Of the root of the product of the two stiffnesses.
-        axis: 0..5 whose angle changes it, or None.
-        phase_rad: Angle of that axis at which it is strongest.
     """
 
-    bodies: tuple[str, str]
-    directions: tuple[int, int]
-    share: float
-    axis: int | None = None
-    phase_rad: float = 0.0
+    bodies: tuple[str, str]  # the two bodies; the same twice for one
+    directions: tuple[int, int]  # (2,) 0..5 for ``tx ty tz rx ry rz``
+    share: float  # of the root of the product of the two stiffnesses
+    axis: int | None = None  # 0..5 whose angle changes it, or None
+    phase_rad: float = 0.0  # angle of that axis at which it is strongest
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -147,20 +116,13 @@ class Thermal:
     """Growth of the spindle and drift of the arm since the part was touched, ``end (1 - exp(-t / tau))`` each.
 
     Drift of pose is what ISO 9283 tests; growth along the axis is what a warming motor spindle does.
-
-    Attributes:
-        before_s: Time between touching the part and the start of the program.
-        spindle_m: Growth along the tool in the end.
-        spindle_s: Its time constant.
-        arm_m: (3,) drift of the whole arm in the end, base axes.
-        arm_s: Its time constant.
     """
 
-    before_s: float
-    spindle_m: float
-    spindle_s: float
-    arm_m: tuple[float, float, float]
-    arm_s: float
+    before_s: float  # time between touching the part and the start of the program
+    spindle_m: float  # growth along the tool in the end
+    spindle_s: float  # its time constant
+    arm_m: tuple[float, float, float]  # (3,) drift of the whole arm in the end, base axes
+    arm_s: float  # its time constant
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -171,25 +133,15 @@ class Thermal:
 
 @dataclass(frozen=True)
 class HosePack:
-    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.slow_changes`.
+    """A hose pack that loads the arm while it works; the law: :mod:`counterflex.twin.plant.slow_changes`."""
 
-    Attributes:
-        arm_body: Body that holds its far clamp; the near one is on the last body.
-        p_arm_clamp: (3,) m, in that body.
-        p_tool_clamp: (3,) m, in the last body.
-        mass_kg: Of the hoses between the clamps.
-        slack_m: Chord beyond which it pulls.
-        pull_n_m: Stiffness beyond that.
-        bending_nm: Moment at a right angle between exit and chord.
-    """
-
-    arm_body: str
-    p_arm_clamp: tuple[float, float, float]
-    p_tool_clamp: tuple[float, float, float]
-    mass_kg: float
-    slack_m: float
-    pull_n_m: float
-    bending_nm: float
+    arm_body: str  # body that holds its far clamp; the near one is on the last body
+    p_arm_clamp: tuple[float, float, float]  # (3,) m, in that body
+    p_tool_clamp: tuple[float, float, float]  # (3,) m, in the last body
+    mass_kg: float  # of the hoses between the clamps
+    slack_m: float  # chord beyond which it pulls
+    pull_n_m: float  # stiffness beyond that
+    bending_nm: float  # moment at a right angle between exit and chord
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -199,40 +151,24 @@ class HosePack:
 
 @dataclass(frozen=True)
 class ToolOff:
-    """Difference of a tool from the tool table.
+    """Difference of a tool from the tool table."""
 
-    Attributes:
-        number: Of the tool.
-        length_m: Longer than the tool that touched the part, as far as the table does not know.
-        diameter_m: Thicker than stated.
-    """
-
-    number: int
-    length_m: float
-    diameter_m: float
+    number: int  # of the tool
+    length_m: float  # longer than the tool that touched the part, as far as the table does not know
+    diameter_m: float  # thicker than stated
 
 
 @dataclass(frozen=True)
 class OtherPhysics:
-    """All other kinds of a truth; the default has none.
+    """All other kinds of a truth; the default has none."""
 
-    Attributes:
-        gears: At most one for each axis; the others are straight.
-        frictions: At most one for each axis; the others have slip elements.
-        couplings: Any number, together less than the stiffness that they are added to.
-        controller: None: it does what it was told.
-        thermal: None: nothing grows.
-        hose: None: none.
-        tools: At most one for each number; the others are as stated.
-    """
-
-    gears: tuple[GearCurve, ...] = ()
-    frictions: tuple[BristleFriction, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
-    controller: ControllerKind | None = None
-    thermal: Thermal | None = None
+    gears: tuple[GearCurve, ...] = ()  # at most one for each axis; the others are straight
+    frictions: tuple[BristleFriction, ...] = ()  # at most one for each axis; the others have slip elements
+    couplings: tuple[Coupling, ...] = ()  # any number, together less than the stiffness that they are added to
+    controller: ControllerKind | None = None  # none: it does what it was told
+    thermal: Thermal | None = None  # none: nothing grows
     hose: HosePack | None = None
-    tools: tuple[ToolOff, ...] = ()
+    tools: tuple[ToolOff, ...] = ()  # at most one for each number; the others are as stated
 
     def __post_init__(self) -> None:
         """Check that nothing is there twice, and that the couplings leave every spring stiff."""
@@ -257,7 +193,7 @@ class OtherPhysics:
                 )
 
     def tool(self, number: int) -> ToolOff:
-        """How a tool is off; not at all where nothing is said of it."""
+        """Deviations of a tool; zero where nothing is said of it."""
         return next((tool for tool in self.tools if tool.number == number), ToolOff(number, 0.0, 0.0))
 
     def __bool__(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -84,9 +84,9 @@ class Table:
             raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
         return tuple(value)
 
-    def rows(self, key: str) -> list[Table]:
-        """A list of tables."""
-        value = self.raw(key)
+    def rows(self, key: str, without: tuple[Any, ...] | None = None) -> list[Table]:
+        """A list of tables; ``without``: what a missing key stands for, None: it must be there."""
+        value = list(without) if without is not None and key not in self else self.raw(key)
         if not isinstance(value, list):
             raise FileFormatError("not a list of tables", where=f"{self.where}: {key}")
         return [Table(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
@@ -110,7 +110,55 @@ class Table:
 
 
 def closed(table: Table, read: Callable[[Table], T]) -> T:
-    """What ``read`` makes of a table that has no more keys than that."""
+    """Read a table with ``read``, and refuse keys that are left."""
     out = read(table)
     table.close()
     return out
+
+
+class TableKey(NamedTuple):
+    """One key of a table, and the field of an object that it stands for."""
+
+    key: str
+    field: str
+    unit: float | str = 1.0  # of the number in the file, SI; or "axis" (1..6 for 0..5), "joint", "whole", "text"
+    numbers: int = 0  # how many in a list; 0: no list
+    optional: bool = False  # the key is missing where the field is None
+
+
+def to_table(thing: object, keys: tuple[TableKey, ...]) -> dict[str, Any]:
+    """Fields of an object as a table."""
+    return {k.key: _shown(getattr(thing, k.field), k) for k in keys if getattr(thing, k.field) is not None}
+
+
+def _shown(value: Any, key: TableKey) -> Any:
+    if isinstance(key.unit, str):
+        return value + 1 if key.unit in ("axis", "joint") else value
+    if key.unit == 1.0:
+        return list(value) if key.numbers else value
+    return in_unit(value, key.unit) if key.numbers else value / key.unit
+
+
+def from_table(table: Table, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T:
+    """An object of the fields that a table has keys for, which must be all of them that are not optional."""
+    fields = {k.field: _read(table, k) for k in keys if not k.optional or k.key in table}
+    return closed(table, lambda _: kind(**fields))
+
+
+def _read(table: Table, key: TableKey) -> Any:
+    match key.unit:
+        case "axis":
+            return table.axis()
+        case "joint":
+            return table.integer(key.key) - 1
+        case "whole":
+            return table.integer(key.key)
+        case "text":
+            return table.text(key.key)
+        case float() as unit:
+            return table.numbers(key.key, key.numbers, unit) if key.numbers else table.number(key.key, unit)
+
+
+def optional(top: Table, key: str, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T | None:
+    """An object from a table that may be missing."""
+    return from_table(Table(top.raw(key), f"{top.where}: {key}"), kind, keys) if key in top else None

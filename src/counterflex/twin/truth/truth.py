@@ -23,31 +23,19 @@ SLIP_ELEMENTS = 3
 
 @dataclass(frozen=True)
 class Body:
-    """One rigid body with its drive and its elastic element in front of it.
-
-    Attributes:
-        T_prev_seg: (4, 4) fixed pose in the previous body's frame (base for the first).
-        joint: Driven axis 0..5 that turns this frame about its z, or None.
-        sign: +1 or -1; ``theta = sign q + offset_rad``.
-        offset_rad: See ``sign``.
-        compliance: (6,) ``tx ty tz rx ry rz`` m/N and rad/(N m) in this frame; 0 is rigid.
-        damping_s: beta; every elastic coordinate has damping = beta times its stiffness.
-        p_seg_bearing: (3,) m, point in this frame that the elastic rotations turn about.
-        p_seg_com: (3,) m, centre of gravity in this frame.
-        inertia_kg_m2: (6,) ``xx yy zz xy xz yz`` about the centre of gravity in axes of this frame.
-    """
+    """One rigid body with its drive and its elastic element in front of it."""
 
     name: str
-    T_prev_seg: Float
-    joint: int | None
-    sign: float
-    offset_rad: float
-    compliance: Float
-    damping_s: float
-    p_seg_bearing: Float
+    T_prev_seg: Float  # (4, 4) fixed pose in the previous body's frame (base for the first)
+    joint: int | None  # driven axis 0..5 that turns this frame about its z, or None
+    sign: float  # +1 or -1; ``theta = sign q + offset_rad``
+    offset_rad: float  # see ``sign``
+    compliance: Float  # (6,) ``tx ty tz rx ry rz`` m/N and rad/(N m) in this frame; 0 is rigid
+    damping_s: float  # beta; every elastic coordinate has damping = beta times its stiffness
+    p_seg_bearing: Float  # (3,) m, point in this frame that the elastic rotations turn about
     mass_kg: float
-    p_seg_com: Float
-    inertia_kg_m2: Float
+    p_seg_com: Float  # (3,) m, centre of gravity in this frame
+    inertia_kg_m2: Float  # (6,) ``xx yy zz xy xz yz`` about the centre of gravity in axes of this frame
 
     def __post_init__(self) -> None:
         """Check shapes, ranges and that the inertia can belong to a rigid body."""
@@ -81,28 +69,19 @@ class Drive:
 
     The position loop P, the speed loop PI and full speed feed-forward are together a PID on the motor angle:
     ``kp = Kpv (Kv + 1/Ti)``, ``kv = Kpv``, ``ki = Kpv Kv / Ti`` with ``Kpv = speed_bandwidth inertia``.
-
-    Attributes:
-        rotor_inertia_kg_m2: Motor inertia reflected to the axis.
-        servo_inertia_kg_m2: Inertia the speed loop was tuned with.
-        dead_band_rad: Half width of the play in series with the torsion spring.
-        motor_friction_nm: Dry friction on the motor side.
-        motor_slip_rad: Displacement at which it yields.
-        link_friction_nm: (3,) dry friction of the elements on the link side.
-        link_slip_rad: (3,) displacements at which they yield.
-        following_gain_per_s: Kv of a drive that trails its reference by ``v / Kv``; None is full speed feed-forward.
     """
 
-    rotor_inertia_kg_m2: float
-    servo_inertia_kg_m2: float
+    rotor_inertia_kg_m2: float  # motor inertia reflected to the axis
+    servo_inertia_kg_m2: float  # inertia the speed loop was tuned with
     speed_bandwidth_per_s: float
     position_gain_per_s: float
     integral_time_s: float
-    dead_band_rad: float
-    motor_friction_nm: float
-    motor_slip_rad: float
-    link_friction_nm: tuple[float, ...]
-    link_slip_rad: tuple[float, ...]
+    dead_band_rad: float  # half width of the play in series with the torsion spring
+    motor_friction_nm: float  # dry friction on the motor side
+    motor_slip_rad: float  # displacement at which it yields
+    link_friction_nm: tuple[float, ...]  # (3,) dry friction of the elements on the link side
+    link_slip_rad: tuple[float, ...]  # (3,) displacements at which they yield
+    # Kv of a drive that trails its reference by ``v / Kv``; None is full speed feed-forward
     following_gain_per_s: float | None = None
 
     def __post_init__(self) -> None:
@@ -135,22 +114,14 @@ class CuttingTruth:
     c is tangential against the cutting motion, r radial away from the edge into the tool, a axial towards the tool
     tip (what a right-handed helix on a clockwise tool feels). The linear-edge law is the case ``exponent = (0, 0, 0)``
     with its edge coefficients in ``edge_n_m``.
-
-    Attributes:
-        k_pa: (3,) specific forces c, r, a at the reference thickness.
-        exponent: (3,) m of c, r, a.
-        edge_n_m: (3,) ploughing force of the rounded edge per length.
-        edge_onset_m: Chip thickness at which ploughing sets in.
-        runout_m: Offset of the tool axis from the axis it turns about.
-        h_ref_m: Reference chip thickness of ``k_pa``.
     """
 
-    k_pa: tuple[float, float, float]
-    exponent: tuple[float, float, float]
-    edge_n_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    edge_onset_m: float = 1.0e-6
-    runout_m: float = 0.0
-    h_ref_m: float = 1.0e-3
+    k_pa: tuple[float, float, float]  # (3,) specific forces c, r, a at the reference thickness
+    exponent: tuple[float, float, float]  # (3,) m of c, r, a
+    edge_n_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # (3,) ploughing force of the rounded edge per length
+    edge_onset_m: float = 1.0e-6  # chip thickness at which ploughing sets in
+    runout_m: float = 0.0  # offset of the tool axis from the axis it turns about
+    h_ref_m: float = 1.0e-3  # reference chip thickness of ``k_pa``
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -165,15 +136,10 @@ class CuttingTruth:
 
 @dataclass(frozen=True, eq=False)
 class SensorPlace:
-    """Where the force sensor is said to sit when the cell is set up; a laboratory's seed turns it a little from there.
+    """Place of the force sensor as stated when the cell is set up; a laboratory's seed turns it a little from there."""
 
-    Attributes:
-        segment: Body that carries it.
-        T_seg_sensor: (4, 4) its frame in that body.
-    """
-
-    segment: str
-    T_seg_sensor: Float
+    segment: str  # body that carries it
+    T_seg_sensor: Float  # (4, 4) its frame in that body
 
     def __post_init__(self) -> None:
         """Check the shape."""
@@ -183,36 +149,24 @@ class SensorPlace:
 
 @dataclass(frozen=True)
 class Truth:
-    """The whole simulated cell.
-
-    Attributes:
-        seed: Seed that drew it, None for a nominal truth.
-        family: Family that it was drawn from, empty for a nominal truth.
-        bodies: From the base outward, robot and end effector in one chain.
-        T_last_tcp: (4, 4) tool tip in the last body's frame.
-        cutting: Force constants and runout.
-        counterbalance: Or None.
-        stock_top_offset_m: How much higher than stated the blank is.
-        gravity_base: (3,) m/s2.
-        sensor: Where the force sensor is said to sit; None: in the axes of the body that carries it.
-        regions: Elastic coordinates that are other in other postures: a factor on the compliance over the motor angle
-            of an axis, linear between its angles, within 10 deg beyond them fading to 1.
-        other: Kinds of physics that no planner here has a model of.
-    """
+    """The whole simulated cell."""
 
     name: str
-    bodies: tuple[Body, ...]
-    T_last_tcp: Float
+    bodies: tuple[Body, ...]  # from the base outward, robot and end effector in one chain
+    T_last_tcp: Float  # (4, 4) tool tip in the last body's frame
     drives: tuple[Drive, ...]
-    cutting: CuttingTruth
-    seed: int | None = None
-    family: str = ""
+    cutting: CuttingTruth  # force constants and runout
+    seed: int | None = None  # seed that drew it, None for a nominal truth
+    family: str = ""  # family that it was drawn from, empty for a nominal truth
     counterbalance: Counterbalance | None = None
-    stock_top_offset_m: float = 0.0
-    gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
+    stock_top_offset_m: float = 0.0  # how much higher than stated the blank is
+    gravity_base: Float = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))  # (3,) m/s2
+    # where the force sensor is said to sit; None: in the axes of the body that carries it
     sensor: SensorPlace | None = None
+    # elastic coordinates that are other in other postures: a factor on the compliance over the motor angle of an axis,
+    # linear between its angles, within 10 deg beyond them fading to 1
     regions: tuple[ElasticRegion, ...] = ()
-    other: OtherPhysics = field(default_factory=OtherPhysics)
+    other: OtherPhysics = field(default_factory=OtherPhysics)  # Kinds of physics that no planner here has a model of
 
     def __post_init__(self) -> None:
         """Check the chain."""
@@ -226,28 +180,35 @@ class Truth:
         names = [b.name for b in self.bodies]
         if self.sensor is not None and self.sensor.segment not in names:
             raise ModelError("body of the truth's sensor", value=self.sensor.segment, limit=", ".join(names))
-        driven = [b for b in self.bodies if b.joint is not None]
-        for gear in self.other.gears:
-            if driven[gear.axis].compliance[5] == 0.0:
-                raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
-        for coupling in self.other.couplings:
-            for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
-                body = next((b for b in self.bodies if b.name == name), None)
-                if body is None or body.compliance[direction] == 0.0:
-                    raise ModelError("coupling of the truth: no such spring", value=name)
-                if body.joint is not None and direction == 5:  # within its play it has no stiffness to be shared
-                    raise ModelError("coupling of the truth: the torsion of a gear", value=name, limit="another one")
-        if self.other.hose is not None and self.other.hose.arm_body not in names[:-1]:
-            raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
+        self._check_other()
         for region in self.regions:
-            body = next((b for b in self.bodies if b.name == region.segment), None)
-            if body is None or body.compliance[region.direction] == 0.0:
+            if not self._is_spring(region.segment, region.direction):
                 raise ModelError("elastic region of the truth: no such spring", value=region.segment)
             rising = bool(np.all(np.diff(region.angles_rad) > 0.0))
             if not rising or len(region.angles_rad) != len(region.factors) or min(region.factors) <= 0.0:
                 raise ModelError(
                     "elastic region of the truth", where=region.segment, limit="rising angles, as many factors above 0"
                 )
+
+    def _check_other(self) -> None:
+        driven = {b.name: b for b in self.bodies if b.joint is not None}
+        torsions = [b.compliance[5] for b in driven.values()]
+        for gear in self.other.gears:
+            if torsions[gear.axis] == 0.0:
+                raise ModelError("gear of the truth on an axis without torsion", value=f"axis {gear.axis + 1}")
+        for coupling in self.other.couplings:
+            for name, direction in zip(coupling.bodies, coupling.directions, strict=True):
+                if not self._is_spring(name, direction):
+                    raise ModelError("coupling of the truth: no such spring", value=name)
+                if name in driven and direction == 5:  # within its play it has no stiffness to be shared
+                    raise ModelError("coupling of the truth: the torsion of a gear", value=name, limit="another one")
+        if self.other.hose is not None and self.other.hose.arm_body not in [b.name for b in self.bodies[:-1]]:
+            raise ModelError("hose of the truth: no such body", value=self.other.hose.arm_body)
+
+    def _is_spring(self, name: str, direction: int) -> bool:
+        """Return whether a body yields in a direction 0..5."""
+        body = next((b for b in self.bodies if b.name == name), None)
+        return body is not None and bool(body.compliance[direction] != 0.0)
 
     def rigid_tcp(self, q: Float) -> Float:
         """Pose ``T_base_tcp`` (4, 4) of the undeformed chain at the axis angles ``q`` (6,) rad."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.robot_text.cell import RobotTextCell
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 from . import LIMITS
 
@@ -58,21 +59,41 @@ class Text:
         return "\n".join([*frames, *lines, "End", *self.positions, ""])
 
 
-class MelfaWriter(RobotWriter[MelfaSettings]):
-    """Every point is ``Mvs`` to a position of its own."""
+class MelfaWords(RobotWords[MelfaSettings]):
+    """Mov, Mvs and Mvr to positions of their own, with speed and stop before them."""
 
     language, sign, stop, wait = "melfa", "'", "Hlt", "Dly {}"
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.made = Text(self.settings)
+    @cached_property
+    def made(self) -> Text:
+        """Statements and positions."""
+        return Text(self.settings)
+
+    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
+        """One file."""
+        return {f"{name}.prg": self.made.program(lines)}
+
+    def call(self, part: str) -> str:
+        """A part."""
+        return f'CallP "{part}"'
+
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """Speed, whether it is passed, and the motion: a circle goes through three positions."""
+        del external
+        word = "Mov" if free else "Mvs" if len(Ts_part_tcp) == 1 else "Mvr"
+        names = ",".join(self.made.position(T) for T in Ts_part_tcp)
+        return [f"Spd {speed_m_s / MM_PER_S:.6f}", f"Cnt {0 if exact else 1}", f"{word} {names}"]
+
+
+class MelfaWriter(MelfaWords, RobotWriter[MelfaSettings]):
+    """A commanded path."""
 
     def point(self, index: int) -> list[str]:
-        """Its speed, whether it is passed, and the motion."""
-        exact = bool(self.points.exact[index] or index == 0)
-        word = "Mov" if index == 0 else "Mvs"
-        name = self.made.position(self.points.Ts_part_tcp[index])
-        return [f"Spd {self.speed_to(index) / MM_PER_S:.6f}", f"Cnt {0 if exact else 1}", f"{word} {name}"]
+        """By its axes to the first one, then straight."""
+        exact, T = bool(self.points.exact[index] or index == 0), self.points.Ts_part_tcp[index]
+        return self.motion([T], self.speed_to(index), exact=exact, free=index == 0)
 
     def enter(self, tool: int, place: int) -> list[str]:
         """The way back behind a change of tool."""
@@ -83,50 +104,14 @@ class MelfaWriter(RobotWriter[MelfaSettings]):
         """Comments; the first position is approached from wherever the robot is."""
         return [*self.origin(), *lead]
 
-    def call(self, part: str) -> str:
-        """A part."""
-        return f'CallP "{part}"'
 
-    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
-        """One file."""
-        return {f"{name}.prg": self.made.program(lines)}
+class MelfaEmitter(MelfaWords, RobotEmitter[MelfaSettings]):
+    """A converted program."""
 
-
-class MelfaEmitter(RobotEmitter[MelfaSettings]):
-    """Mov, Mvs, Mvr."""
-
-    language, sign, stop, wait = "melfa", "'", "Hlt", "Dly {}"
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.made = Text(self.settings)
-
-    def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
-        """One file."""
-        return {f"{name}.prg": self.made.program(lines)}
-
-    def call(self, part: str) -> str:
-        """A part."""
-        return f'CallP "{part}"'
-
-    def _set(self, move: Move) -> None:
-        self.lines += [f"Spd {self._speed(move) / MM_PER_S:.6f}", f"Cnt {0 if self.exact or self.first else 1}"]
-
-    def straight(self, move: Move, share: float) -> None:
-        """Speed and stop before the motion."""
-        self._set(move)
-        super().straight(move, share)
-
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:  # noqa: ARG002 (Spd says it before)
-        """Mov or Mvs."""
-        self.lines.append(f"{'Mov' if free else 'Mvs'} {self.made.position(T_part_tcp)}")
-
-    def circle(self, move: Move, start_share: float, end_share: float) -> None:
-        """Mvr through the middle of a piece."""
-        self._set(move)
-        shares = (start_share, 0.5 * (start_share + end_share), end_share)
-        names = [self.made.position(pose.make(self.orientation(move, share), move.at(share))) for share in shares]
-        self.lines.append(f"Mvr {','.join(names)}")
+    def through(self, move: Move, start_share: float, end_share: float) -> list[Float]:
+        """Poses at the start, in the middle and at the end of a piece of a circle."""
+        start = pose.make(self.orientation(move, start_share), move.at(start_share))
+        return [start, *super().through(move, start_share, end_share)]
 
 
 def cell_of(cell: Cell) -> RobotTextCell:

@@ -162,11 +162,9 @@ def _check_names(lines: list[str], where: str) -> None:
         for name in names:
             if len(name) > LIMITS.name_characters or name.upper() in RESERVED:
                 raise ProgramError(
-                    "RAPID cannot use this name",
-                    where=f"{where}:{number}",
-                    value=name,
+                    "RAPID cannot use this name", where=f"{where}:{number}", value=name,
                     limit=f"no word of the language, {LIMITS.name_characters} characters at most",
-                )
+                )  # fmt: skip
 
 
 def _frames(line: str) -> tuple[str, str] | None:
@@ -176,7 +174,7 @@ def _frames(line: str) -> tuple[str, str] | None:
 
 
 def _begins(line: str) -> bool:
-    """Whether the path begins here: a motion, or a part of it."""
+    """Return whether the path begins here: a motion, or a part of it."""
     call = _CALL.match(_code(line))
     return bool(_LINEAR.match(_code(line)) or (call and _PART.search(call[1])))
 
@@ -191,12 +189,10 @@ def _check(path: list[str], number: int, where: str, frames: tuple[str, str] | N
         other = _frames(line) if _LINEAR.match(line) else None
         if frames is not None and other is not None and other != frames:
             raise ProgramError(
-                "the tool or the work object is changed on the path, under correction",
-                where=at,
-                value=f"{other[0]}, {other[1]}",
-                limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
+                "the tool or the work object is changed on the path, under correction", where=at,
+                value=f"{other[0]}, {other[1]}", limit=f"{frames[0]}, {frames[1]} from the start posture to the end",
                 hint="Compensate the part of the program of each tool by itself, and make a program for each",
-            )
+            )  # fmt: skip
 
 
 def _refuse_stops(path: list[str], number: int, where: str) -> None:
@@ -240,7 +236,7 @@ def _setup(switching: EgmSwitching, way: str) -> list[str]:
 
 
 def _signal(switching: EgmSwitching, *, on: bool) -> list[str]:
-    """What a safety PLC may watch: 1 from before the path until the correction is back at zero."""
+    """Signal for a safety PLC: 1 from before the path until the correction is back at zero."""
     name = switching.correction_signal
     return [f"    SetDO {name},{int(on)};"] if name else []
 
@@ -311,11 +307,9 @@ def _guided(path: list[str], switching: EgmSwitching, where: str) -> list[str]:
         code = _code(line).strip()
         if code and not _LINEAR.match(_code(line)) and not _WAIT.match(code):
             raise ProgramError(
-                "guidance runs the path in one go, and an instruction stands within",
-                where=where,
-                value=code[:60],
+                "guidance runs the path in one go, and an instruction stands within", where=where, value=code[:60],
                 hint='Switch the spindle before the program, or set [egm] mode = "path"',
-            )
+            )  # fmt: skip
     first, last = (_LINEAR.match(_code(path[i])) for i in (moves[0], moves[-1]))
     if first is None or last is None:
         raise ProgramError("not a MoveL", where=where)

@@ -10,45 +10,26 @@ from counterflex.core.errors import InputError
 
 @dataclass(frozen=True)
 class EgmSwitching:
-    """What the RAPID program says to EGM.
+    """Settings of EGM in the RAPID program."""
 
-    Attributes:
-        mode: ``path`` or ``pose``.
-        device: UDP Unicast Device.
-        configuration: External Motion Interface Data.
-        period_ms: SampleRate.
-        timeout_s: CommTimeout.
-        armed_s: How long the program waits for the loop to be armed until it stops; path correction only.
-        zero_s: How long it waits for the correction to be back at zero; likewise.
-        zero_mm: Distance from the last point of the path within which the correction counts as zero; likewise.
-        low_pass_hz: LpFilter; guidance only, as what follows.
-        speed_deviation_deg_s: MaxSpeedDeviation.
-        ramp_in_s: RampInTime.
-        window_mm: egm_minmax of x, y, z, both ways.
-        window_deg: Of rx, ry, rz.
-        standing_s: CondTime.
-        end_mm: Distance from the end of the path within which the movement may have ended.
-        armed_signal: Digital input that says that the loop is armed; empty: a person is asked.
-        correction_signal: Digital output that is 1 while the correction may act; empty: none.
-    """
-
-    mode: str
-    device: str
-    configuration: str
-    period_ms: int
-    timeout_s: float
-    armed_s: float = 60.0
-    zero_s: float = 3.0
+    mode: str  # ``path`` or ``pose``
+    device: str  # UDP Unicast Device
+    configuration: str  # External Motion Interface Data
+    period_ms: int  # SampleRate
+    timeout_s: float  # CommTimeout
+    armed_s: float = 60.0  # How long the program waits for the loop to be armed until it stops; path correction only
+    zero_s: float = 3.0  # How long it waits for the correction to be back at zero; likewise
+    # Distance from the last point of the path within which the correction counts as zero; likewise
     zero_mm: float = 0.05
-    low_pass_hz: float = 20.0
-    speed_deviation_deg_s: float = 20.0
-    ramp_in_s: float = 0.1
-    window_mm: float = 0.05
-    window_deg: float = 0.05
-    standing_s: float = 30.0
-    end_mm: float = 1.0
-    armed_signal: str = ""
-    correction_signal: str = ""
+    low_pass_hz: float = 20.0  # LpFilter; guidance only, as what follows
+    speed_deviation_deg_s: float = 20.0  # MaxSpeedDeviation
+    ramp_in_s: float = 0.1  # RampInTime
+    window_mm: float = 0.05  # egm_minmax of x, y, z, both ways
+    window_deg: float = 0.05  # Of rx, ry, rz
+    standing_s: float = 30.0  # CondTime
+    end_mm: float = 1.0  # Distance from the end of the path within which the movement may have ended
+    armed_signal: str = ""  # Digital input that says that the loop is armed; empty: a person is asked
+    correction_signal: str = ""  # Digital output that is 1 while the correction may act; empty: none
 
     def __post_init__(self) -> None:
         """Check ranges.
@@ -60,11 +41,9 @@ class EgmSwitching:
             raise InputError("mode of EGM", value=self.mode, limit="path or pose")
         if not 0.0 < self.timeout_s <= 0.1:
             raise InputError(
-                "CommTimeout of EGM",
-                value=f"{self.timeout_s:g} s",
-                limit="> 0 and <= 0.1 s",
+                "CommTimeout of EGM", value=f"{self.timeout_s:g} s", limit="> 0 and <= 0.1 s",
                 hint="Without messages the robot continues with the last value received",
-            )
+            )  # fmt: skip
         for name in ("armed_s", "zero_s", "zero_mm", "window_mm", "window_deg", "standing_s", "end_mm"):
             as_positive(name, getattr(self, name))
         as_positive("speed_deviation_deg_s", self.speed_deviation_deg_s)

@@ -11,7 +11,6 @@ from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import in_world, part_in_world, pose_text
 from counterflex.app.robot_programs import shared_facts
-from counterflex.core.arrays import Float
 from counterflex.core.units import MM_PER_S
 from counterflex.files.cell.cell import Cell
 from counterflex.integrations.abb.language.read.frames import RapidCell
@@ -21,11 +20,9 @@ from counterflex.integrations.abb.language.writer import (
     RapidSettings,
     RapidWords,
     RapidWriter,
-    rapid_pose,
 )
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
-from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions
@@ -33,7 +30,7 @@ from counterflex.report.data import Fact
 
 
 class RapidEmitter(RapidWords, RobotEmitter[RapidSettings]):
-    """ABB RAPID: MoveJ, MoveL, MoveC in one module."""
+    """A converted program in RAPID."""
 
     def __init__(
         self, program: Program, settings: RapidSettings, functions: MachineFunctions, tolerance_m: float
@@ -43,7 +40,7 @@ class RapidEmitter(RapidWords, RobotEmitter[RapidSettings]):
         self._own_tool = False
 
     def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
-        """What made the program, tool and speeds."""
+        """Return comments about the origin, tool and speeds."""
         return [f"! {self.origin()}"], self._own_tool, [(name, value) for value, name in self._speeds.items()]
 
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
@@ -53,36 +50,19 @@ class RapidEmitter(RapidWords, RobotEmitter[RapidSettings]):
     def begin(self) -> None:
         """The module's head says what made it."""
 
-    def frames(self, tool: int) -> None:
+    def frames(self, tool: int) -> list[str]:
         """Every instruction names them."""
         self._own_tool |= tool not in self.settings.tool_data
+        return []
 
-    def _rest(self, speed_m_s: float) -> str:
+    def speed_name(self, speed_m_s: float) -> str:
+        """Name by its first use."""
         value = f"[{number(speed_m_s / MM_PER_S, 5)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
-        name = self._speeds.setdefault(value, f"v_{self.name[:24]}_{len(self._speeds) + 1}")
-        zone = "fine" if self.exact or self.first else self.settings.zone
-        return f"{name},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
-
-    def _target(self, T_part_tcp: Float) -> str:
-        held = self.settings.external_axes
-        external = ",".join(number(held[i], 5) if i in held else "9E9" for i in range(1, 7))
-        configuration = ",".join(str(int(c)) for c in self.settings.configuration)
-        pose_text = rapid_pose(T_part_tcp, self._quaternions.of(T_part_tcp[:3, :3]))
-        return f"[{pose_text},[{configuration}],[{external}]]"
-
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """MoveJ or MoveL."""
-        rest = self._rest(speed_m_s)
-        self.lines.append(f"{'MoveJ' if free else 'MoveL'} {self._target(T_part_tcp)},{rest}")
-
-    def circle(self, move: Move, start_share: float, end_share: float) -> None:
-        """MoveC through the middle of a piece."""
-        middle, last = (self._target(T) for T in self.through(move, start_share, end_share))
-        self.lines.append(f"MoveC {middle},{last},{self._rest(self._speed(move))}")
+        return self._speeds.setdefault(value, f"v_{self.name[:24]}_{len(self._speeds) + 1}")
 
 
 def cell_of(cell: Cell) -> RapidCell:
-    """What a RAPID program is held against."""
+    """Return the cell as the reader of RAPID needs it."""
     return RapidCell(
         **shared_facts(cell, "rapid"),
         tool_of_data={t.tooldata.upper(): t.number for t in cell.tables.tools if t.tooldata is not None},

@@ -19,130 +19,79 @@ Span = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class RapidTarget:
-    """A robtarget in an instruction.
+    """A robtarget in an instruction."""
 
-    Attributes:
-        start: Index of the argument in the text.
-        end: Index behind it.
-        name: Of the declared robtarget; empty for one that is written out in the instruction.
-        literal: Where the robtarget itself is written, from bracket to bracket.
-        numbers: Where its x, y, z, q1, q2, q3, q4 stand.
-        position_mm: x, y, z as written.
-        quat_wxyz: q1 to q4 as written.
-        offsets: Where the three numbers of Offs stand; empty where there is none.
-        offsets_mm: Their values.
-        turned: It is computed: no number of the text is a number of the target.
-        shared: Other places use the declared robtarget too.
-        place: Data and element that it stands in; None of one that is written out or computed.
-        rest: Configuration and external axes of a computed one as text; empty where the configuration is not known.
-        cfx: Posture of the arm, 0 to 7; None where it is not known.
-        quarters: cf1, cf4 and cf6, quarters of a turn of axes 1, 4 and 6; None where they are not known.
-    """
-
-    start: int
-    end: int
-    name: str
-    literal: Span
-    numbers: tuple[Span, ...]
-    position_mm: tuple[float, float, float]
-    quat_wxyz: tuple[float, float, float, float]
-    offsets: tuple[Span, ...] = ()
-    offsets_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turned: bool = False
-    shared: bool = False
+    start: int  # Index of the argument in the text
+    end: int  # Index behind it
+    name: str  # Of the declared robtarget; empty for one that is written out in the instruction
+    literal: Span  # Where the robtarget itself is written, from bracket to bracket
+    numbers: tuple[Span, ...]  # Where its x, y, z, q1, q2, q3, q4 stand
+    position_mm: tuple[float, float, float]  # x, y, z as written
+    quat_wxyz: tuple[float, float, float, float]  # q1 to q4 as written
+    offsets: tuple[Span, ...] = ()  # Where the three numbers of Offs stand; empty where there is none
+    offsets_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # Their values
+    turned: bool = False  # It is computed: no number of the text is a number of the target
+    shared: bool = False  # Other places use the declared robtarget too
+    # Data and element that it stands in; None of one that is written out or computed
     place: tuple[int, tuple[int, ...]] | None = None
+    # Configuration and external axes of a computed one as text; empty where the configuration is not known
     rest: str = ""
-    cfx: int | None = None
+    cfx: int | None = None  # Posture of the arm, 0 to 7; None where it is not known
+    # cf1, cf4 and cf6, quarters of a turn of axes 1, 4 and 6; None where they are not known
     quarters: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RapidMotion:
-    """What stands behind a motion of :attr:`RapidProgram.motions` in the text.
+    """Text behind a motion of :attr:`RapidProgram.motions`."""
 
-    Attributes:
-        line: 1-based line of the instruction.
-        word: ``MoveJ MoveL MoveC``, or ``WaitTime`` of a dwell.
-        call: Index of its call in :attr:`RapidProgram.calls`.
-        start: Index of the instruction.
-        end: Index of its semicolon.
-        R_tcp_tool: (3, 3) orientation of the instruction's tool frame in the cell's TCP frame.
-        target: Its end; None of a dwell.
-        auxiliary: Point on a circle.
-        speed: Where its speed stands, options left out.
-        speed_value: Where the number of the option V stands; None where there is none.
-        zone: Where its zone stands, options included.
-        exact: Its zone is ``fine``.
-        rest: Where what is behind the zone stands: the tool, with its options.
-        rounding_m: Distance from its end at which the zone begins; NaN where the program leaves it open.
-        speed_time: Where the option T stands; None where there is none.
-        override: What VelSet makes of its speed, as a factor.
-        guard: Where the compact IF ends that it stands in, behind its semicolon; None where it stands by itself.
-        T_part_object: (4, 4) m, frame of its targets in the part: a displacement; None where there is none.
-    """
-
-    line: int
-    word: str
-    call: int
-    start: int
-    end: int
-    R_tcp_tool: Float
-    target: RapidTarget | None = None
-    auxiliary: RapidTarget | None = None
-    speed: Span = (0, 0)
-    speed_value: Span | None = None
-    zone: Span = (0, 0)
-    exact: bool = False
-    rest: Span = (0, 0)
+    line: int  # 1-based line of the instruction
+    word: str  # ``MoveJ MoveL MoveC``, or ``WaitTime`` of a dwell
+    call: int  # Index of its call in :attr:`RapidProgram.calls`
+    start: int  # Index of the instruction
+    end: int  # Index of its semicolon
+    R_tcp_tool: Float  # (3, 3) orientation of the instruction's tool frame in the cell's TCP frame
+    target: RapidTarget | None = None  # Its end; None of a dwell
+    auxiliary: RapidTarget | None = None  # Point on a circle
+    speed: Span = (0, 0)  # Where its speed stands, options left out
+    speed_value: Span | None = None  # Where the number of the option V stands; None where there is none
+    zone: Span = (0, 0)  # Where its zone stands, options included
+    exact: bool = False  # Its zone is ``fine``
+    rest: Span = (0, 0)  # Where what is behind the zone stands: the tool, with its options
+    # Distance from its end at which the zone begins; NaN where the program leaves it open
     rounding_m: float = float("nan")
-    speed_time: Span | None = None
-    override: float = 1.0
+    speed_time: Span | None = None  # Where the option T stands; None where there is none
+    override: float = 1.0  # What VelSet makes of its speed, as a factor
+    # Where the compact IF ends that it stands in, behind its semicolon; None where it stands by itself
     guard: int | None = None
+    # (4, 4) m, frame of its targets in the part: a displacement; None where there is none
     T_part_object: Float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RoutineCall:
-    """One execution of a routine.
+    """One execution of a routine."""
 
-    Attributes:
-        routine: Its name as it is declared.
-        start: Index of ``PROC``, or of what stands before it.
-        end: Index behind ENDPROC.
-        name: Where its name stands in the declaration.
-        parent: Index of the call within which it is called; -1 of the first.
-        place: Where its name stands in the statement that calls it.
-        repeated: The routine is executed more than once.
-    """
-
-    routine: str
-    start: int
-    end: int
-    name: Span
-    parent: int
-    place: Span
-    repeated: bool = False
+    routine: str  # Its name as it is declared
+    start: int  # Index of ``PROC``, or of what stands before it
+    end: int  # Index behind ENDPROC
+    name: Span  # Where its name stands in the declaration
+    parent: int  # Index of the call within which it is called; -1 of the first
+    place: Span  # Where its name stands in the statement that calls it
+    repeated: bool = False  # The routine is executed more than once
 
 
 @dataclass(frozen=True, slots=True)
 class RapidProgram(RobotProgram):
-    """A program in RAPID.
+    """A program in RAPID."""
 
-    Attributes:
-        text: The modules as read, that of the program first.
-        files: Name of each file, and where it stands in the text.
-        moves: One for each of ``motions``.
-        calls: Executions of routines, in the order in which they begin; the first is that of the program itself.
-        declarations: Index behind the head of the module, where comments are put.
-        names: Names that the module declares, in capitals.
-    """
-
-    text: str = ""
-    files: tuple[tuple[str, int, int], ...] = ()
-    moves: tuple[RapidMotion, ...] = ()
+    text: str = ""  # The modules as read, that of the program first
+    files: tuple[tuple[str, int, int], ...] = ()  # Name of each file, and where it stands in the text
+    moves: tuple[RapidMotion, ...] = ()  # One for each of ``motions``
+    # Executions of routines, in the order in which they begin; the first is that of the program itself
     calls: tuple[RoutineCall, ...] = ()
-    declarations: int = 0
-    names: frozenset[str] = field(default_factory=frozenset)
+    declarations: int = 0  # Index behind the head of the module, where comments are put
+    names: frozenset[str] = field(default_factory=frozenset)  # Names that the module declares, in capitals
 
     def place(self, at: int) -> str:
         """Return ``file:line`` of an index of the text."""

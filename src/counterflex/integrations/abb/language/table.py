@@ -105,23 +105,14 @@ NOT_COMPUTED: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = ()
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """Arguments of a motion, in order: points, speed, triggers, zone, tool, and what stands behind.
+    """Arguments of a motion, in order: points, speed, triggers, zone, tool, and what stands behind."""
 
-    Attributes:
-        points: Number of robtargets: 2 of a circle.
-        by_axes: The path between is not a line of the tool tip; its speed is not needed.
-        triggers: Number of arguments between speed and zone.
-        behind: Number of arguments behind the tool.
-        routine: The last one is a routine that runs at the end.
-        straight: Instruction that makes a straight motion with the same arguments.
-    """
-
-    points: int = 1
-    by_axes: bool = False
-    triggers: int = 0
-    behind: int = 0
-    routine: bool = False
-    straight: str = "MoveL"
+    points: int = 1  # Number of robtargets: 2 of a circle
+    by_axes: bool = False  # The path between is not a line of the tool tip; its speed is not needed
+    triggers: int = 0  # Number of arguments between speed and zone
+    behind: int = 0  # Number of arguments behind the tool
+    routine: bool = False  # The last one is a routine that runs at the end
+    straight: str = "MoveL"  # Instruction that makes a straight motion with the same arguments
 
     @property
     def plain(self) -> bool:

@@ -18,7 +18,7 @@ from counterflex.geometry import rotation
 from counterflex.integrations.abb.language import LIMITS
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _NO_EXTERNAL = "9E9"
 UNSUPERVISED: Final = ("ConfJ \\Off;", "ConfL \\Off;")
@@ -28,36 +28,24 @@ SUPERVISED: Final = ("ConfJ \\On;", "ConfL \\On;")
 
 @dataclass(frozen=True, kw_only=True)
 class RapidSettings(RobotSettings):
-    """What a RAPID module needs beside the path and what every language needs; names have up to 32 characters.
+    """Settings of a RAPID module beside those of every language; names have up to 32 characters."""
 
-    Attributes:
-        T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
-        T_base_part: (4, 4) m, work object frame in the controller's world.
-        T_base_tcp: (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work
-            object, ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at.
-        work_object: Name of the wobjdata on the controller; empty: the module declares one of its own.
-        tool_mass_kg: Mass of the tool in tooldata, > 0.
-        p_flange_cog: (3,) m, its centre of gravity.
-        configuration: (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off.
-        zone: ``fine``, ``z0``, ``z1``, ``z5`` ...
-        start_m_s: Speed of the move to the start posture, m/s.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Name of the tooldata on the controller by number of the tool in the program.
-    """
-
-    T_flange_tcp: Float
-    T_base_part: Float
-    tool_mass_kg: float = 1.0
-    p_flange_cog: Sequence[float] = (0.0, 0.0, 0.001)
+    T_flange_tcp: Float  # (4, 4) m, tool frame of tools that ``tool_data`` does not name
+    T_base_part: Float  # (4, 4) m, work object frame in the controller's world
+    tool_mass_kg: float = 1.0  # Mass of the tool in tooldata, > 0
+    p_flange_cog: Sequence[float] = (0.0, 0.0, 0.001)  # (3,) m, its centre of gravity
+    # (4,) cf1, cf4, cf6, cfx of every target; supervision of linear moves is off
     configuration: tuple[int, int, int, int] = (0, 0, 0, 0)
-    zone: str = "z0"
-    start_m_s: float = 0.1
+    zone: str = "z0"  # ``fine``, ``z0``, ``z1``, ``z5`` ..
+    start_m_s: float = 0.1  # Speed of the move to the start posture, m/s
     cycle_s: float = 0.024
     points_per_file: int = LIMITS.points_per_file
+    # Name of the tooldata on the controller by number of the tool in the program
     tool_data: Mapping[int, str] = field(default_factory=dict)
+    # (4, 4) m, frame of a tool that stands, in the controller's world; then the robot holds the work object,
+    # ``T_flange_tcp`` is its frame in the flange, and ``T_base_part`` is not looked at
     T_base_tcp: Float | None = None
-    work_object: str = ""
+    work_object: str = ""  # Name of the wobjdata on the controller; empty: the module declares one of its own
 
     def check(self) -> None:
         """Check ranges.
@@ -153,9 +141,26 @@ class RapidWords(RobotWords[RapidSettings]):
         """A routine of another module."""
         return f"{part};"
 
+    @abstractmethod
+    def speed_name(self, speed_m_s: float) -> str:
+        """Name of the speeddata of a speed."""
+
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """MoveJ, MoveL or MoveC in the work object (the part frame)."""
+        settings = self.settings
+        word = "MoveJ" if free else "MoveL" if len(Ts_part_tcp) == 1 else "MoveC"
+        conf = ",".join(str(int(c)) for c in settings.configuration)
+        axes = rapid_external(settings.external_axes if external is None else external)
+        targets = [f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},[{conf}],{axes}]" for T in Ts_part_tcp]
+        frames = f"{self._tool_name(self.tool)}\\WObj:={self._wobj}"
+        zone = "fine" if exact else settings.zone
+        return [f"{word} {','.join(targets)},{self.speed_name(speed_m_s)},{zone},{frames};"]
+
 
 class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
-    """The words of RAPID: every point is a ``MoveL`` in the work object (the part frame) with a declared speeddata."""
+    """A commanded path in RAPID, with declared speeddata."""
 
     @cached_property
     def _speeds(self) -> dict[float, str]:
@@ -163,15 +168,14 @@ class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
         used = {float(speed) for speed in self.points.speed_m_s if speed > 0.0} | {self.settings.rapid_m_s}
         return {speed: f"v_{self.settings.name[:24]}_{i}" for i, speed in enumerate(sorted(used), start=1)}
 
-    def point(self, index: int) -> list[str]:
-        """A point: MoveL, fine at the first one and where it must be reached."""
-        self.speed_to(index)
-        return [self._move(index, "fine" if self.points.exact[index] or index == 0 else self.settings.zone)]
+    def speed_name(self, speed_m_s: float) -> str:
+        """Name by its rank among the speeds of the path."""
+        return self._speeds[speed_m_s]
 
-    def enter(self, tool: int, place: int) -> list[str]:
-        """The way back behind a change of tool."""
-        self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [*UNSUPERVISED, self._move(place, "fine")]
+    def frames(self, tool: int) -> list[str]:
+        """Supervision of the configuration off: every instruction names its frames."""
+        del tool
+        return list(UNSUPERVISED)
 
     def start(self, lead: Sequence[str]) -> list[str]:
         """First tool, start posture."""
@@ -186,20 +190,13 @@ class RapidWriter(RapidWords, RobotWriter[RapidSettings]):
         return list(SUPERVISED)
 
     def declared(self) -> tuple[list[str], bool, list[tuple[str, str]]]:
-        """Where the program comes from, tool and speeds."""
+        """Return comments about the origin, tool and speeds."""
         used = {motion.tool for motion in self.original.motions if motion.tool}
         own = not used or not used <= self.settings.tool_data.keys()
         return self.origin(), own, [(name, self._speed_data(speed)) for speed, name in self._speeds.items()]
 
     def _speed_data(self, speed_m_s: float) -> str:
         return f"[{number(speed_m_s / MM_PER_S, 4)},{number(self.settings.orientation_deg_s, 3)},5000,1000]"
-
-    def _move(self, index: int, zone: str) -> str:
-        conf = "[" + ",".join(str(int(c)) for c in self.settings.configuration) + "]"
-        T = self.points.Ts_part_tcp[index]
-        target = f"[{rapid_pose(T, self._quaternions.of(T[:3, :3]))},{conf},{rapid_external(self.external_at(index))}]"
-        speed = self._speeds[self.speed or self.settings.rapid_m_s]
-        return f"MoveL {target},{speed},{zone},{self._tool_name(self.tool)}\\WObj:={self._wobj};"
 
 
 def rapid_external(values: Mapping[int, float]) -> str:

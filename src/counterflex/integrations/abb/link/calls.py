@@ -23,18 +23,13 @@ _SWITCH: Final = re.compile(r"\\\s*([A-Za-z]\w*)\s*(?::=\s*([^\\]*))?", re.DOTAL
 
 @dataclass(frozen=True)
 class Instruction:
-    """One instruction.
+    """One instruction."""
 
-    Attributes:
-        line: Where it begins, from 1.
-        name: As written in capitals: ``EGMSETUPUC``, ``MOVEL``; ``IF`` and ``ERROR`` with their text in ``arguments``.
-        arguments: Between commas, without switches.
-        switches: Optional arguments by name in lower case; empty text for one without value.
-    """
-
-    line: int
+    line: int  # Where it begins, from 1
+    # As written in capitals: ``EGMSETUPUC``, ``MOVEL``; ``IF`` and ``ERROR`` with their text in ``arguments``
     name: str
-    arguments: tuple[str, ...] = ()
+    arguments: tuple[str, ...] = ()  # Between commas, without switches
+    # Optional arguments by name in lower case; empty text for one without value
     switches: dict[str, str] = field(default_factory=dict)
 
     def number(self, switch: str) -> float | None:
@@ -47,15 +42,10 @@ class Instruction:
 
 @dataclass(frozen=True)
 class EgmCalls:
-    """The instructions of a module.
+    """The instructions of a module."""
 
-    Attributes:
-        instructions: In the order of the file.
-        where: Path, for messages.
-    """
-
-    instructions: tuple[Instruction, ...]
-    where: str = ""
+    instructions: tuple[Instruction, ...]  # In the order of the file
+    where: str = ""  # Path, for messages
 
     def of(self, *names: str) -> tuple[Instruction, ...]:
         """Instructions of these names."""

@@ -21,21 +21,13 @@ _LOOKS: Final = ("WAITUNTIL", "WAITDI", "TPREADFK", "UIMESSAGEBOX", "IF", "WHILE
 
 @dataclass(frozen=True)
 class ExpectedEgm:
-    """What the cell file says.
+    """Facts of the cell file that a RAPID program is checked against."""
 
-    Attributes:
-        mode: ``path`` or ``pose``.
-        period_ms: Cycle of the loop.
-        device: Name of the UDP Unicast Device.
-        configuration: Name of the External Motion Interface Data.
-        in_part: Poses are in the work object, which is the part frame.
-    """
-
-    mode: str
-    period_ms: int
-    device: str
-    configuration: str
-    in_part: bool = True
+    mode: str  # ``path`` or ``pose``
+    period_ms: int  # Cycle of the loop
+    device: str  # Name of the UDP Unicast Device
+    configuration: str  # Name of the External Motion Interface Data
+    in_part: bool = True  # Poses are in the work object, which is the part frame
 
 
 def check_egm(calls: EgmCalls, expected: ExpectedEgm | None = None) -> tuple[Finding, ...]:
@@ -92,25 +84,16 @@ def _mode(calls: EgmCalls, settings: ExpectedEgm | None) -> Iterator[Finding]:
         needed = _CORRECTED if path else ("EGMRUNPOSE",)
         if not calls.of(*needed):
             yield _finding(
-                "mode",
-                "warning",
-                where,
-                "no movement here is corrected",
-                "none",
-                " or ".join(needed),
+                "mode", "warning", where, "no movement here is corrected", "none", " or ".join(needed),
                 "Perhaps it stands in another module",
-            )
+            )  # fmt: skip
         if settings is None:
             continue
         if path != (settings.mode == "path"):
             yield _finding(
-                "mode",
-                "error",
-                where,
-                "the cell file says otherwise",
-                "\\PathCorr" if path else "\\Pose",
+                "mode", "error", where, "the cell file says otherwise", "\\PathCorr" if path else "\\Pose",
                 f'[egm] mode = "{settings.mode}"',
-            )
+            )  # fmt: skip
         names = tuple(text.strip('"') for text in item.arguments[2:4])
         for name, expected in zip(names, (settings.configuration, settings.device), strict=False):
             if name.rstrip(":") != expected.rstrip(":"):
@@ -124,24 +107,16 @@ def _rate(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
         rate = item.number("samplerate")
         if "samplerate" in item.switches and (rate is None or rate <= 0.0 or rate % unit):
             yield _finding(
-                "sample-rate",
-                "error",
-                where,
-                "no such SampleRate",
-                item.switches["samplerate"],
+                "sample-rate", "error", where, "no such SampleRate", item.switches["samplerate"],
                 f"multiples of {unit} ms",
-            )
+            )  # fmt: skip
             continue
         rate = float(unit) if rate is None else rate
         if expected is not None and rate != expected.period_ms:
             yield _finding(
-                "sample-rate",
-                "error",
-                where,
-                "the loop runs in another cycle",
-                f"{rate:g} ms",
+                "sample-rate", "error", where, "the loop runs in another cycle", f"{rate:g} ms",
                 f"[online] period_ms = {expected.period_ms}",
-            )
+            )  # fmt: skip
 
 
 def _guidance(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding]:
@@ -149,69 +124,43 @@ def _guidance(calls: EgmCalls, expected: ExpectedEgm | None) -> Iterator[Finding
         where = _at(calls, item)
         if "maxspeeddeviation" not in item.switches:
             yield _finding(
-                "speed-deviation",
-                "error",
-                where,
-                "MaxSpeedDeviation is 1 deg/s then",
-                "none",
-                "\\MaxSpeedDeviation:= what the path needs",
-                "The robot would not follow",
-            )
+                "speed-deviation", "error", where, "MaxSpeedDeviation is 1 deg/s then", "none",
+                "\\MaxSpeedDeviation:= what the path needs", "The robot would not follow",
+            )  # fmt: skip
         frames = [text.upper() for text in item.arguments if text.upper().startswith("EGM_FRAME")]
         if expected is not None and expected.in_part and frames != ["EGM_FRAME_WOBJ"] * 2:
             yield _finding(
-                "frame",
-                "error",
-                where,
-                "poses are in another frame",
-                ", ".join(frames) or "none",
-                "EGM_FRAME_WOBJ twice",
-                'Or set [egm] frame = "base"',
-            )
+                "frame", "error", where, "poses are in another frame", ", ".join(frames) or "none",
+                "EGM_FRAME_WOBJ twice", 'Or set [egm] frame = "base"',
+            )  # fmt: skip
     for item in calls.of("EGMRUNPOSE"):
         where = _at(calls, item)
         free = [axis for axis in _AXES if axis not in item.switches]
         if free:
             yield _finding(
-                "axes",
-                "error",
-                where,
-                "not every direction is guided",
-                "without " + ", ".join(free),
+                "axes", "error", where, "not every direction is guided", "without " + ", ".join(free),
                 "\\x\\y\\z\\rx\\ry\\rz",
-            )
+            )  # fmt: skip
         if "nowaitcond" in item.switches:
             yield _finding(
                 "no-wait", "error", where, "a timeout cannot be handled with NoWaitCond", "\\NoWaitCond", "without it"
             )
         if item.number("poscorrgain") == 0.0:
             yield _finding(
-                "velocity",
-                "error",
-                where,
-                "only the speed is followed: nothing brings the robot back",
-                "\\PosCorrGain:=0",
-                "\\PosCorrGain:=1",
-            )
+                "velocity", "error", where, "only the speed is followed: nothing brings the robot back",
+                "\\PosCorrGain:=0", "\\PosCorrGain:=1",
+            )  # fmt: skip
         if "EGM_STOP_HOLD" not in (text.upper() for text in item.arguments):
             yield _finding(
-                "stop",
-                "error",
-                where,
-                "at its end the robot would go back to where it began",
-                ", ".join(item.arguments[1:2]) or "none",
-                "EGM_STOP_HOLD",
-            )
+                "stop", "error", where, "at its end the robot would go back to where it began",
+                ", ".join(item.arguments[1:2]) or "none", "EGM_STOP_HOLD",
+            )  # fmt: skip
         standing = item.number("condtime")
         if standing is None or standing < SHORTEST_STANDING_S:
             yield _finding(
-                "standing",
-                "warning",
-                where,
-                "the movement may end while the robot waits for its path",
-                "none" if standing is None else f"{standing:g} s",
-                f"\\CondTime:= {SHORTEST_STANDING_S:g} s or more",
-            )
+                "standing", "warning", where, "the movement may end while the robot waits for its path",
+                "none" if standing is None else f"{standing:g} s", f"\\CondTime:= {SHORTEST_STANDING_S:g} s or more",
+            )  # fmt: skip
 
 
 def _fine(calls: EgmCalls) -> Iterator[Finding]:
@@ -223,13 +172,9 @@ def _fine(calls: EgmCalls) -> Iterator[Finding]:
         ends = before is not None and before.name in _CORRECTED and item.name not in _CORRECTED
         if before is not None and (begins or ends) and not _stops(before):
             yield _finding(
-                "fine",
-                "error",
-                _at(calls, before),
-                "a corrected movement begins and ends in a fine point",
-                _zone(before),
-                "fine",
-            )
+                "fine", "error", _at(calls, before), "a corrected movement begins and ends in a fine point",
+                _zone(before), "fine",
+            )  # fmt: skip
         before = item
     if before is not None and before.name in _CORRECTED and not _stops(before):
         yield _finding(
@@ -251,13 +196,9 @@ def _handler(calls: EgmCalls) -> Iterator[Finding]:
     handled = any("ERR_UDPUC_COMM" in " ".join(item.arguments).upper() for item in calls.of("IF", "ELSEIF"))
     if not calls.of("ERROR") or not handled:
         yield _finding(
-            "handler",
-            "error",
-            calls.where,
-            "nothing is done when the sensor computer falls silent",
-            "no ERROR with ERR_UDPUC_COMM",
-            "an error handler that ends the program",
-        )
+            "handler", "error", calls.where, "nothing is done when the sensor computer falls silent",
+            "no ERROR with ERR_UDPUC_COMM", "an error handler that ends the program",
+        )  # fmt: skip
     if not calls.of("EGMRESET"):
         yield _finding("reset", "warning", calls.where, "EGM is never given back", "no EGMReset", "EGMReset at the end")
 
@@ -273,22 +214,16 @@ def _waits(calls: EgmCalls) -> Iterator[Finding]:
     looks = [k for item in calls.of(*_LOOKS) if (k := place[id(item)]) < handler]
     if not any(place[id(setup[0])] < k < first for k in looks):
         yield _finding(
-            "blind-wait",
-            "warning",
-            _at(calls, moves[0]),
+            "blind-wait", "warning", _at(calls, moves[0]),
             "the path begins without a look whether the loop is armed: it may run uncorrected",
-            "no condition between EGMSetupUC and the path",
-            "WaitUntil with MaxTime, or TPReadFK with MaxTime",
-        )
+            "no condition between EGMSetupUC and the path", "WaitUntil with MaxTime, or TPReadFK with MaxTime",
+        )  # fmt: skip
     if not any(k > last for k in looks):
         yield _finding(
-            "blind-wait",
-            "warning",
-            _at(calls, moves[-1]),
-            "the path ends without a look whether the correction is gone",
-            "no condition behind the path",
+            "blind-wait", "warning", _at(calls, moves[-1]),
+            "the path ends without a look whether the correction is gone", "no condition behind the path",
             "the distance of the tool from the last point, in WHILE or IF",
-        )
+        )  # fmt: skip
 
 
 def _halts(calls: EgmCalls) -> Iterator[Finding]:
@@ -299,13 +234,10 @@ def _halts(calls: EgmCalls) -> Iterator[Finding]:
     for k, item in enumerate(items):
         if item.name == "STOP" and moves and moves[0] < k < end:
             yield _finding(
-                "stop-corrected",
-                "warning",
-                _at(calls, item),
-                "the program stops for a person before EGM is given back: the robot may move there",
-                "Stop",
+                "stop-corrected", "warning", _at(calls, item),
+                "the program stops for a person before EGM is given back: the robot may move there", "Stop",
                 "the correction at zero and EGMReset before Stop",
-            )
+            )  # fmt: skip
 
 
 _BY_ITSELF: Final = (_timeout, _fine, _handler, _waits, _halts)

@@ -22,10 +22,6 @@ class EgmForce:
         range_nm: Largest moment, likewise.
 
     Attributes:
-        w_sensor: (6,) N, N m of the newest message that had a force.
-        samples: (1, 6) the same.
-        first: -1: they do not come at 1 kHz.
-        good: 1 when the newest message had one, else 0.
         saturated: It was beyond the range.
         frozen: It has not changed for 25 messages.
     """
@@ -34,10 +30,10 @@ class EgmForce:
         self._link = link
         limits = (np.inf if range_n is None else range_n, np.inf if range_nm is None else range_nm)
         self._limit = 0.95 * np.r_[np.full(3, limits[0]), np.full(3, limits[1])]
-        self.w_sensor: Float = np.zeros(6)
-        self.samples: Float = np.zeros((1, 6))
-        self.first = -1
-        self.good = 0
+        self.w_sensor: Float = np.zeros(6)  # (6,) N, N m of the newest message that had a force
+        self.samples: Float = np.zeros((1, 6))  # (1, 6) the same
+        self.first = -1  # -1: they do not come at 1 kHz
+        self.good = 0  # 1 when the newest message had one, else 0
         self.saturated = self.frozen = False
         self._seen = -1
         self._same = 0

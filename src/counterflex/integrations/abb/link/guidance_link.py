@@ -36,26 +36,18 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True)
 class GuidanceSettings:
-    """How a path is streamed.
+    """Settings of the streaming of a path."""
 
-    Attributes:
-        lag_s: How late the robot is where it was sent: dead time of the exchange, low-pass, ``1 / k``.
-        start: State of the loop in which the path may begin: ARMED; or IDLE to watch only: then it begins a second
-            after the robot waits for it, as long as the loop has no fault.
-        tolerance_m: Largest distance of the robot from the beginning of the path at the start.
-        tolerance_rad: Largest angle, likewise.
-        follow_m: Distance from where it was sent, lag taken off, above which the robot does not follow.
-        blend_s: Time in which what it stood off at the start is taken back.
-        speed_reference: Send the speed along the path too: no lag behind the path, but a robot that hears no more goes
-            on with it until its CommTimeout.
-    """
-
-    lag_s: float = 70e-3
+    lag_s: float = 70e-3  # How late the robot is where it was sent: dead time of the exchange, low-pass, ``1 / k``
+    # State of the loop in which the path may begin: ARMED; or IDLE to watch only: then it begins a second after the
+    # robot waits for it, as long as the loop has no fault
     start: State = State.ARMED
-    tolerance_m: float = 1.0 * MM
-    tolerance_rad: float = 0.5 * DEG
-    follow_m: float = 2.0 * MM
-    blend_s: float = 0.5
+    tolerance_m: float = 1.0 * MM  # Largest distance of the robot from the beginning of the path at the start
+    tolerance_rad: float = 0.5 * DEG  # Largest angle, likewise
+    follow_m: float = 2.0 * MM  # Distance from where it was sent, lag taken off, above which the robot does not follow
+    blend_s: float = 0.5  # Time in which what it stood off at the start is taken back
+    # Send the speed along the path too: no lag behind the path, but a robot that hears no more goes on with it until
+    # its CommTimeout
     speed_reference: bool = False
 
     def __post_init__(self) -> None:
@@ -79,15 +71,12 @@ class EgmGuidanceLink(EgmLink):
         stream: Poses of the path as the program would send them, part frame.
         guidance: See :class:`GuidanceSettings`.
         settings: As for :class:`counterflex.integrations.abb.link.link.EgmLink`.
-
-    Attributes:
-        phase: See :class:`Phase`.
     """
 
     def __init__(self, stream: PoseStream, guidance: GuidanceSettings, **settings: object) -> None:
         super().__init__(period_s=stream.period_s, **settings)  # type: ignore[arg-type]
         self.stream, self.guidance = stream, guidance
-        self.phase = Phase.WAITING
+        self.phase = Phase.WAITING  # See :class:`Phase`
         lag = max(1, round(guidance.lag_s / stream.period_s))
         first = stream.pose(0.0)
         self._nominal: Float = np.tile(first, (lag, 1, 1))

@@ -42,13 +42,6 @@ class EgmLink:
         clock_ns: Monotonic clock, which the messages sent are stamped by.
 
     Attributes:
-        counters: See :class:`counterflex.protocols.robot.port.Counters`.
-        elapsed: Messages from the one before to the newest one, by the sequence number; 0 when none came.
-        restarted: The newest message belongs to another session than the one before.
-        enable: The program runs a movement that can be corrected.
-        clamped: The controller limits the motion (utilization above 100 %).
-        holds_feed: Whether there is a word for a feed hold: not in path correction.
-        force: (6,) N, N m that the robot measures itself, of the newest message, or None.
         commanded_is: ABSENT: what is planned is not held against the angles, which are measured.
         measured_is: EXACT: angles and pose of the feedback.
 
@@ -73,14 +66,14 @@ class EgmLink:
         self._T_part_frame = T_part_frame
         self._T_frame_part = None if T_part_frame is None else pose.inverse(T_part_frame)
         self._port = RobotPort(host, port, LARGEST_DATAGRAM, peer, wire)
-        self.counters: Counters = self._port.counters
-        self.elapsed = 0
-        self.restarted = False
-        self.enable = False
-        self.holds_feed = True
+        self.counters: Counters = self._port.counters  # See :class:`counterflex.protocols.robot.port.Counters`
+        self.elapsed = 0  # Messages from the one before to the newest one, by the sequence number; 0 when none came
+        self.restarted = False  # The newest message belongs to another session than the one before
+        self.enable = False  # The program runs a movement that can be corrected
+        self.holds_feed = True  # Whether there is a word for a feed hold: not in path correction
         self.job = 0
-        self.clamped = False
-        self.force: Float | None = None
+        self.clamped = False  # The controller limits the motion (utilization above 100 %)
+        self.force: Float | None = None  # (6,) N, N m that the robot measures itself, of the newest message, or None
         self.commanded_is, self.measured_is = ABSENT, EXACT
         self._state: RobotState | None = None
         self._last: RobotState | None = None
@@ -97,7 +90,7 @@ class EgmLink:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where messages are expected."""
+        """Address at which messages are expected."""
         return self._port.address
 
     @property
@@ -138,12 +131,11 @@ class EgmLink:
         if self._incomplete < _CADENCE:
             return
         raise ProtocolError(
-            "the controller's messages leave out what is needed",
-            where=f"{self.address[0]}:{self.address[1]}",
+            "the controller's messages leave out what is needed", where=f"{self.address[0]}:{self.address[1]}",
             value=f"no {', '.join(state.missing)}",
             limit="header.seqno, feedBack.joints, feedBack.cartesian and mciState in every message",
             hint="Send the robot's own messages (EGMStreamStart, EGMActMove or EGMActPose), not a shortened copy",
-        )
+        )  # fmt: skip
 
     def _read(self, length: int) -> Verdict:
         try:
@@ -189,12 +181,10 @@ class EgmLink:
         self._cadence = None
         if abs(mean - self.period_s) > 0.2 * self.period_s:
             raise ProtocolError(
-                "the controller sends in another cycle",
-                where=f"{self.address[0]}:{self.address[1]}",
-                value=f"{mean * 1e3:.1f} ms",
-                limit=f"{self.period_s * 1e3:g} ms",
+                "the controller sends in another cycle", where=f"{self.address[0]}:{self.address[1]}",
+                value=f"{mean * 1e3:.1f} ms", limit=f"{self.period_s * 1e3:g} ms",
                 hint="Make SampleRate of the RAPID program and period_ms of the table [online] the same",
-            )
+            )  # fmt: skip
 
     def _in_part(self, T_frame_tcp: Float) -> Float:
         if self._T_part_frame is None:

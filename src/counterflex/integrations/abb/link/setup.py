@@ -8,14 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.robot_folder import (
-    RobotSetup,
-    read_program,
-    refuse_errors,
-    require_other_folder,
-    unwatched,
-    write_folder,
-)
+from counterflex.app import robot_folder
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
@@ -41,21 +34,15 @@ _ZERO_S: Final = 1.0
 
 @dataclass(frozen=True)
 class MakeSettings:
-    """What is made.
+    """Settings of the modules that are made."""
 
-    Attributes:
-        cell: Cell file with the tables ``[online]`` and ``[egm]``.
-        program: RAPID program that compensate wrote (``.mod``).
-        host: Address of the sensor computer, for the README.
-    """
-
-    cell: Path
-    program: Path
-    host: str = "192.168.125.10"
+    cell: Path  # Cell file with the tables ``[online]`` and ``[egm]``
+    program: Path  # RAPID program that compensate wrote (``.mod``)
+    host: str = "192.168.125.10"  # Address of the sensor computer, for the README
 
 
 def expected_of(cell: Cell) -> ExpectedEgm:
-    """What a cell file wants of a RAPID program.
+    """Return the facts of a cell file that a RAPID program is checked against.
 
     Raises:
         InputError: EGM cannot do what the table ``[online]`` wants.
@@ -98,7 +85,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
         ProgramError: The program cannot run under EGM.
     """
-    require_other_folder(out, settings.program)
+    robot_folder.require_other_folder(out, settings.program)
     cell = read_cell(settings.cell)
     online = cell.tables.online
     if online is None:
@@ -133,7 +120,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     )
     files, elsewhere = _programs(settings.program, switching)
     findings = check_egm(_together(files), expected)
-    refuse_errors(findings)
+    robot_folder.refuse_errors(findings)
     summary = {
         "job": "egm make",
         "cell": cell.name,
@@ -144,12 +131,12 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "sample_ms": online.period_ms,
         "warnings": [
             *(item.line() for item in findings),
-            *unwatched(cell.tables.controller.correction_signal, "correction_signal"),
+            *robot_folder.unwatched(cell.tables.controller.correction_signal, "correction_signal"),
         ],
         "counterflex": __version__,
     }
     about = readme(cell.name, table, online, switching, settings.host, tuple(files), elsewhere)
-    write_folder(out, files, {"README.txt": about}, summary)
+    robot_folder.write_folder(out, files, {"README.txt": about}, summary)
     return summary
 
 
@@ -162,11 +149,9 @@ def _programs(program: Path, switching: EgmSwitching) -> tuple[dict[str, str], t
         part = program.with_name(f"{name}{program.suffix}")
         if not part.is_file():
             raise ProgramError(
-                "the program calls a procedure whose module does not lie beside it",
-                where=str(program),
-                value=name,
+                "the program calls a procedure whose module does not lie beside it", where=str(program), value=name,
                 hint=f"Its path is not corrected: put {part.name} there",
-            )
+            )  # fmt: skip
         parts[part.name] = _rapid(part)
     last = next((end for name, part in reversed(parts.items()) if (end := last_move(part, name))), None)
     files = {program.name: with_egm(text, switching, program.name, last)}
@@ -188,7 +173,7 @@ def _together(files: dict[str, str]) -> EgmCalls:
 
 
 def _rapid(path: Path) -> str:
-    return read_program(path, (".mod", ".modx"), "RAPID module", "rapid")
+    return robot_folder.read_program(path, (".mod", ".modx"), "RAPID module", "rapid")
 
 
-SETUP: Final = RobotSetup("ABB EGM", check, lambda out, **given: make(MakeSettings(**given), out))
+SETUP: Final = robot_folder.RobotSetup("ABB EGM", check, lambda out, **given: make(MakeSettings(**given), out))

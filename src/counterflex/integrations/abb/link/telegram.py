@@ -19,7 +19,6 @@ from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.link.messages import MESSAGES
-from counterflex.protocols.force.source import LARGEST
 
 UNDEFINED: Final = 0
 DATA: Final = 2
@@ -30,45 +29,31 @@ MCI_RUNNING: Final = 3
 RAPID_RUNNING: Final = 2
 PATH_PERIOD_S: Final = 24.0 * MS
 GUIDANCE_PERIOD_S: Final = 4.0 * MS
+LARGEST: Final = 1e6
+"""Number of the robot's own force, N or N m, beyond which a message is damaged."""
 _UNIT: Final = 1e-3
 """How far a quaternion may be from unit length."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """What the robot reports.
+    """State that the robot reports."""
 
-    Attributes:
-        sequence: Of the message.
-        time_ms: Clock of the controller.
-        q: (6,) rad measured angles, or None.
-        T_frame_tcp: (4, 4) measured pose in the frame that the RAPID program chose, or None.
-        T_frame_tcp_planned: (4, 4) planned pose, or None.
-        motors_on: Motor state.
-        guided: The motion interface runs.
-        rapid_running: The program runs.
-        utilization: Share of what the motion interface can do, 1 = 100 %; above, the motion is limited.
-        force: (6,) N, N m that the robot itself measures, or None.
-        converged: The robot is where the sensor wants it, within the program's window.
-        move: Number of the movement instruction that is run, or None.
-        q_planned: (6,) rad planned angles, or None.
-        missing: Fields without which nothing can be corrected and that the message leaves out, or that hold something
-            else (another number of axes, a quaternion not of unit length), by their names.
-    """
-
-    sequence: int
-    time_ms: int
-    q: Float | None
-    T_frame_tcp: Float | None
-    T_frame_tcp_planned: Float | None
-    motors_on: bool
-    guided: bool
-    rapid_running: bool
-    utilization: float | None
-    force: Float | None
-    converged: bool = False
-    move: int | None = None
-    q_planned: Float | None = None
+    sequence: int  # Of the message
+    time_ms: int  # Clock of the controller
+    q: Float | None  # (6,) rad measured angles, or None
+    T_frame_tcp: Float | None  # (4, 4) measured pose in the frame that the RAPID program chose, or None
+    T_frame_tcp_planned: Float | None  # (4, 4) planned pose, or None
+    motors_on: bool  # Motor state
+    guided: bool  # The motion interface runs
+    rapid_running: bool  # The program runs
+    utilization: float | None  # Share of what the motion interface can do, 1 = 100 %; above, the motion is limited
+    force: Float | None  # (6,) N, N m that the robot itself measures, or None
+    converged: bool = False  # The robot is where the sensor wants it, within the program's window
+    move: int | None = None  # Number of the movement instruction that is run, or None
+    q_planned: Float | None = None  # (6,) rad planned angles, or None
+    # Fields without which nothing can be corrected and that the message leaves out, or that hold something else
+    # (another number of axes, a quaternion not of unit length), by their names
     missing: tuple[str, ...] = ()
 
 
@@ -121,14 +106,14 @@ def read_robot(data: bytes) -> RobotState:
 
 
 def _placed(part: Any) -> bool:
-    """Whether feedback or plan holds a whole pose."""
+    """Return whether feedback or plan holds a whole pose."""
     cartesian = part.cartesian
     turned = cartesian.HasField("orient") or cartesian.HasField("euler")
     return bool(part.HasField("cartesian") and cartesian.HasField("pos") and turned)
 
 
 def _six_joints(back: Any) -> str:
-    """What is wrong with the number of angles of the feedback; empty: nothing."""
+    """Fault of the number of angles in the feedback; empty: none."""
     if not back.HasField("joints"):
         return "feedBack.joints"
     count = len(back.joints.joints)
@@ -136,7 +121,7 @@ def _six_joints(back: Any) -> str:
 
 
 def _whole_pose(back: Any) -> str:
-    """What is wrong with the pose of the feedback; empty: nothing."""
+    """Fault of the pose in the feedback; empty: none."""
     if not _placed(back):
         return "feedBack.cartesian"
     if back.cartesian.HasField("euler"):
@@ -172,11 +157,7 @@ def measured_force(data: bytes) -> Float | None:
     return np.array(values)
 
 
-def write_robot(
-    state: RobotState,
-    *,
-    robotware: int = 7,
-) -> bytes:
+def write_robot(state: RobotState, *, robotware: int = 7) -> bytes:
     """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
 
     ABB's client library drops a message without number, clock or type in its header, without joints, pose or time in

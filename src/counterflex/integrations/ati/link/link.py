@@ -18,7 +18,7 @@ from counterflex.core.records import Record, records
 from counterflex.integrations.ati.link import kernel as reading
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.drain_kernel import ARRAYS, drain_records
-from counterflex.protocols.system.datagrams import ROWS, Datagrams, Inbox
+from counterflex.protocols.system.datagrams import Datagrams, Inbox, batches
 
 SATURATED: Final = 0.95
 """Share of the range at which a reading is not believed any more."""
@@ -39,8 +39,6 @@ class NetftLink:
         inbox: Where the records come in; None takes them from a socket.
 
     Attributes:
-        w_sensor: (6,) N, N m, mean of the good samples since the last :meth:`drain`.
-        samples: (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time.
         good: Good samples in the last drain.
         first: Sequence number of the first good sample that was taken last.
         saturated: One of them was beyond the range, or the sensor said so.
@@ -67,7 +65,8 @@ class NetftLink:
         r.limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * r.scale)
         r.sequence = r.first = -1
         self._inbox: Inbox = Datagrams(_connected(peer)) if inbox is None else inbox
-        self.w_sensor: Float = r.wrench
+        self.w_sensor: Float = r.wrench  # (6,) N, N m, mean of the good samples since the last :meth:`drain`
+        # (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.good, self.first = 0, -1
         self.saturated = self.frozen = False
@@ -101,12 +100,8 @@ class NetftLink:
         inbox, received = self._inbox, self._received
         received["total"] = 0.0
         received["good"] = received["saturated"] = 0
-        while True:
-            count = inbox.take()
-            if count:
-                reading.take_records(inbox.data, inbox.lengths, count, self.samples, received)
-            if count < ROWS:
-                break
+        for count in batches(inbox):
+            reading.take_records(inbox.data, inbox.lengths, count, self.samples, received)
 
     @property
     def lost(self) -> int:

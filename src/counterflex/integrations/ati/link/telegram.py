@@ -75,23 +75,14 @@ def read_request(data: bytes) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Scaling:
-    """Counts of a sensor in SI.
+    """Counts of a sensor in SI."""
 
-    Attributes:
-        force_n: N per count.
-        moment_nm: N m per count.
-        rate_hz: Records per second that the sensor is set to; None where it does not say.
-        product: Its name; empty where it does not say.
-        range_n: (3,) N that it is calibrated for, by axis; infinite where it does not say.
-        range_nm: (3,) N m, likewise.
-    """
-
-    force_n: float
-    moment_nm: float
-    rate_hz: float | None = None
-    product: str = ""
-    range_n: Three = (math.inf,) * 3
-    range_nm: Three = (math.inf,) * 3
+    force_n: float  # N per count
+    moment_nm: float  # N m per count
+    rate_hz: float | None = None  # Records per second that the sensor is set to; None where it does not say
+    product: str = ""  # Its name; empty where it does not say
+    range_n: Three = (math.inf,) * 3  # (3,) N that it is calibrated for, by axis; infinite where it does not say
+    range_nm: Three = (math.inf,) * 3  # (3,) N m, likewise
 
 
 def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
@@ -107,11 +98,9 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     if packed or b"<html" in document[:1000].lower():
         raise ProtocolError(
             f"this is {'compressed' if packed else 'a web page'}, not the scaling document of a force sensor",
-            where=where,
-            value=repr(document[:40]),
-            limit="the XML that a Net F/T serves at /netftapi2.xml",
+            where=where, value=repr(document[:40]), limit="the XML that a Net F/T serves at /netftapi2.xml",
             hint="Is the address right, and no login page or proxy before the sensor?",
-        )
+        )  # fmt: skip
     try:
         root = fromstring(document)
     except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
@@ -160,12 +149,10 @@ def _rate(root: Element) -> float | None:
 
 
 def _calibrated(root: Element, force: float, moment: float) -> tuple[Three, Three]:
-    """Largest force and moment that the sensor is calibrated for, SI, about the axes in which it sends.
-
-    Its document gives the ratings (``cfgmr``, 0 where it does not say) about its own origin. Where readings are moved
-    elsewhere (``cfgtfx``) the moment of the rated force over that way comes on top, and where they are turned the
-    rating is that of the whole vector. What does not say it is not watched, beyond what counts can show.
-    """
+    """Largest force and moment that the sensor is calibrated for, SI, about the axes in which it sends."""
+    # Its document gives the ratings (``cfgmr``, 0 where it does not say) about its own origin. Where readings are moved
+    # elsewhere (``cfgtfx``) the moment of the rated force over that way comes on top, and where they are turned the
+    # rating is that of the whole vector. What does not say it is not watched, beyond what counts can show.
 
     def six(name: str) -> list[float]:
         words = (root.findtext(f".//{name}") or "").replace(";", " ").replace(",", " ").split()
@@ -200,23 +187,16 @@ def write_scaling(counts_per_n: int, counts_per_nm: int, rate_hz: int, product: 
 
 @dataclass(frozen=True)
 class Record:
-    """One record.
+    """One record."""
 
-    Attributes:
-        sequence: +1 per record of the stream; a gap is a lost datagram. Wraps at 2^32.
-        sample: The sensor's own counter.
-        status: 0 good, :data:`MONITOR` a warning, anything else a fault.
-        counts: Fx Fy Fz Tx Ty Tz.
-    """
-
-    sequence: int
-    sample: int
-    status: int
-    counts: tuple[int, int, int, int, int, int]
+    sequence: int  # +1 per record of the stream; a gap is a lost datagram. Wraps at 2^32.
+    sample: int  # The sensor's own counter
+    status: int  # 0 good, :data:`MONITOR` a warning, anything else a fault
+    counts: tuple[int, int, int, int, int, int]  # Fx Fy Fz Tx Ty Tz
 
     @property
     def usable(self) -> bool:
-        """Whether the counts may be used."""
+        """True where the counts may be used."""
         return self.status in (GOOD, MONITOR)
 
 

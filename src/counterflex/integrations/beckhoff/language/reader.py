@@ -105,7 +105,7 @@ TWINCAT: Final = WordTable(
 _CARRIED: Final = re.compile(
     r"#\s*(?:set|SET)\s+param(?:VertexSmoothing|CircularSmoothing|AutoAccurateStop|SplineSmoothing|Dynamics\w*"
     r"|PathDynamics|C1ReductionFactor|VeloJump\w*|ToleranceBallReduction\w*|EndBlockVelocity\w*)\s*\([^#]*\)\s*#"
-    r"|#\s*MSG\s*\([^#]*\)\s*#|@(?:714|716|717)\b",
+    r"|#\s*MSG\s*\([^#]*\)\s*#|@(?:714|716|717)\b"
 )
 """Statements of the channel that change no target: smoothing, dynamics, messages, decoder stops."""
 _COMMENT: Final = re.compile(r"\([^()]*\)")

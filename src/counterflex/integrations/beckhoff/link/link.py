@@ -29,42 +29,25 @@ _LARGEST: Final = 500
 
 @dataclass(frozen=True)
 class AdsSymbol:
-    """A number in the PLC.
+    """A number in the PLC."""
 
-    Attributes:
-        name: What it is here.
-        symbol: Its name in the PLC.
-        si: SI value of the PLC's unit.
-        writable: It may be written.
-        low: Smallest value that may be written, SI.
-        high: Largest.
-    """
-
-    name: str
-    symbol: str
-    si: float = 1.0
-    writable: bool = False
-    low: float = -math.inf
-    high: float = math.inf
+    name: str  # What it is here
+    symbol: str  # Its name in the PLC
+    si: float = 1.0  # SI value of the PLC's unit
+    writable: bool = False  # It may be written
+    low: float = -math.inf  # Smallest value that may be written, SI
+    high: float = math.inf  # Largest
 
 
 @dataclass(frozen=True)
 class AdsSettings:
-    """Where a TwinCAT is.
+    """Address of a TwinCAT."""
 
-    Attributes:
-        net_id: Its AMS net id.
-        host: Its address.
-        port: AMS port of the PLC.
-        local_net_id: Of this computer, as the TwinCAT's route names it; empty: its address with ``.1.1``.
-        timeout_s: Longest time for an answer.
-    """
-
-    net_id: str
-    host: str
-    port: int = ads.PLC_PORT
-    local_net_id: str = ""
-    timeout_s: float = 1.0
+    net_id: str  # Its AMS net id
+    host: str  # Its address
+    port: int = ads.PLC_PORT  # AMS port of the PLC
+    local_net_id: str = ""  # Of this computer, as the TwinCAT's route names it; empty: its address with ``.1.1``
+    timeout_s: float = 1.0  # Longest time for an answer
 
 
 @dataclass(frozen=True)
@@ -234,19 +217,12 @@ class AdsLink:
 
 @dataclass(frozen=True)
 class Reading:
-    """All symbols at one time.
+    """All symbols at one time."""
 
-    Attributes:
-        values: SI, by name.
-        time_ns: Monotonic clock, when the answer had come.
-        took_s: From asking to the answer.
-        number: From 1.
-    """
-
-    values: Mapping[str, float]
-    time_ns: int
-    took_s: float
-    number: int
+    values: Mapping[str, float]  # SI, by name
+    time_ns: int  # Monotonic clock, when the answer had come
+    took_s: float  # From asking to the answer
+    number: int  # From 1
 
 
 class AdsReader(threading.Thread):
@@ -256,11 +232,6 @@ class AdsReader(threading.Thread):
         link: The connection; it belongs to the thread until :meth:`end`.
         period_s: From one reading to the next; where readings take longer there is no pause.
         take: Told every reading, in the thread.
-
-    Attributes:
-        newest: Last reading, or None.
-        trouble: Why the last reading failed, or empty.
-        failed: Readings that failed.
     """
 
     def __init__(self, link: AdsLink, period_s: float, take: Callable[[Reading], None] = lambda _: None) -> None:
@@ -269,9 +240,9 @@ class AdsReader(threading.Thread):
             raise InputError("period of readings", value=period_s, limit="> 0 s")
         self._link, self._period_s, self._take = link, period_s, take
         self._ending = threading.Event()
-        self.newest: Reading | None = None
-        self.trouble = ""
-        self.failed = 0
+        self.newest: Reading | None = None  # Last reading, or None
+        self.trouble = ""  # Why the last reading failed, or empty
+        self.failed = 0  # Readings that failed
 
     def run(self) -> None:
         """Read until :meth:`end`."""

@@ -75,25 +75,15 @@ def net_id_bytes(net_id: str) -> bytes:
 
 @dataclass(frozen=True)
 class Frame:
-    """One request or response.
+    """One request or response."""
 
-    Attributes:
-        target: Net id (6 bytes) and port of the receiver.
-        source: Of the sender.
-        command: Of the protocol.
-        flags: :data:`REQUEST`, with :data:`RESPONSE` in answers.
-        error: Of routing; 0 is none.
-        invoke: Number that an answer repeats.
-        data: Of the command.
-    """
-
-    target: tuple[bytes, int]
-    source: tuple[bytes, int]
-    command: int
-    flags: int
-    error: int
-    invoke: int
-    data: bytes
+    target: tuple[bytes, int]  # Net id (6 bytes) and port of the receiver
+    source: tuple[bytes, int]  # Of the sender
+    command: int  # Of the protocol
+    flags: int  # :data:`REQUEST`, with :data:`RESPONSE` in answers
+    error: int  # Of routing; 0 is none
+    invoke: int  # Number that an answer repeats
+    data: bytes  # Of the command
 
 
 HEADER: Final = _FRAME.size
@@ -131,15 +121,7 @@ def write_frame(frame: Frame) -> bytes:
     """A frame as bytes."""
     size = len(frame.data)
     head = _FRAME.pack(
-        0,
-        size + HEADER - 6,
-        *frame.target,
-        *frame.source,
-        frame.command,
-        frame.flags,
-        size,
-        frame.error,
-        frame.invoke,
+        0, size + HEADER - 6, *frame.target, *frame.source, frame.command, frame.flags, size, frame.error, frame.invoke
     )
     return head + frame.data
 
@@ -150,7 +132,7 @@ def answer(request: Frame, data: bytes, error: int = 0) -> Frame:
 
 
 def symbol_entry(name: str, kind: str, group: int, offset: int, comment: str = "") -> bytes:
-    """What a device tells of a symbol: place, size, type, names.
+    """Return the entry of a symbol: place, size, type, names.
 
     Raises:
         ProtocolError: An unknown type.

@@ -11,20 +11,11 @@ from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world
 from counterflex.app.robot_programs import numbered_facts, refuse_held_part
-from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.integrations.fanuc.language.spelling import values_text
-from counterflex.integrations.fanuc.language.writer import (
-    FanucSettings,
-    FanucWords,
-    FanucWriter,
-    fanuc_frames,
-    fanuc_motion,
-    speed_text,
-)
+from counterflex.integrations.fanuc.language.writer import FanucSettings, FanucWords, FanucWriter
 from counterflex.programs.convert.emitter import Conversion
 from counterflex.programs.convert.robot_languages import RobotEmitter
-from counterflex.programs.convert.steps import Move
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.cell import NumberedCell
 from counterflex.report.data import Fact
@@ -33,29 +24,11 @@ from counterflex.robot.model.opw import TURN
 
 
 class FanucEmitter(FanucWords, RobotEmitter[FanucSettings]):
-    """FANUC TP: J, L, C."""
-
-    def frames(self, tool: int) -> None:
-        """UFRAME_NUM, UTOOL_NUM."""
-        self.lines += fanuc_frames(self.settings, tool)
-
-    @property
-    def _termination(self) -> str:
-        return "FINE" if self.exact or self.first else f"CNT{self.settings.blend}"
-
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """J or L."""
-        word, speed = ("J", f"{self.settings.axis_percent}%") if free else ("L", speed_text(speed_m_s))
-        self.lines.append(fanuc_motion(self.settings, self.tool, word, [T_part_tcp], speed, self._termination))
-
-    def circle(self, move: Move, start_share: float, end_share: float) -> None:
-        """C through the middle of a piece."""
-        Ts, speed = self.through(move, start_share, end_share), speed_text(self._speed(move))
-        self.lines.append(fanuc_motion(self.settings, self.tool, "C", Ts, speed, self._termination))
+    """A converted program as a listing."""
 
 
 def cell_of(cell: Cell) -> NumberedCell:
-    """What a FANUC program is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of FANUC programs needs it; refuse a cell whose robot holds the part."""
     return NumberedCell(**numbered_facts(cell, "fanuc", "FANUC"))
 
 

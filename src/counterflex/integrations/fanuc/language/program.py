@@ -33,108 +33,62 @@ wpr_of = angles_zyx
 
 @dataclass(frozen=True, slots=True)
 class FanucPosition:
-    """An entry of ``/POS``.
+    """An entry of ``/POS``."""
 
-    Attributes:
-        number: Of P[].
-        start: Index of its ``P``.
-        end: Index behind its semicolon.
-        index: Where its number and comment stand: between the brackets.
-        numbers: By letter where the numbers stand; empty of one that is given by axes.
-        values: By letter X Y Z in mm, W P R in deg.
-        user_frame: Number of UF; None where it is ``F``, the active one.
-        user_tool: The same of UT.
-        external: By number of the axis E1 to E3: value in mm or deg.
-        others: Text of the values of further motion groups, without blanks.
-        axes: Of one that is given by axes: J1 to J9 in deg or mm, as the controller shows them.
-        config: CONFIG as written, without its quotes.
-    """
-
-    number: int
-    start: int
-    end: int
-    index: Span
-    numbers: Mapping[str, Span]
-    values: Mapping[str, float]
-    user_frame: int | None
-    user_tool: int | None
-    external: Mapping[int, float]
-    others: str = ""
+    number: int  # Of P[]
+    start: int  # Index of its ``P``
+    end: int  # Index behind its semicolon
+    index: Span  # Where its number and comment stand: between the brackets
+    numbers: Mapping[str, Span]  # By letter where the numbers stand; empty of one that is given by axes
+    values: Mapping[str, float]  # By letter X Y Z in mm, W P R in deg
+    user_frame: int | None  # Number of UF; None where it is ``F``, the active one
+    user_tool: int | None  # The same of UT
+    external: Mapping[int, float]  # By number of the axis E1 to E3: value in mm or deg
+    others: str = ""  # Text of the values of further motion groups, without blanks
+    # Of one that is given by axes: J1 to J9 in deg or mm, as the controller shows them
     axes: Mapping[str, float] = field(default_factory=dict)
-    config: str = ""
+    config: str = ""  # CONFIG as written, without its quotes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FanucMotion(NamedPoint):
-    """What stands behind a motion of :attr:`FanucProgram.motions` in the text.
+    """Text behind a motion of :attr:`FanucProgram.motions`."""
 
-    Attributes:
-        word: ``J L C A``, or ``WAIT`` of a dwell.
-        end: Index of its semicolon.
-        frames: Numbers of the active user frame and tool frame.
-        computed: Why its end is no literal of /POS: ``Offset``; empty where it is.
-        config: CONFIG of its end.
-        options: Where the options that displace its end stand in the instruction.
-        position: Its end; None of a dwell, and of a computed one.
-        auxiliary: Point on a circle.
-        auxiliary_named: Where that stands.
-        speed: Where its speed stands, the unit included.
-        unit: Unit to write a speed in.
-        unit_m_s: One of that unit, m/s, with the override; 0 of J.
-        speed_text: The speed as written, with its unit.
-        termination: As written: FINE, CNT100.
-        exact: It is FINE.
-    """
-
-    word: str
-    end: int
-    frames: tuple[int, int] = (-1, -1)
-    computed: str = ""
-    config: str = ""
-    options: tuple[Span, ...] = ()
-    position: FanucPosition | None = None
-    auxiliary: FanucPosition | None = None
-    auxiliary_named: Span = (0, 0)
-    speed: Span = (0, 0)
-    unit: str = "mm/sec"
-    unit_m_s: float = 0.0
-    speed_text: str = ""
-    termination: str = ""
-    exact: bool = False
+    word: str  # ``J L C A``, or ``WAIT`` of a dwell
+    end: int  # Index of its semicolon
+    frames: tuple[int, int] = (-1, -1)  # Numbers of the active user frame and tool frame
+    computed: str = ""  # Why its end is no literal of /POS: ``Offset``; empty where it is
+    config: str = ""  # CONFIG of its end
+    options: tuple[Span, ...] = ()  # Where the options that displace its end stand in the instruction
+    position: FanucPosition | None = None  # Its end; None of a dwell, and of a computed one
+    auxiliary: FanucPosition | None = None  # Point on a circle
+    auxiliary_named: Span = (0, 0)  # Where that stands
+    speed: Span = (0, 0)  # Where its speed stands, the unit included
+    unit: str = "mm/sec"  # Unit to write a speed in
+    unit_m_s: float = 0.0  # One of that unit, m/s, with the override; 0 of J
+    speed_text: str = ""  # The speed as written, with its unit
+    termination: str = ""  # As written: FINE, CNT100
+    exact: bool = False  # It is FINE
 
 
 @dataclass(frozen=True, slots=True)
 class FanucListing:
-    """A listing of a job, as read.
+    """A listing of a job, as read."""
 
-    Attributes:
-        text: As read.
-        positions: Entries of ``/POS`` by number.
-        mentions: How often the code names each of them.
-        main: Index behind the line ``/MN``.
-        behind: Index behind the last entry of ``/POS``, where further ones are put; without that part before /END.
-        has_positions: There is a part ``/POS``.
-    """
-
-    text: str
-    positions: Mapping[int, FanucPosition]
-    mentions: Mapping[int, int]
-    main: int
-    behind: int
-    has_positions: bool = True
+    text: str  # As read
+    positions: Mapping[int, FanucPosition]  # Entries of ``/POS`` by number
+    mentions: Mapping[int, int]  # How often the code names each of them
+    main: int  # Index behind the line ``/MN``
+    behind: int  # Index behind the last entry of ``/POS``, where further ones are put; without that part before /END
+    has_positions: bool = True  # There is a part ``/POS``
 
 
 @dataclass(frozen=True, slots=True)
 class FanucProgram(RobotProgram):
-    """A program in the listing form, with the listings that it calls.
+    """A program in the listing form, with the listings that it calls."""
 
-    Attributes:
-        listings: By name of the file, the main one first.
-        moves: One for each of ``motions``.
-    """
-
-    listings: Mapping[str, FanucListing] = field(default_factory=dict)
-    moves: tuple[FanucMotion, ...] = ()
+    listings: Mapping[str, FanucListing] = field(default_factory=dict)  # By name of the file, the main one first
+    moves: tuple[FanucMotion, ...] = ()  # One for each of ``motions``
 
     def stops(self) -> frozenset[int]:
         """Motions with FINE."""

@@ -15,7 +15,7 @@ from counterflex.integrations.fanuc.language.program import wpr_of
 from counterflex.integrations.fanuc.language.spelling import remarks, short, values_text
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _CONFIG: Final = re.compile(r"[NF] [UD] [TB], -?\d, -?\d, -?\d")
 _POSE: Final = "\0"
@@ -24,31 +24,20 @@ _POSE: Final = "\0"
 
 @dataclass(frozen=True, kw_only=True)
 class FanucSettings(RobotSettings):
-    """What a FANUC program needs beside the path and what every language needs; names have up to 36 characters.
+    """Settings of a FANUC program beside those of every language; names have up to 36 characters."""
 
-    Attributes:
-        tool: UTOOL of tools that ``tool_data`` does not name.
-        base: UFRAME that is the part frame.
-        configuration: CONFIG of every position: wrist (N F), elbow (U D), arm (T B), turns of J1, J4 and J6.
-        blend: CNT of points that need not be reached, 0 to 100.
-        axis_percent: Speed of J, per cent, 1 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Number of UTOOL by number of the tool in the program.
-        T_world_part: (4, 4) m, what the UFRAME must be on the controller, stated as a remark; None states nothing.
-        T_flange_tcp: (4, 4) m, likewise of the first UTOOL.
-    """
-
-    tool: int = 1
-    base: int = 1
+    tool: int = 1  # UTOOL of tools that ``tool_data`` does not name
+    base: int = 1  # UFRAME that is the part frame
+    # CONFIG of every position: wrist (N F), elbow (U D), arm (T B), turns of J1, J4 and J6
     configuration: str = "N U T, 0, 0, 0"
-    blend: int = 100
-    axis_percent: int = 10
+    blend: int = 100  # CNT of points that need not be reached, 0 to 100
+    axis_percent: int = 10  # Speed of J, per cent, 1 to 100
     cycle_s: float = 0.008
     points_per_file: int = LIMITS.points_per_file
-    tool_data: Mapping[int, int] = field(default_factory=dict)
+    tool_data: Mapping[int, int] = field(default_factory=dict)  # Number of UTOOL by number of the tool in the program
+    # (4, 4) m, what the UFRAME must be on the controller, stated as a remark; None states nothing
     T_world_part: Float | None = None
-    T_flange_tcp: Float | None = None
+    T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first UTOOL
 
     def check(self) -> None:
         """Check ranges.
@@ -69,33 +58,6 @@ class FanucSettings(RobotSettings):
         return self.tool_data.get(tool, self.tool)
 
 
-def fanuc_frames(settings: FanucSettings, tool: int) -> list[str]:
-    """Statements that set the frames of a tool."""
-    return [f"UFRAME_NUM={settings.base}", f"UTOOL_NUM={settings.tool_of(tool)}"]
-
-
-def fanuc_motion(
-    settings: FanucSettings, tool: int, word: str, Ts_part_tcp: Sequence[Float], speed: str, termination: str,
-    external_axes: Mapping[int, float] | None = None,
-) -> str:  # fmt: skip
-    """A motion with the entries of its positions, until :func:`fanuc_program` numbers them.
-
-    Args:
-        settings: Frames and configuration.
-        tool: Number of the tool in the program.
-        word: ``L``, ``J`` or ``C``.
-        Ts_part_tcp: (4, 4) m, its points: of C the one on the circle first.
-        speed: As written, with its unit.
-        termination: ``FINE``, ``CNT100``.
-        external_axes: Where they stand; None: as at the begin.
-    """
-    names = "\n    :  ".join("P[#]" for _ in Ts_part_tcp)
-    external = _external(settings, settings.external_axes if external_axes is None else external_axes)
-    frames = f"\tUF : {settings.base}, UT : {settings.tool_of(tool)},\t\tCONFIG : '{settings.configuration}',\n"
-    entries = "".join(f"{_POSE}{frames}{values_text(T)}{external}" for T in Ts_part_tcp)
-    return f"{word} {names} {speed} {termination}{entries}"
-
-
 def fanuc_joint_motion(settings: FanucSettings, tool: int) -> str:
     """The motion to the start posture, by axes."""
     axes = enumerate(settings.start_axes_rad, start=1)
@@ -107,11 +69,6 @@ def fanuc_joint_motion(settings: FanucSettings, tool: int) -> str:
 def _external(settings: FanucSettings, external_axes: Mapping[int, float]) -> str:
     units = {axis: "deg" if axis in settings.turning_axes else "mm" for axis in external_axes}
     return "".join(f",\n\tE{axis} = {number(value, 4)} {units[axis]}" for axis, value in sorted(external_axes.items()))
-
-
-def speed_text(speed_m_s: float) -> str:
-    """A speed along the path, mm/sec."""
-    return f"{short(speed_m_s / MM_PER_S)}mm/sec"
 
 
 def fanuc_program(name: str, lines: Sequence[str]) -> str:
@@ -142,7 +99,7 @@ def _remarks_cut(lines: Sequence[str]) -> Iterator[str]:
 
 
 class FanucWords(RobotWords[FanucSettings]):
-    """Listings."""
+    """Listings: ``J``, ``L`` and ``C`` with positions of their own in the user frame."""
 
     language, sign, stop, wait = "fanuc", "!", "PAUSE", "WAIT {}(sec)"
 
@@ -155,26 +112,34 @@ class FanucWords(RobotWords[FanucSettings]):
         """CALL."""
         return f"CALL {part.upper()}"
 
+    def frames(self, tool: int) -> list[str]:
+        """UFRAME_NUM, UTOOL_NUM."""
+        return [f"UFRAME_NUM={self.settings.base}", f"UTOOL_NUM={self.settings.tool_of(tool)}"]
+
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """A motion with the entries of its positions, until :func:`fanuc_program` numbers them."""
+        settings = self.settings
+        word = "J" if free else "L" if len(Ts_part_tcp) == 1 else "C"
+        speed = f"{settings.axis_percent}%" if free else f"{short(speed_m_s / MM_PER_S)}mm/sec"
+        names = "\n    :  ".join("P[#]" for _ in Ts_part_tcp)
+        axes = _external(settings, settings.external_axes if external is None else external)
+        frames = (
+            f"\tUF : {settings.base}, UT : {settings.tool_of(self.tool)},\t\tCONFIG : '{settings.configuration}',\n"
+        )
+        entries = "".join(f"{_POSE}{frames}{values_text(T)}{axes}" for T in Ts_part_tcp)
+        return [f"{word} {names} {speed} {'FINE' if exact else f'CNT{settings.blend}'}{entries}"]
+
 
 class FanucWriter(FanucWords, RobotWriter[FanucSettings]):
-    """The words of FANUC TP: every point is an ``L`` with a position of its own in the user frame."""
-
-    def point(self, index: int) -> list[str]:
-        """A point: L, FINE at the first one and where it must be reached."""
-        speed = self.speed_to(index)
-        exact = self.points.exact[index] or index == 0
-        return [self._move(index, speed, "FINE" if exact else f"CNT{self.settings.blend}")]
-
-    def enter(self, tool: int, place: int) -> list[str]:
-        """The frames behind a change of tool, and the way back."""
-        self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [*fanuc_frames(self.settings, tool), self._move(place, self.speed, "FINE")]
+    """A commanded path as a listing."""
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, first tool, frames, start posture."""
+        """Return origin, first tool, frames, start posture."""
         settings = self.settings
         return [
-            *self.origin(), *self._stated(), *lead, *fanuc_frames(settings, self.first_tool),
+            *self.origin(), *self._stated(), *lead, *self.frames(self.first_tool),
             fanuc_joint_motion(settings, self.first_tool),
         ]  # fmt: skip
 
@@ -190,8 +155,3 @@ class FanucWriter(FanucWords, RobotWriter[FanucSettings]):
                 texts = [f"{c} {number(float(v), 3)}" for c, v in zip("XYZWPR", values, strict=True)]
                 out += [f"! {name}", *(f"! {a} {b}" for a, b in zip(texts[::2], texts[1::2], strict=True))]
         return out
-
-    def _move(self, index: int, speed_m_s: float, termination: str) -> str:
-        T = self.points.Ts_part_tcp[index]
-        return fanuc_motion(self.settings, self.tool, "L", [T], speed_text(speed_m_s), termination,
-                            self.external_at(index))  # fmt: skip

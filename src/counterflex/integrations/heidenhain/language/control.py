@@ -33,7 +33,7 @@ _ENDS: Final = frozenset((2, 30))
 
 
 class Control:
-    """What the control does in a block."""
+    """Effect of a block on the state of the control."""
 
     def __init__(self, source: Source, machine: MillingMachine) -> None:
         self._source = source

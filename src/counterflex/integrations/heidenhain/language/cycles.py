@@ -26,46 +26,27 @@ NEEDED: Final = {
 
 @dataclass(frozen=True)
 class Plunge:
-    """One move along the tool axis.
+    """One move along the tool axis."""
 
-    Attributes:
-        kind: ``rapid``, ``feed`` or ``dwell``.
-        height_m: Target in programmed axes.
-        value: F of a feed, seconds of a dwell.
-    """
-
-    kind: str
-    height_m: float = 0.0
-    value: float = 0.0
+    kind: str  # ``rapid``, ``feed`` or ``dwell``
+    height_m: float = 0.0  # Target in programmed axes
+    value: float = 0.0  # F of a feed, seconds of a dwell
 
 
 @dataclass(frozen=True)
 class Drilling:
-    """A drilling cycle with its heights in programmed axes, m.
+    """A drilling cycle with its heights in programmed axes, m."""
 
-    Attributes:
-        number: 200 or 201.
-        surface_m: Q203.
-        clear_m: Height from which it feeds (Q203 + Q200).
-        retract_m: Height at the end: 2nd set-up clearance where that is higher.
-        bottom_m: Q203 + Q201.
-        stroke_m: Q202.
-        feed: Q206.
-        second_feed: Q208 of cycle 201; 0: as ``feed``.
-        above_s: Q210.
-        bottom_s: Q211.
-    """
-
-    number: int
-    surface_m: float
-    clear_m: float
-    retract_m: float
-    bottom_m: float
-    stroke_m: float
-    feed: float
-    second_feed: FNumber
-    above_s: float
-    bottom_s: float
+    number: int  # 200 or 201
+    surface_m: float  # Q203
+    clear_m: float  # Height from which it feeds (Q203 + Q200)
+    retract_m: float  # Height at the end: 2nd set-up clearance where that is higher
+    bottom_m: float  # Q203 + Q201
+    stroke_m: float  # Q202
+    feed: float  # Q206
+    second_feed: FNumber  # Q208 of cycle 201; 0: as ``feed``
+    above_s: float  # Q210
+    bottom_s: float  # Q211
 
     def moves(self) -> Iterator[Plunge]:
         """Yield the moves from any height; none where the depth is zero."""

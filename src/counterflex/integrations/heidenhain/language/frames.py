@@ -63,18 +63,15 @@ class Frames:
     """The active transformations.
 
     Attributes:
-        shift: (3,) m, datum shift of cycle 7.
-        angle_deg: Angle of cycle 10.
-        mirrored: Axes of cycle 8.
         A: (3, 3) programmed axes in the part, with scales.
         t: (3,) m, their zero.
     """
 
     def __init__(self) -> None:
         self._steps: list[Step] = []
-        self.shift: Float = np.zeros(3)
-        self.angle_deg = 0.0
-        self.mirrored: frozenset[int] = frozenset()
+        self.shift: Float = np.zeros(3)  # (3,) m, datum shift of cycle 7
+        self.angle_deg = 0.0  # Angle of cycle 10
+        self.mirrored: frozenset[int] = frozenset()  # Axes of cycle 8
         self.A, self.t = composed([])
 
     def memory(self) -> object:

@@ -86,7 +86,7 @@ class HeidenhainInPlace(ArcWriter):
         return self.lines
 
     def _is_flow(self, block: Block) -> bool:
-        """Whether a block of a program that is written out says nothing but flow."""
+        """Return whether a block of a program that is written out says nothing but flow."""
         code = " ".join(code_of(line) for line in block.text.split("\n"))
         if _FLOW.match(code):
             return True

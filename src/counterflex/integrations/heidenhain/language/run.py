@@ -13,10 +13,7 @@ import numpy as np
 from counterflex.integrations.heidenhain.language.control import Control, tilts
 from counterflex.integrations.heidenhain.language.moves import open_corner
 from counterflex.integrations.heidenhain.language.source import Library, Source, Statement, label_key
-from counterflex.integrations.heidenhain.language.table import (
-    NEUTRAL,
-    REFUSED,
-)
+from counterflex.integrations.heidenhain.language.table import NEUTRAL, REFUSED
 from counterflex.integrations.heidenhain.language.values import ASSIGNMENT, VALUE, is_arithmetic, required
 from counterflex.integrations.heidenhain.language.words import PathWords
 from counterflex.programs.endless import LoopWatch, frozen

@@ -26,17 +26,11 @@ _LABEL: Final = re.compile(rf"\s*LBL\s*{LABEL.pattern}\s*$", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """One statement, perhaps over several lines.
+    """One statement, perhaps over several lines."""
 
-    Attributes:
-        line: 1-based line that it begins in.
-        text: Its lines, joined by line feeds.
-        code: The same with blanks in place of block numbers, comments, ``~`` and line ends: as long as the text.
-    """
-
-    line: int
-    text: str
-    code: str
+    line: int  # 1-based line that it begins in
+    text: str  # Its lines, joined by line feeds
+    code: str  # The same with blanks in place of block numbers, comments, ``~`` and line ends: as long as the text
 
     def place(self, name: str, at: int) -> str:
         """Return ``name:line:column`` of an index into the text."""

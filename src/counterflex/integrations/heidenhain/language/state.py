@@ -19,48 +19,35 @@ Polar = tuple[float, float]
 
 @dataclass
 class State:
-    """Everything that outlives a statement; positions in the part frame, m.
+    """Everything that outlives a statement; positions in the part frame, m."""
 
-    Attributes:
-        vectors: The program tilts the working plane or gives tool vectors: the tool axis is a vector in the part.
-        inch: Lengths are in inches, feeds in 1/10 inch/min.
-        start_known: The tool starts at zero; else where it stands is not known along axes that are not ``named``.
-        p_part: (3,) tool tip.
-        angles: Rotary axes, rad; under ``vectors`` the tool axis in the part.
-        named: Axes along which it is known where the tool stands.
-        partial: Coordinates named so far in a plane that was tilted anew, m; None where the place is known.
-        shifted: Axes whose zero has changed since they were named absolutely.
-        settle: Axes that a rotation, mirror image or scale mixes and that must be named together first.
-        pole_m: (2,) pole CC in programmed axes, m.
-        polar_point: Where the last motion ended, if its words were polar.
-        aligned: The tool stands at right angles to the working plane.
-        feed: Number of F; ``per_turn`` where it is per revolution, ``called_feed`` that of TOOL CALL.
-        shortest: M126: rotary axes go the shortest way.
-        tcpm: M128 or FUNCTION TCPM.
-    """
-
+    # The program tilts the working plane or gives tool vectors: the tool axis is a vector in the part
     vectors: bool = False
-    inch: bool = False
+    inch: bool = False  # Lengths are in inches, feeds in 1/10 inch/min
+    # The tool starts at zero; else where it stands is not known along axes that are not ``named``
     start_known: bool = True
     frames: Frames = field(default_factory=Frames)
-    p_part: Float = field(default_factory=lambda: np.zeros(3))
+    p_part: Float = field(default_factory=lambda: np.zeros(3))  # (3,) tool tip
+    # Rotary axes, rad; under ``vectors`` the tool axis in the part
     angles: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    named: set[int] = field(default_factory=set)
+    named: set[int] = field(default_factory=set)  # Axes along which it is known where the tool stands
+    # Coordinates named so far in a plane that was tilted anew, m; None where the place is known
     partial: dict[int, float] | None = None
-    shifted: set[int] = field(default_factory=set)
+    shifted: set[int] = field(default_factory=set)  # Axes whose zero has changed since they were named absolutely
+    # Axes that a rotation, mirror image or scale mixes and that must be named together first
     settle: frozenset[int] = frozenset()
-    pole_m: tuple[float, float] | None = None
-    polar_point: Polar | None = None
-    aligned: bool = True
+    pole_m: tuple[float, float] | None = None  # (2,) pole CC in programmed axes, m
+    polar_point: Polar | None = None  # Where the last motion ended, if its words were polar
+    aligned: bool = True  # The tool stands at right angles to the working plane
     motion: str = "G80"
-    feed: float | None = None
+    feed: float | None = None  # Number of F; ``per_turn`` where it is per revolution, ``called_feed`` that of TOOL CALL
     called_feed: FNumber | None = None
     per_turn: bool = False
     speed_rpm: float = 0.0
     spindle: int = 0
     tool: int = 0
-    shortest: bool = False
-    tcpm: bool = False
+    shortest: bool = False  # M126: rotary axes go the shortest way
+    tcpm: bool = False  # M128 or FUNCTION TCPM
 
     def __post_init__(self) -> None:
         """Begin with the tool upright."""

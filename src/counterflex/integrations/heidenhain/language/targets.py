@@ -33,19 +33,15 @@ class Targets:
     Args:
         state: Moved along.
         listed: Motions to and from places that are not known are made, and marked.
-
-    Attributes:
-        motions: Everything made so far.
-        away: Where the tool went to a place that is not known (``M91 in line 12``); empty while it is known.
-        joined: Coordinates of blocks before that the last motion reaches too, without a place in its text.
-        corner: Rounding radius, m, feed, m/s, block and words of an RND whose second line is still to come.
     """
 
     def __init__(self, state: State, listed: bool = False) -> None:
         self._state, self._listed = state, listed
-        self.motions: list[Motion] = []
-        self.away = ""
+        self.motions: list[Motion] = []  # Everything made so far
+        self.away = ""  # Where the tool went to a place that is not known (``M91 in line 12``); empty while it is known
+        # Coordinates of blocks before that the last motion reaches too, without a place in its text
         self.joined: tuple[Word, ...] = ()
+        # Rounding radius, m, feed, m/s, block and words of an RND whose second line is still to come
         self.corner: tuple[float, float, int, PathWords] | None = None
 
     # ---- elementary motions ------------------------------------------------------------------------------------

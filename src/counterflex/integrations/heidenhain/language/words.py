@@ -75,16 +75,12 @@ class PathWords:
 
     Raises:
         ProgramError: A word that is unknown, there twice, or has no known value where one is needed.
-
-    Attributes:
-        m: M functions, in order.
-        items: All words by name; M functions not.
     """
 
     def __init__(self, part: Statement, begin: int, values: Values, name: str) -> None:
         self.part, self._name = part, name
-        self.m: list[tuple[int, Item]] = []
-        self.items: dict[str, Item] = {}
+        self.m: list[tuple[int, Item]] = []  # M functions, in order
+        self.items: dict[str, Item] = {}  # All words by name; M functions not
         for item in _items(part, begin, values, name):
             if item.name == "M":
                 number = self.number(item)
@@ -113,7 +109,7 @@ class PathWords:
                         self.part.code)  # fmt: skip
 
     def has(self, *names: str) -> bool:
-        """Whether one of the words is there and nothing has used it yet."""
+        """Return whether one of the words is there and nothing has used it yet."""
         return any(name in self._unused for name in names)
 
     def take(self, name: str) -> float | None:

@@ -150,10 +150,9 @@ class KrlInPlace(InPlace[KrlProgram]):
         if self._place(move) < 0:
             raise ProgramError(
                 "a corrected motion cannot be divided: TRIGGER statements before it count from its start and its end",
-                where=f"{move.file}:{move.line}",
-                value=self._line(move).strip()[:60],
+                where=f"{move.file}:{move.line}", value=self._line(move).strip()[:60],
                 hint="Put the TRIGGER that counts from the start before those that count from the end",
-            )
+            )  # fmt: skip
 
     def add(self, index: int, p: Float, R_part_tcp: Float, speed_m_s: float | None, *, exact: bool = False) -> None:
         """``LIN`` or ``SLIN`` on a line of its own before the instruction, with ``$VEL.CP`` where that changes."""

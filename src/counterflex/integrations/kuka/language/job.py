@@ -11,17 +11,10 @@ from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world, pose_text
 from counterflex.app.robot_programs import numbered_facts
-from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.writer import (
-    KrlSettings,
-    KrlWords,
-    KrlWriter,
-    krl_frames,
-    krl_pose,
-)
+from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWords, KrlWriter, krl_frames
 from counterflex.programs.convert.emitter import Conversion, turn_deg
 from counterflex.programs.convert.robot_languages import FLAT_M, RobotEmitter
 from counterflex.programs.convert.steps import Move
@@ -33,28 +26,20 @@ _NEARLY_WHOLE_DEG: Final = 340.0
 
 
 class KrlEmitter(KrlWords, RobotEmitter[KrlSettings]):
-    """KUKA KRL: PTP, LIN, CIRC."""
+    """A converted program in KRL."""
 
-    def frames(self, tool: int) -> None:
+    _velocity = ""
+
+    def frames(self, tool: int) -> list[str]:
         """$TOOL, $BASE, speeds."""
-        self.lines += krl_frames(self.settings, tool)
         self._velocity = ""
+        return krl_frames(self.settings, tool)
 
-    def _set(self, speed_m_s: float) -> None:
+    def velocity(self, speed_m_s: float) -> list[str]:
+        """$VEL.CP as it is, up to eight decimals."""
         text = number(speed_m_s, 8).rstrip("0")
-        text = f"{text}0" if text.endswith(".") else text
-        if text != self._velocity:
-            self._velocity = text
-            self.lines.append(f"$VEL.CP={text}")
-
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """PTP or LIN."""
-        if not free:
-            self._set(speed_m_s)
-        self.lines.append(f"{'PTP' if free else 'LIN'} {{{krl_pose(T_part_tcp)}}}{self._behind(free=free)}")
-
-    def _behind(self, *, free: bool = False) -> str:
-        return "" if self.exact or self.first else " C_PTP" if free else " C_DIS"
+        before, self._velocity = self._velocity, f"{text}0" if text.endswith(".") else text
+        return [] if self._velocity == before else [f"$VEL.CP={self._velocity}"]
 
     def arc_shares(self, move: Move) -> list[float] | None:
         """One CIRC; a helix becomes straight moves."""
@@ -62,17 +47,19 @@ class KrlEmitter(KrlWords, RobotEmitter[KrlSettings]):
 
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """CIRC through the middle, or by CA where the circle is nearly whole."""
-        self._set(self._speed(move))
         angle = turn_deg(move) * (end_share - start_share)
         whole = angle > _NEARLY_WHOLE_DEG
-        middle, last = (120.0 / angle, 240.0 / angle) if whole else (0.5, 1.0)
-        poses = [krl_pose(pose.make(self.orientation(move, 1.0), move.at(share))) for share in (middle, last)]
-        turns = f",CA {number(angle, 6)}" if whole else ""
-        self.lines.append(f"CIRC {{{poses[0]}}},{{{poses[1]}}}{turns}{self._behind()}")
+        shares = (120.0 / angle, 240.0 / angle) if whole else (0.5, 1.0)
+        poses = [pose.make(self.orientation(move, 1.0), move.at(share)) for share in shares]
+        *lines, circle = self.motion(poses, self._speed(move), exact=self.exact or self.first)
+        if whole:
+            head, brace, behind = circle.rpartition("}")
+            circle = f"{head}{brace},CA {number(angle, 6)}{behind}"
+        self.lines += [*lines, circle]
 
 
 def cell_of(cell: Cell) -> KrlCell:
-    """What a KRL program is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of KRL needs it; refuse a cell whose robot holds the part."""
     return KrlCell(**numbered_facts(cell, "krl", "KRL"))
 
 

@@ -18,32 +18,20 @@ LETTERS: Final = "XYZABC"
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A component of a literal: its number and where that stands in the line.
+    """A component of a literal: its number and where that stands in the line."""
 
-    Attributes:
-        value: As written, mm or deg.
-        start: Index of the first character of the number.
-        end: Index behind its last one.
-    """
-
-    value: float
-    start: int
-    end: int
+    value: float  # As written, mm or deg
+    start: int  # Index of the first character of the number
+    end: int  # Index behind its last one
 
 
 @dataclass(frozen=True, slots=True)
 class KrlFile:
-    """A file of a job.
+    """A file of a job."""
 
-    Attributes:
-        name: With its ending.
-        lines: With an empty last one where the text ends in a line end.
-        newline: Line end.
-    """
-
-    name: str
-    lines: tuple[str, ...]
-    newline: str
+    name: str  # With its ending
+    lines: tuple[str, ...]  # With an empty last one where the text ends in a line end
+    newline: str  # Line end
 
     @property
     def text(self) -> str:
@@ -53,104 +41,65 @@ class KrlFile:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A Cartesian target: the literal of a motion, the one that a name stands for, or a value that was computed.
+    """A Cartesian target: the literal of a motion, the one that a name stands for, or a value that was computed."""
 
-    Attributes:
-        in_data: The literal stands in a data list (``.dat``).
-        file: File of the literal; of a computed one that of the motion.
-        line: 1-based line of the literal.
-        components: By name: X Y Z A B C, S T, E1 to E6; only those that are written.
-        close: Index of the closing brace in that line.
-        name: Name of the variable; empty for a literal in the motion itself.
-        start: In the line of the motion: index of the target.
-        end: In the line of the motion: index behind it.
-        source: The literal as written, from brace to brace.
-        computed: No literal holds its numbers: a corrected one is written out in the motion.
-    """
-
-    in_data: bool
-    file: str
-    line: int
-    components: Mapping[str, Component]
-    close: int
-    name: str
-    start: int
-    end: int
-    source: str
-    computed: bool = False
+    in_data: bool  # The literal stands in a data list (``.dat``)
+    file: str  # File of the literal; of a computed one that of the motion
+    line: int  # 1-based line of the literal
+    components: Mapping[str, Component]  # By name: X Y Z A B C, S T, E1 to E6; only those that are written
+    close: int  # Index of the closing brace in that line
+    name: str  # Name of the variable; empty for a literal in the motion itself
+    start: int  # In the line of the motion: index of the target
+    end: int  # In the line of the motion: index behind it
+    source: str  # The literal as written, from brace to brace
+    computed: bool = False  # No literal holds its numbers: a corrected one is written out in the motion
 
 
 @dataclass(frozen=True, slots=True)
 class KrlMotion:
-    """What stands behind a motion of :attr:`KrlProgram.motions` in the text.
+    """Text behind a motion of :attr:`KrlProgram.motions`."""
 
-    Attributes:
-        file: Its ``.src`` file.
-        line: 1-based line in it.
-        word: ``PTP LIN CIRC SPTP SLIN SCIRC``, or ``WAIT`` of a dwell.
-        target: Its end; None of a dwell and of a motion by axes.
-        auxiliary: Auxiliary point of a circle.
-        approximation: ``C_DIS`` and the like as written; empty for an exact stop.
-        shared: The name of its target is used elsewhere too.
-        circle_angle: The circle is given by a CA.
-        start: Index of the word in its line.
-        end: Index behind the targets and CA.
-        in_spline: It is a segment of a spline block, in which no other statement may stand.
-        speed_set: The program sets the path speed between the motion before and this one.
-        clause: Its ``WITH``; None where there is none.
-        relative: It is a ``LIN_REL`` or the like: a corrected one is written as an absolute motion.
-        T_part_base: (4, 4) m, $BASE of its targets in the part; None where it is the part frame.
-        override: Share of the programmed speed that the program's $OV_PRO leaves.
-        holds_orientation: $ORI_TYPE=#CONSTANT: the orientation of its target is disregarded.
-        distance_m: $APO.CDIS, m; NaN where the program does not say it.
-    """
-
-    file: str
-    line: int
-    word: str
-    target: Target | None = None
-    auxiliary: Target | None = None
-    approximation: str = ""
-    shared: bool = False
-    circle_angle: bool = False
-    start: int = 0
-    end: int = 0
-    in_spline: bool = False
-    clause: WithClause | None = None
-    speed_set: bool = False
-    relative: bool = False
-    T_part_base: Float | None = None
-    override: float = 1.0
-    holds_orientation: bool = False
-    distance_m: float = float("nan")
+    file: str  # Its ``.src`` file
+    line: int  # 1-based line in it
+    word: str  # ``PTP LIN CIRC SPTP SLIN SCIRC``, or ``WAIT`` of a dwell
+    target: Target | None = None  # Its end; None of a dwell and of a motion by axes
+    auxiliary: Target | None = None  # Auxiliary point of a circle
+    approximation: str = ""  # ``C_DIS`` and the like as written; empty for an exact stop
+    shared: bool = False  # The name of its target is used elsewhere too
+    circle_angle: bool = False  # The circle is given by a CA
+    start: int = 0  # Index of the word in its line
+    end: int = 0  # Index behind the targets and CA
+    in_spline: bool = False  # It is a segment of a spline block, in which no other statement may stand
+    clause: WithClause | None = None  # Its ``WITH``; None where there is none
+    speed_set: bool = False  # The program sets the path speed between the motion before and this one
+    relative: bool = False  # It is a ``LIN_REL`` or the like: a corrected one is written as an absolute motion
+    T_part_base: Float | None = None  # (4, 4) m, $BASE of its targets in the part; None where it is the part frame
+    override: float = 1.0  # Share of the programmed speed that the program's $OV_PRO leaves
+    holds_orientation: bool = False  # $ORI_TYPE=#CONSTANT: the orientation of its target is disregarded
+    distance_m: float = float("nan")  # $APO.CDIS, m; NaN where the program does not say it
 
     @property
     def own_speed(self) -> tuple[int, int] | None:
-        """Where the number of the speed that it has for itself stands in its line; None where it has none."""
+        """Columns of the number of its own speed in its line; None where it has none."""
         return None if self.clause is None else self.clause.speed
 
 
 @dataclass(frozen=True, slots=True)
 class KrlProgram(RobotProgram):
-    """A program in KRL.
+    """A program in KRL."""
 
-    Attributes:
-        files: Files of the job that were read, by name: the main one, and data lists and subprograms that it uses.
-        moves: One for each of ``motions``.
-        R_tcp_tool: (3, 3) orientation of the controller's $TOOL in the cell's TCP frame.
-        extra: External axes as written, for added points: ``,E1 0.0``; empty where none are written, or where they
-            move: what a target does not name stays.
-        loose_triggers: By file and line of a motion, the first line of the TRIGGER statements before it that count from
-            its end; -1 where one that counts from its start stands behind them.
-        reads_position: A target counts from where the robot is (``LIN_REL``, ``$POS_ACT``): it is written as numbers
-            where anything is corrected.
-    """
-
+    # Files of the job that were read, by name: the main one, and data lists and subprograms that it uses
     files: Mapping[str, KrlFile] = field(default_factory=dict)
-    moves: tuple[KrlMotion, ...] = ()
-    R_tcp_tool: Float | None = None
+    moves: tuple[KrlMotion, ...] = ()  # One for each of ``motions``
+    R_tcp_tool: Float | None = None  # (3, 3) orientation of the controller's $TOOL in the cell's TCP frame
+    # External axes as written, for added points: ``,E1 0.0``; empty where none are written, or where they move: what a
+    # target does not name stays
     extra: str = ""
+    # By file and line of a motion, the first line of the TRIGGER statements before it that count from its end; -1 where
+    # one that counts from its start stands behind them
     loose_triggers: Mapping[tuple[str, int], int] = field(default_factory=dict)
+    # A target counts from where the robot is (``LIN_REL``, ``$POS_ACT``): it is written as numbers where anything is
+    # corrected
     reads_position: bool = False
 
     def stops(self) -> frozenset[int]:

@@ -7,18 +7,7 @@ from collections.abc import Collection, Sequence
 from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
-from counterflex.integrations.kuka.language import LIMITS
-from counterflex.integrations.kuka.language.rsi_switching import (
-    _DECLARED,
-    _INI,
-    _INTERRUPT,
-    RsiSwitching,
-    _enable,
-    _off,
-    _on,
-    _output,
-    _routines,
-)
+from counterflex.integrations.kuka.language import LIMITS, rsi_switching
 from counterflex.programs.compensated import job_number, marks
 from counterflex.programs.limits import check_name
 from counterflex.programs.robot_writer.machine_functions import refuse_only_said, stop_under_correction
@@ -51,7 +40,8 @@ _SENSOR: Final = re.compile(r"\bRSI_\w+\s*\(", re.IGNORECASE)
 
 
 _TAKEN: Final = re.compile(
-    rf"\bINTERRUPT\s+DECL\s+{_INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD|ZERO)\b", re.IGNORECASE
+    rf"\bINTERRUPT\s+DECL\s+{rsi_switching._INTERRUPT}\b|\$SEN_PREA\b|\bcf(?:r|id)\b|\bCF_(?:CHECK|HOLD|ZERO)\b",
+    re.IGNORECASE,
 )
 
 
@@ -76,7 +66,7 @@ _CLOSES: Final = re.compile(r"\s*(?:ENDIF|ENDLOOP|ENDFOR|ENDWHILE|UNTIL|ENDSWITC
 _LEAVES: Final = re.compile(r"\s*(?:GOTO|RETURN|EXIT)\b", re.IGNORECASE)
 
 
-def with_correction(text: str, switching: RsiSwitching, where: str, parts: Collection[str] = ()) -> str:
+def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str, parts: Collection[str] = ()) -> str:
     """The main file of a KRL program with sensor correction along its path.
 
     RSI is created directly before the first path motion or part of the path behind the last PTP, and deleted directly
@@ -141,17 +131,17 @@ def with_correction(text: str, switching: RsiSwitching, where: str, parts: Colle
     initialised = any(_INITIALISED.search(_code(lines[i])) for i in range(begin + 1, starts[0]))
     out = [
         *lines[: begin + 1],
-        *_DECLARED,
+        *rsi_switching._DECLARED,
         *lines[begin + 1 : first],
-        *([] if initialised else _INI),
-        *_output(switching, on=False),
+        *([] if initialised else rsi_switching._INI),
+        *rsi_switching._output(switching, on=False),
         *lines[first:path],
-        *_on(switching),
-        *_enable(switching, _says(text)),
+        *rsi_switching._on(switching),
+        *rsi_switching._enable(switching, _says(text)),
         *lines[path:after],
-        *_off(switching),
+        *rsi_switching._off(switching),
         *lines[after:],
-        *_routines(switching),
+        *rsi_switching._routines(switching),
     ]
     return end_of_line.join([*out, ""])
 
@@ -167,12 +157,9 @@ def check_main(text: str, name: str, where: str) -> None:
     routine = next((match[1] for line in text.splitlines() if (match := _ROUTINE.match(_code(line)))), None)
     if routine is not None and routine.lower() != name.lower():
         raise ProgramError(
-            "the file does not have the name of its main routine: the controller does not load it",
-            where=where,
-            value=f"DEF {routine}( )",
-            limit=f"DEF {name}( )",
-            hint="Rename the file back to what compensate wrote",
-        )
+            "the file does not have the name of its main routine: the controller does not load it", where=where,
+            value=f"DEF {routine}( )", limit=f"DEF {name}( )", hint="Rename the file back to what compensate wrote",
+        )  # fmt: skip
 
 
 def called(text: str) -> tuple[str, ...]:
@@ -209,11 +196,10 @@ def _straight(lines: Sequence[str], where: str, begin: int, path: int, after: in
 def _not_straight(where: str, index: int, line: str) -> ProgramError:
     return ProgramError(
         "the path is entered or left under a condition: the correction would not always be switched off behind it",
-        where=f"{where}:{index + 1}",
-        value=line.strip()[:60],
+        where=f"{where}:{index + 1}", value=line.strip()[:60],
         limit="a path without branches, loops around it, GOTO, RETURN and EXIT",
         hint="Give the program as compensate wrote it",
-    )
+    )  # fmt: skip
 
 
 def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, output: int | None = None) -> None:
@@ -239,36 +225,28 @@ def check_path(lines: Sequence[str], where: str, *, first_only: bool = False, ou
             raise stop_under_correction(lines[i], f"{where}:{i + 1}", "HALT")
         if _SPLINE.match(line):
             raise ProgramError(
-                "nothing is known of corrections on spline motions",
-                where=f"{where}:{i + 1}",
-                value=line.split()[0],
+                "nothing is known of corrections on spline motions", where=f"{where}:{i + 1}", value=line.split()[0],
                 limit="LIN or CIRC",
-            )
+            )  # fmt: skip
         if _SENSOR.search(line):
             raise ProgramError(
-                "the program switches RSI itself",
-                where=f"{where}:{i + 1}",
-                value=line.strip(),
+                "the program switches RSI itself", where=f"{where}:{i + 1}", value=line.strip(),
                 hint="Give the program as compensate wrote it",
-            )
+            )  # fmt: skip
         if output is not None and re.search(rf"\$OUT\s*\[\s*0*{output}\s*\]", line, re.IGNORECASE):
             raise ProgramError(
                 "the program uses the output that shows a safety PLC whether the correction may act",
-                where=f"{where}:{i + 1}",
-                value=line.strip()[:60],
-                limit=f"$OUT[{output}] free",
+                where=f"{where}:{i + 1}", value=line.strip()[:60], limit=f"$OUT[{output}] free",
                 hint="Give controller.correction_output of the cell file another number",
-            )
+            )  # fmt: skip
         if taken := _TAKEN.search(line):
             raise ProgramError(
-                "the program uses what the correction needs",
-                where=f"{where}:{i + 1}",
-                value=taken[0],
-                limit=f"interrupt {_INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
-            )
+                "the program uses what the correction needs", where=f"{where}:{i + 1}", value=taken[0],
+                limit=f"interrupt {rsi_switching._INTERRUPT}, $SEN_PREA, cfr, cfid, CF_CHECK, CF_HOLD and CF_ZERO free",
+            )  # fmt: skip
 
 
-def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
+def link_test(name: str, switching: rsi_switching.RsiSwitching, *, tool: int, base: int, seconds: int = 60) -> str:
     """A program that stands still with RSI on, for watching the link: correction is never enabled.
 
     Raises:
@@ -279,17 +257,17 @@ def link_test(name: str, switching: RsiSwitching, *, tool: int, base: int, secon
         raise InputError("time of the link test", value=seconds, limit="1 .. 3600 s")
     body = [
         "; stands still with RSI on: try the link, correction is not enabled",
-        *_DECLARED,
-        *_INI,
-        *_output(switching, on=False),
+        *rsi_switching._DECLARED,
+        *rsi_switching._INI,
+        *rsi_switching._output(switching, on=False),
         f"$TOOL=TOOL_DATA[{tool}]",
         f"$BASE=BASE_DATA[{base}]",
         "PTP $AXIS_ACT_MEAS",
-        *_on(switching),
+        *rsi_switching._on(switching),
         f"WAIT SEC {seconds}.0",
-        *_off(switching),
+        *rsi_switching._off(switching),
     ]
-    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *_routines(switching), ""]
+    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *rsi_switching._routines(switching), ""]
     return "\n".join(lines)
 
 
@@ -299,11 +277,9 @@ def _code(line: str) -> str:
 
 def _no_ptp(where: str, index: int) -> ProgramError:
     return ProgramError(
-        "corrections are superposed on LIN and CIRC only",
-        where=f"{where}:{index + 1}",
-        value="PTP after the first path motion",
-        hint="Split the program there",
-    )
+        "corrections are superposed on LIN and CIRC only", where=f"{where}:{index + 1}",
+        value="PTP after the first path motion", hint="Split the program there",
+    )  # fmt: skip
 
 
 def _moves(line: str, parts: Collection[str]) -> bool:
@@ -314,14 +290,13 @@ def _moves(line: str, parts: Collection[str]) -> bool:
 def _one_tool(where: str, index: int, line: str) -> ProgramError:
     return ProgramError(
         f"the {'tool' if '$TOOL' in line.upper() else 'frame'} is changed on the path, under correction",
-        where=f"{where}:{index + 1}",
-        value=line.strip(),
+        where=f"{where}:{index + 1}", value=line.strip(),
         limit="one tool and one base from the start position to the end",
         hint="Compensate the part of the program of each tool by itself, and make a set-up for each",
-    )
+    )  # fmt: skip
 
 
 def _says(text: str) -> float:
-    """What Enable is set to: the number of the job that a compensated program carries, else 1."""
+    """Value of Enable: the number of the job that a compensated program carries, else 1."""
     jobs = marks(text)
     return float(job_number(jobs[0])) if len(jobs) == 1 else 1.0

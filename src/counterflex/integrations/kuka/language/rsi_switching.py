@@ -18,31 +18,18 @@ _ARMED: Final = "($SEN_PREA[{0}]>1.5) AND ($SEN_PREA[{0}]<2.5)"
 
 @dataclass(frozen=True)
 class RsiSwitching:
-    """How correction is switched on and off.
+    """Settings that switch the correction on and off."""
 
-    Attributes:
-        context: Name that RSI_CREATE takes.
-        parameters: Object, parameter and value for RSI_SETPUBLICPAR, in mm and deg.
-        cycle_ms: 4 (#IPO_FAST) or 12 (#IPO).
-        enable_index: $SEN_PREA that says that the correction may act.
-        feed_hold_index: $SEN_PREA through which the sensor asks for a feed hold.
-        state_index: $SEN_PREA in which the loop says its state (:class:`counterflex.runtime.state.supervisor.State`).
-        correction_index: First of the six $SEN_PREA in which the controller says what it has corrected, mm and deg.
-        armed_s: How long the program waits for the loop to be armed until it stops.
-        zero_s: How long it waits for the correction to be back at zero until it stops.
-        output: Number of $OUT that is TRUE while the correction may act, or None.
-    """
-
-    context: str
-    parameters: tuple[tuple[str, str, float], ...]
-    cycle_ms: int
-    enable_index: int
-    feed_hold_index: int
-    state_index: int
-    correction_index: int
-    armed_s: float
-    zero_s: float
-    output: int | None = None
+    context: str  # Name that RSI_CREATE takes
+    parameters: tuple[tuple[str, str, float], ...]  # Object, parameter and value for RSI_SETPUBLICPAR, in mm and deg
+    cycle_ms: int  # 4 (#IPO_FAST) or 12 (#IPO)
+    enable_index: int  # $SEN_PREA that says that the correction may act
+    feed_hold_index: int  # $SEN_PREA through which the sensor asks for a feed hold
+    state_index: int  # $SEN_PREA in which the loop says its state (:class:`counterflex.runtime.state.supervisor.State`)
+    correction_index: int  # First of the six $SEN_PREA in which the controller says what it has corrected, mm and deg
+    armed_s: float  # How long the program waits for the loop to be armed until it stops
+    zero_s: float  # How long it waits for the correction to be back at zero until it stops
+    output: int | None = None  # Number of $OUT that is TRUE while the correction may act, or None
 
 
 _DECLARED: Final = ("DECL INT cfr", "DECL INT cfid")
@@ -60,7 +47,7 @@ _INI: Final = (
 
 
 def _output(switching: RsiSwitching, *, on: bool) -> list[str]:
-    """What a safety PLC may watch: TRUE from before the correction is enabled until it is back at zero."""
+    """Output for a safety PLC: TRUE from before the correction is enabled until it is back at zero."""
     if switching.output is None:
         return []
     return [f"$OUT[{switching.output}]={'TRUE' if on else 'FALSE'} ; sensor correction {'may act' if on else 'is off'}"]

@@ -42,18 +42,12 @@ class WithFault(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class WithClause:
-    """A clause as read.
+    """A clause as read."""
 
-    Attributes:
-        start: Index of ``WITH`` in its line.
-        end: Index behind it.
-        speed: Where the path speed stands, m/s; None where none is given.
-        values: Where the value of TOOL, BASE, IPO_MODE and ORI_TYPE stands, of those that are given.
-    """
-
-    start: int
-    end: int
-    speed: tuple[int, int] | None = None
+    start: int  # Index of ``WITH`` in its line
+    end: int  # Index behind it
+    speed: tuple[int, int] | None = None  # Where the path speed stands, m/s; None where none is given
+    # Where the value of TOOL, BASE, IPO_MODE and ORI_TYPE stands, of those that are given
     values: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -14,38 +15,26 @@ from counterflex.geometry import rotation
 from counterflex.integrations.kuka.language import LIMITS
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 
 @dataclass(frozen=True, kw_only=True)
 class KrlSettings(RobotSettings):
-    """What a KRL program needs beside the path and what every language needs; names have up to 24 characters.
+    """Settings of a KRL program beside those of every language; names have up to 24 characters."""
 
-    Attributes:
-        tool: Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name.
-        base: Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece.
-        status: S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN.
-        turn: T of the first Cartesian point.
-        acc_m_s2: $ACC.CP, m/s^2.
-        blend_m: $APO.CDIS, m.
-        axis_percent: Speed and acceleration of PTP, per cent, 1 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Number of TOOL_DATA by number of the tool in the program.
-        fixed_tool: The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and
-            TOOL_DATA the workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA.
-    """
-
-    tool: int | Float = 1
-    base: int | Float = 1
-    status: int | None = None
-    turn: int | None = None
-    acc_m_s2: float = 1.0
-    blend_m: float = 0.5e-3
-    axis_percent: int = 10
+    tool: int | Float = 1  # Number of TOOL_DATA, or T_flange_tcp (4, 4) in m, of tools that ``tool_data`` does not name
+    base: int | Float = 1  # Number of BASE_DATA, or T_base_part (4, 4) in m: KUKA's BASE is the frame of the workpiece
+    status: int | None = None  # S of the first Cartesian point; with ``turn`` it is approached by PTP, else by LIN
+    turn: int | None = None  # T of the first Cartesian point
+    acc_m_s2: float = 1.0  # $ACC.CP, m/s^2
+    blend_m: float = 0.5e-3  # $APO.CDIS, m
+    axis_percent: int = 10  # Speed and acceleration of PTP, per cent, 1 to 100
     cycle_s: float = 0.012
     points_per_file: int = LIMITS.points_per_file
+    # Number of TOOL_DATA by number of the tool in the program
     tool_data: Mapping[int, int] = field(default_factory=dict)
+    # The robot holds the part against a spindle that stands: BASE_DATA is the tool in the world and TOOL_DATA the
+    # workpiece in the flange, as KUKA has it; ``tool_data`` then has numbers of BASE_DATA
     fixed_tool: bool = False
 
     def check(self) -> None:
@@ -81,7 +70,7 @@ def krl_pose(T_a_b: Float) -> str:
 
 
 class KrlWords(RobotWords[KrlSettings]):
-    """Files of KRL."""
+    """KRL: ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
 
     language, sign, stop, wait = "krl", ";", "HALT", "WAIT SEC {}"
 
@@ -94,34 +83,46 @@ class KrlWords(RobotWords[KrlSettings]):
         """A subprogram."""
         return f"{part}( )"
 
+    @abstractmethod
+    def velocity(self, speed_m_s: float) -> list[str]:
+        """Line that sets $VEL.CP, where it changes."""
+
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """PTP, LIN or CIRC; external axes are named where they move along the program."""
+        word = "PTP" if free else "LIN" if len(Ts_part_tcp) == 1 else "CIRC"
+        axes = krl_external(external or {}) if self.settings.places else ""
+        poses = ",".join(f"{{{krl_pose(T)}{axes}}}" for T in Ts_part_tcp)
+        behind = "" if exact else " C_PTP" if free else " C_DIS"
+        return [*([] if free else self.velocity(speed_m_s)), f"{word} {poses}{behind}"]
+
 
 class KrlWriter(KrlWords, RobotWriter[KrlSettings]):
-    """The words of KRL: every point is ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
+    """A commanded path in KRL."""
+
+    _velocity: float | None = None
+
+    def velocity(self, speed_m_s: float) -> list[str]:
+        """$VEL.CP with six decimals."""
+        before, self._velocity = self._velocity, speed_m_s
+        return [] if speed_m_s == before else [f"$VEL.CP={speed_m_s:.6f}"]
+
+    def frames(self, tool: int) -> list[str]:
+        """Frames and speeds of a tool."""
+        self._velocity = None
+        return krl_frames(self.settings, tool)
 
     def point(self, index: int) -> list[str]:
-        """A point: LIN, or PTP to the first one where its S and T are given; $VEL.CP before it where that changes."""
-        settings = self.settings
-        last, speed = self.speed, self.speed_to(index)
-        out = [] if speed == last else [f"$VEL.CP={speed:.6f}"]
-        pose = self._pose(index)
+        """A point: LIN, or PTP to the first one where its S and T are given."""
+        lines, settings = super().point(index), self.settings
         if index == 0 and settings.status is not None:
-            return [*out, f"PTP {{{pose},S {settings.status},T {settings.turn}}}"]
-        return [*out, f"LIN {{{pose}}}" + ("" if self.points.exact[index] or index == 0 else " C_DIS")]
-
-    def enter(self, tool: int, place: int) -> list[str]:
-        """Frames and speeds behind a change of tool, and the way back."""
-        self.speed = self.settings.rapid_m_s
-        back = f"LIN {{{self._pose(place)}}}"
-        return [*krl_frames(self.settings, tool), f"$VEL.CP={self.speed:.6f}", back]
-
-    def _pose(self, index: int) -> str:
-        """Components of a point; external axes are named where they move along the program."""
-        text = krl_pose(self.points.Ts_part_tcp[index])
-        return text + (krl_external(self.external_at(index)) if self.settings.places else "")
+            lines[-1] = f"PTP{lines[-1][3:-1]},S {settings.status},T {settings.turn}}}"
+        return lines
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, first tool, frames and speeds, start posture."""
-        return [*self.origin(), *lead, *krl_frames(self.settings, self.first_tool), "PTP XSTART"]
+        """Return origin, first tool, frames and speeds, start posture."""
+        return [*self.origin(), *lead, *self.frames(self.first_tool), "PTP XSTART"]
 
     def data(self, files: list[str]) -> dict[str, str]:
         """The main ``.dat``: the start posture."""

@@ -24,36 +24,25 @@ _NAMED: Final = re.compile(r"(\w+)\s*\(([^()]*)\)\s*$")
 
 @dataclass(frozen=True)
 class Statement:
-    """Something that matters to RSI.
+    """Something that matters to RSI."""
 
-    Attributes:
-        line: Number in the file, from 1.
-        what: ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``INTERRUPT``,
-            ``CALL``, ``WRITE``, ``RSIOK``.
-        arguments: Of a call; name and arguments of a called routine; variable that is written, and what with; the
-            line of a condition, in capitals and without blanks.
-        guarded: It stands inside IF or CASE.
-        result: Variable that takes the result of a call, or empty.
-    """
-
-    line: int
+    line: int  # Number in the file, from 1
+    # ``RSI_ON``, ``LIN``, ``HALT``, ``WAIT``, ``WHILE`` (also REPEAT: a loop on a condition), ``INTERRUPT``, ``CALL``,
+    # ``WRITE``, ``RSIOK``
     what: str
+    # Of a call; name and arguments of a called routine; variable that is written, and what with; the line of a
+    # condition, in capitals and without blanks
     arguments: tuple[str, ...] = ()
-    guarded: bool = False
-    result: str = ""
+    guarded: bool = False  # It stands inside IF or CASE
+    result: str = ""  # Variable that takes the result of a call, or empty
 
 
 @dataclass(frozen=True)
 class RsiCalls:
-    """The main routine of a KRL program, as RSI sees it.
+    """The main routine of a KRL program, as RSI sees it."""
 
-    Attributes:
-        statements: In the order of the file.
-        where: Path, for messages.
-    """
-
-    statements: tuple[Statement, ...]
-    where: str = ""
+    statements: tuple[Statement, ...]  # In the order of the file
+    where: str = ""  # Path, for messages
 
     def first(self, what: str) -> Statement | None:
         """First statement of a kind, or None."""
@@ -61,7 +50,7 @@ class RsiCalls:
 
     @property
     def mode(self) -> Mode | None:
-        """What RSI_ON asks for; None without RSI_ON. Where it does not say, the controller takes ABSOLUTE."""
+        """Mode of RSI_ON; None without RSI_ON. The controller takes ABSOLUTE where it names none."""
         on = self.first("RSI_ON")
         if on is None:
             return None
@@ -86,7 +75,7 @@ class RsiCalls:
         return tuple(statements)
 
     def public_parameters(self) -> dict[tuple[str, str], tuple[float | None, int]]:
-        """What RSI_SETPUBLICPAR sets: value (None where it is computed) and line by object and parameter."""
+        """Settings of RSI_SETPUBLICPAR: value (None where it is computed) and line by object and parameter."""
         parameters: dict[tuple[str, str], tuple[float | None, int]] = {}
         for item in self.statements:
             if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) == 4:

@@ -45,36 +45,22 @@ MAX_CHANNELS: Final = 64
 
 @dataclass(frozen=True)
 class Tag:
-    """One ELEMENT of the file.
+    """One ELEMENT of the file."""
 
-    Attributes:
-        tag: As written: ``DEF_RIst``, ``RKorr.X``, ``Stop``.
-        kind: Its TYPE.
-        channel: INDX 1..64, or None for INTERNAL.
-        hold: HOLDON: the controller keeps the last value where no valid answer came. Received tags only.
-    """
-
-    tag: str
-    kind: Kind
-    channel: int | None
-    hold: bool = True
+    tag: str  # As written: ``DEF_RIst``, ``RKorr.X``, ``Stop``
+    kind: Kind  # Its TYPE
+    channel: int | None  # INDX 1..64, or None for INTERNAL
+    hold: bool = True  # HOLDON: the controller keeps the last value where no valid answer came. Received tags only.
 
 
 @dataclass(frozen=True)
 class Value:
-    """One value of a telegram.
+    """One value of a telegram."""
 
-    Attributes:
-        element: XML element.
-        attribute: Its attribute, or empty for the element's text.
-        kind: Type.
-        tag: The tag of the file it comes from.
-    """
-
-    element: str
-    attribute: str
-    kind: Kind
-    tag: Tag
+    element: str  # XML element
+    attribute: str  # Its attribute, or empty for the element's text
+    kind: Kind  # Type
+    tag: Tag  # The tag of the file it comes from
 
     @property
     def name(self) -> str:
@@ -84,25 +70,15 @@ class Value:
 
 @dataclass(frozen=True)
 class RsiConfig:
-    """A checked configuration file.
+    """A checked configuration file."""
 
-    Attributes:
-        host: IP_NUMBER: where the controller sends to.
-        port: PORT.
-        sentype: Type that the answer must carry.
-        only_send: The controller expects no answer.
-        send: What it sends, in order.
-        receive: What it takes in, in order.
-        where: Path, for messages.
-    """
-
-    host: str
-    port: int
-    sentype: str
-    only_send: bool
-    send: tuple[Tag, ...]
-    receive: tuple[Tag, ...]
-    where: str = ""
+    host: str  # IP_NUMBER: where the controller sends to
+    port: int  # PORT
+    sentype: str  # Type that the answer must carry
+    only_send: bool  # The controller expects no answer
+    send: tuple[Tag, ...]  # What it sends, in order
+    receive: tuple[Tag, ...]  # What it takes in, in order
+    where: str = ""  # Path, for messages
 
     def sent(self) -> tuple[Value, ...]:
         """Every value of a ``<Rob>`` telegram in order, without IPOC."""

@@ -24,40 +24,24 @@ _SINKS: Final = ("POSCORR", "AXISCORR", "AXISCORREXT", "STOP", "ETHERNET")
 
 @dataclass(frozen=True)
 class Input:
-    """One wired input.
+    """One wired input."""
 
-    Attributes:
-        index: Of the input, from 1.
-        source: ObjID whose output it takes.
-        output: Index of that output, from 1.
-    """
-
-    index: int
-    source: str
-    output: int
+    index: int  # Of the input, from 1
+    source: str  # ObjID whose output it takes
+    output: int  # Index of that output, from 1
 
 
 @dataclass(frozen=True)
 class ContextObject:
-    """One object of a context.
+    """One object of a context."""
 
-    Attributes:
-        kind: Type in capitals: ``POSCORR``, ``ETHERNET``.
-        name: ObjID.
-        inputs: Wired inputs.
-        parameters: Texts by name, as written.
-        public: Parameters that are marked public: only these may be set by RSI_SETPUBLICPAR.
-        type_number: ObjTypeID, by which the controller knows the type; None where the file gives none.
-        parameter_numbers: ParamID of parameters by name, likewise.
-    """
-
-    kind: str
-    name: str
-    inputs: tuple[Input, ...]
-    parameters: dict[str, str]
-    public: frozenset[str] = frozenset()
-    type_number: int | None = None
-    parameter_numbers: dict[str, int] = field(default_factory=dict)
+    kind: str  # Type in capitals: ``POSCORR``, ``ETHERNET``
+    name: str  # ObjID
+    inputs: tuple[Input, ...]  # Wired inputs
+    parameters: dict[str, str]  # Texts by name, as written
+    public: frozenset[str] = frozenset()  # Parameters that are marked public: only these may be set by RSI_SETPUBLICPAR
+    type_number: int | None = None  # ObjTypeID, by which the controller knows the type; None where the file gives none
+    parameter_numbers: dict[str, int] = field(default_factory=dict)  # ParamID of parameters by name, likewise
 
     def number(self, parameter: str, default: float) -> float:
         """Value of a parameter; ``default`` where the file does not give it.
@@ -76,17 +60,11 @@ class ContextObject:
 
 @dataclass(frozen=True)
 class RsiContextFile:
-    """A context.
+    """A context."""
 
-    Attributes:
-        objects: In the order of the file.
-        where: Path, for messages.
-        first_index: Number of the first port in the file: 1 (RSI 3) or 0 (RSI 4 and later).
-    """
-
-    objects: tuple[ContextObject, ...]
-    where: str = ""
-    first_index: int = 1
+    objects: tuple[ContextObject, ...]  # In the order of the file
+    where: str = ""  # Path, for messages
+    first_index: int = 1  # Number of the first port in the file: 1 (RSI 3) or 0 (RSI 4 and later)
 
     def of_kind(self, kind: str) -> tuple[ContextObject, ...]:
         """Objects of a type, given in capitals."""
@@ -97,7 +75,7 @@ class RsiContextFile:
         return next((item for item in self.objects if item.name == name), None)
 
     def reached(self, source: str, output: int) -> tuple[list[tuple[ContextObject, int]], list[ContextObject]]:
-        """Where a signal ends, and what it passes on the way.
+        """Return the ends of a signal, and the objects on its way.
 
         Args:
             source: ObjID.
@@ -147,12 +125,10 @@ def parse_context(text: bytes, where: str) -> RsiContextFile:
     first = _FIRST_INDEX.get(_local(root).lower())
     if first is None:
         raise FileFormatError(
-            "not an RSI context",
-            where=where,
-            value=f"<{_local(root)}>",
+            "not an RSI context", where=where, value=f"<{_local(root)}>",
             limit="<RSIObjects> (.rsi.xml) or <RsiContext> (.rsix)",
             hint="The .rsi file is the editor's drawing; give the .rsi.xml beside it",
-        )
+        )  # fmt: skip
     objects = [_object(item, first, where) for item in root.iter() if _local(item).lower() == "rsiobject"]
     names = [item.name for item in objects]
     twice = next((name for name in names if names.count(name) > 1), None)

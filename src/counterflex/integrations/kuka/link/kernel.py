@@ -67,7 +67,7 @@ def _find(data: Bytes, b: int, e: int, ab: int, ae: int, names: Bytes, entries: 
 
 @kernel("boolean(uint8[::1], int64, int64, int64)")
 def _named_before(data: Bytes, begin: int, b: int, e: int) -> bool:
-    """Whether the attribute ``data[b:e]`` has a namesake among those of ``data[begin:b]``, which are well-formed."""
+    """Return whether the attribute ``data[b:e]`` has a namesake among those, well-formed, of ``data[begin:b]``."""
     i = begin
     while i < b:
         while i < b and _blank(data[i]):

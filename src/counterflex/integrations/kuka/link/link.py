@@ -38,17 +38,6 @@ class RsiLink:
         axes: How the controller counts the axes of its telegrams.
         wire: What carries the telegrams; None opens the port.
 
-    Attributes:
-        counters: See :class:`Counters`.
-        elapsed: Cycles from the telegram before to the newest one, by its counter; 0 when none came.
-        restarted: The newest telegram belongs to another session than the one before.
-        enable: Free tag ``Enable`` of the robot program; True where the configuration has none.
-        clamped: The controller says that it limits the correction (free tag ``....Stat`` above 1).
-        holds_feed: The configuration has the tag ``FeedHold``.
-        job: Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none.
-        commanded_is: Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT).
-        measured_is: Likewise the measured pose; ABSENT without RIst.
-
     Raises:
         InputError: The configuration lacks what a correction needs.
         OutputError: The port cannot be bound.
@@ -83,7 +72,9 @@ class RsiLink:
         self._axes = self._reader.place(*(f"{angles}.A{i}" for i in range(1, 7)))
         self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
         set_angles = angles == "ASPos"
+        # Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT)
         self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
+        # Likewise the measured pose; ABSENT without RIst
         self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
         self._delay = self._reader.place("Delay.D")[0] if "Delay.D" in names else -1
@@ -106,15 +97,15 @@ class RsiLink:
         self._override = self._place_of("Override")
         self._line = SessionCounter(round(period_s * 1e3))
         self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer, wire)
-        self.counters: Counters = self._port.counters
-        self.elapsed = 0
-        self.restarted = False
-        self.enable = False
-        self.clamped = False
-        self.job = 0
+        self.counters: Counters = self._port.counters  # See :class:`Counters`
+        self.elapsed = 0  # Cycles from the telegram before to the newest one, by its counter; 0 when none came
+        self.restarted = False  # The newest telegram belongs to another session than the one before
+        self.enable = False  # Free tag ``Enable`` of the robot program; True where the configuration has none
+        self.clamped = False  # The controller says that it limits the correction (free tag ``....Stat`` above 1)
+        self.job = 0  # Number of the job that the program says it is of: ``Enable`` above 1; 0: it says none
         self._numbers: Float = np.zeros(len(names))
         self._number_view = self._numbers.data  # the same, read faster
-        self.holds_feed = self._place_of("FeedHold") >= 0
+        self.holds_feed = self._place_of("FeedHold") >= 0  # The configuration has the tag ``FeedHold``
         places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
         nowhere = np.zeros(0, dtype=np.int64)
         pieces, parts = self._writer.fixed
@@ -140,22 +131,22 @@ class RsiLink:
 
     @property
     def cartesian(self) -> bool:
-        """Whether Cartesian corrections can be sent."""
+        """True where Cartesian corrections can be sent."""
         return self._pose_out is not None
 
     @property
     def axis_specific(self) -> bool:
-        """Whether axis corrections can be sent."""
+        """True where axis corrections can be sent."""
         return self._axes_out is not None
 
     @property
     def has_currents(self) -> bool:
-        """Whether motor currents come."""
+        """True where motor currents come."""
         return self._currents is not None
 
     @property
     def overriding(self) -> bool:
-        """Whether the speed of the program can be changed."""
+        """True where the speed of the program can be changed."""
         return self._override >= 0
 
     def wait(self, timeout_s: float) -> bool:
@@ -178,10 +169,8 @@ class RsiLink:
         return verdict
 
     def _repeat_answer(self, length: int) -> None:
-        """Answer a telegram whose numbers cannot be read, but whose counter can: with what :meth:`repeat` was told.
-
-        It is no telegram for the loop. But a robot whose telegrams are unreadable without end must be told to stop.
-        """
+        """Answer a telegram whose numbers cannot be read, but whose counter can: with what :meth:`repeat` was told."""
+        # It is no telegram for the loop. But a robot whose telegrams are unreadable without end must be told to stop.
         if self._again is None:
             return
         match = _COUNTER.search(self._port.data[:length].tobytes())
@@ -195,7 +184,7 @@ class RsiLink:
         answer(self._table.rows, self._port.target, counter, correction, as_axes, stop, feed_hold, override, int(state))
 
     def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
-        """What is said beside the correction that was sent last to telegrams that can only be answered, not read.
+        """Set the words beside the last correction for telegrams that can only be answered, not read.
 
         Args:
             stop: Tell the controller to stop.
@@ -220,7 +209,7 @@ class RsiLink:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Where telegrams are expected."""
+        """Address at which telegrams are expected."""
         return self._port.address
 
     @property

@@ -8,14 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.robot_folder import (
-    RobotSetup,
-    read_program,
-    refuse_errors,
-    require_other_folder,
-    unwatched,
-    write_folder,
-)
+from counterflex.app import robot_folder
 from counterflex.core.errors import FileFormatError, ProgramError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.controller import ControllerTable
@@ -27,14 +20,7 @@ from counterflex.integrations.kuka.link.calls import parse_calls, read_calls
 from counterflex.integrations.kuka.link.check.all_rules import check as judge
 from counterflex.integrations.kuka.link.config import parse_config, read_config
 from counterflex.integrations.kuka.link.context import parse_context, read_context
-from counterflex.integrations.kuka.link.make.files import (
-    CORRECTION_INDEX,
-    ENABLE_INDEX,
-    FEED_HOLD_INDEX,
-    STATE_INDEX,
-    RsiFiles,
-    check_files,
-)
+from counterflex.integrations.kuka.link.make import files as rsi_files
 from counterflex.integrations.kuka.link.readme import readme
 from counterflex.integrations.kuka.link.whole_setup import OnlineLimits, Setup
 from counterflex.programs.compensated import marks
@@ -52,40 +38,25 @@ _ZERO_S: Final = 2.0
 
 @dataclass(frozen=True)
 class CheckSettings:
-    """What is judged.
+    """Settings of the check."""
 
-    Attributes:
-        config: ETHERNET file.
-        cell: Cell file with an ``[online]`` table, or None.
-        context: Context (``.rsi.xml``, ``.rsix``), or None.
-        program: KRL program (``.src``), or None.
-        ports: Other UDP ports in use on the sensor computer, by what uses them.
-    """
-
-    config: Path
-    cell: Path | None = None
-    context: Path | None = None
-    program: Path | None = None
+    config: Path  # ETHERNET file
+    cell: Path | None = None  # Cell file with an ``[online]`` table, or None
+    context: Path | None = None  # Context (``.rsi.xml``, ``.rsix``), or None
+    program: Path | None = None  # KRL program (``.src``), or None
+    # Other UDP ports in use on the sensor computer, by what uses them
     ports: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class MakeSettings:
-    """What is made.
+    """Settings of the files that are made."""
 
-    Attributes:
-        cell: Cell file with an ``[online]`` table.
-        program: Compensated KRL program (``.src``), or None: a program that only tries the link.
-        host: Address of the sensor computer.
-        port: UDP port on it.
-        sentype: Type of the answers.
-    """
-
-    cell: Path
-    program: Path | None = None
-    host: str = "192.168.44.10"
-    port: int = 59152
-    sentype: str = "Counterflex"
+    cell: Path  # Cell file with an ``[online]`` table
+    program: Path | None = None  # Compensated KRL program (``.src``), or None: a program that only tries the link
+    host: str = "192.168.44.10"  # Address of the sensor computer
+    port: int = 59152  # UDP port on it
+    sentype: str = "Counterflex"  # Type of the answers
 
 
 def check(settings: CheckSettings) -> tuple[Finding, ...]:
@@ -109,7 +80,7 @@ def check(settings: CheckSettings) -> tuple[Finding, ...]:
 
 
 def limits_of(table: OnlineTable, *, override: bool | None = None) -> OnlineLimits:
-    """What an ``[online]`` table promises the controller; ``override``: there is a table ``[override]``."""
+    """Return the limits that an ``[online]`` table promises; ``override``: there is a table ``[override]``."""
     return OnlineLimits(
         correction_mm=table.correction_mm,
         correction_deg=table.correction_deg,
@@ -136,11 +107,11 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         InputError: Address or limits cannot be used: what would be written has a finding of severity error.
         ProgramError: The program cannot run under correction.
     """
-    require_other_folder(out, settings.program)
+    robot_folder.require_other_folder(out, settings.program)
     cell = read_cell(settings.cell)
     table = _online_of(cell.tables, settings.cell)
     controller = cell.tables.controller
-    files = RsiFiles(
+    files = rsi_files.RsiFiles(
         NAME,
         settings.host,
         settings.port,
@@ -150,15 +121,15 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         override=cell.tables.override is not None,
         generation=controller.rsi_generation(str(settings.cell)),
     )
-    check_files(files)
+    rsi_files.check_files(files)
     switching = RsiSwitching(
         context=files.created_as,
         parameters=files.public_parameters(),
         cycle_ms=files.limits.period_ms,
-        enable_index=ENABLE_INDEX,
-        feed_hold_index=FEED_HOLD_INDEX,
-        state_index=STATE_INDEX,
-        correction_index=CORRECTION_INDEX,
+        enable_index=rsi_files.ENABLE_INDEX,
+        feed_hold_index=rsi_files.FEED_HOLD_INDEX,
+        state_index=rsi_files.STATE_INDEX,
+        correction_index=rsi_files.CORRECTION_INDEX,
         armed_s=_ARMED_S,
         zero_s=table.correction_mm / table.ramp_mm_s + _ZERO_S,
         output=controller.correction_output,
@@ -173,7 +144,7 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
             files.limits,
         )
     )
-    refuse_errors(findings)
+    robot_folder.refuse_errors(findings)
     texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching)
     summary = {
         "job": "rsi make",
@@ -192,16 +163,16 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
         "warnings": [
             *(item.line() for item in findings),
             *_unmarked(settings.program, programs[main]),
-            *unwatched(controller.correction_output, "correction_output"),
+            *robot_folder.unwatched(controller.correction_output, "correction_output"),
         ],
         "counterflex": __version__,
     }
-    write_folder(out, programs, texts, summary)
+    robot_folder.write_folder(out, programs, texts, summary)
     return summary
 
 
 def _unmarked(program: Path | None, text: str) -> tuple[str, ...]:
-    """What to say of a program that does not say which plan it belongs to."""
+    """Remark on a program that does not say which plan it belongs to."""
     if program is None or len(marks(text)) == 1:
         return ()
     return (
@@ -253,20 +224,16 @@ def _programs(
             corrected[data.name] = _krl(data)
         elif name == program.stem and re.search(r"\bXSTART\b", text):
             raise ProgramError(
-                "the data list of the program is missing: the controller does not load it",
-                where=str(program),
-                value=f"XSTART, but no {data.name}",
-                hint="Keep the .dat beside the .src, as compensate writes them",
-            )
+                "the data list of the program is missing: the controller does not load it", where=str(program),
+                value=f"XSTART, but no {data.name}", hint="Keep the .dat beside the .src, as compensate writes them",
+            )  # fmt: skip
     return corrected, program.name, tuple(elsewhere)
 
 
 def _krl(path: Path) -> str:
-    return read_program(path, (".src", ".dat"), "KRL program", "krl")
+    return robot_folder.read_program(path, (".src", ".dat"), "KRL program", "krl")
 
 
-SETUP: Final = RobotSetup(
-    "KUKA RSI",
-    lambda **given: check(CheckSettings(**given)),
-    lambda out, **given: make(MakeSettings(**given), out),
+SETUP: Final = robot_folder.RobotSetup(
+    "KUKA RSI", lambda **given: check(CheckSettings(**given)), lambda out, **given: make(MakeSettings(**given), out)
 )

@@ -34,17 +34,10 @@ class Reader:
     Args:
         root: ``Rob`` or ``Sen``.
         values: What the telegrams hold.
-
-    Attributes:
-        names: Of the values, in order.
-        values: (m,) last numbers read, in the units of the wire.
-        seen: (m,) which of them the last telegram held.
-        counter: Its IPOC.
-        stopped_at: Byte at which the last scan ended, for messages.
     """
 
     def __init__(self, root: str, values: Sequence[Value]) -> None:
-        self.names = tuple(value.name for value in values)
+        self.names = tuple(value.name for value in values)  # Of the values, in order
         text, entries = bytearray(), []
         for value in values:
             b = len(text)
@@ -55,10 +48,10 @@ class Reader:
         self._root: Bytes = np.frombuffer(root.encode("ascii"), dtype=np.uint8).copy()
         self._names: Bytes = np.frombuffer(bytes(text) or b"\0", dtype=np.uint8).copy()
         self._entries: Int = np.array(entries, dtype=np.int64).reshape(-1, 5)
-        self.values: Float = np.zeros(len(self.names))
-        self.seen: Bool = np.zeros(len(self.names), dtype=np.bool_)
-        self.counter = -1
-        self.stopped_at = 0
+        self.values: Float = np.zeros(len(self.names))  # (m,) last numbers read, in the units of the wire
+        self.seen: Bool = np.zeros(len(self.names), dtype=np.bool_)  # (m,) which of them the last telegram held
+        self.counter = -1  # Its IPOC
+        self.stopped_at = 0  # Byte at which the last scan ended, for messages
 
     def read(self, data: Bytes, length: int) -> int:
         """Read a telegram of ``length`` bytes from the buffer; returns the status (0: all is well)."""
@@ -92,27 +85,17 @@ class Writer:
         values: What the telegrams hold; texts (STRING) are written as given in ``texts``.
         decimals: Places of DOUBLE values.
         texts: By value name; missing ones are empty.
-
-    Attributes:
-        names: Of the values, in order.
-        values: (m,) numbers to write, in the units of the wire; those of texts are ignored.
-        buffer: Where telegrams are written.
     """
 
     def __init__(
-        self,
-        root: str,
-        kind: str,
-        values: Sequence[Value],
-        *,
-        decimals: int = 6,
-        texts: dict[str, str] | None = None,
+        self, root: str, kind: str, values: Sequence[Value], *, decimals: int = 6, texts: dict[str, str] | None = None
     ) -> None:
         if not 0 <= decimals <= 9:
             raise InputError("decimal places of telegrams", value=decimals, limit="0 .. 9")
-        self.names = tuple(value.name for value in values)
+        self.names = tuple(value.name for value in values)  # Of the values, in order
+        # (m,) numbers to write, in the units of the wire; those of texts are ignored
         self.values: Float = np.zeros(len(self.names))
-        self.buffer: Bytes = np.zeros(LARGEST_DATAGRAM, dtype=np.uint8)
+        self.buffer: Bytes = np.zeros(LARGEST_DATAGRAM, dtype=np.uint8)  # Where telegrams are written
         pieces, pending = bytearray(), f'<{root} Type="{kind}">'
         parts: list[tuple[int, int, int, int]] = []
         for element, group in _elements(values):

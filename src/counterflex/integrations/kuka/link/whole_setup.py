@@ -19,25 +19,15 @@ _LEVER_M: Final = 0.2
 
 @dataclass(frozen=True)
 class OnlineLimits:
-    """What the table ``[online]`` of a cell promises.
+    """Limits that the table ``[online]`` of a cell promises."""
 
-    Attributes:
-        correction_mm: Largest length of the correction.
-        correction_deg: Largest angle of it.
-        hard_factor: Beyond the limits times this the loop faults.
-        period_ms: Cycle, 4 or 12.
-        axes: Axis corrections are sent, not Cartesian ones.
-        orientation: The orientation is corrected too.
-        override: The cell lets the loop change the speed of the program; None where nobody says.
-    """
-
-    correction_mm: float
-    correction_deg: float
-    hard_factor: float
-    period_ms: int
-    axes: bool = False
-    orientation: bool = False
-    override: bool | None = None
+    correction_mm: float  # Largest length of the correction
+    correction_deg: float  # Largest angle of it
+    hard_factor: float  # Beyond the limits times this the loop faults
+    period_ms: int  # Cycle, 4 or 12
+    axes: bool = False  # Axis corrections are sent, not Cartesian ones
+    orientation: bool = False  # The orientation is corrected too
+    override: bool | None = None  # The cell lets the loop change the speed of the program; None where nobody says
 
     @property
     def axis_deg(self) -> float:
@@ -47,20 +37,13 @@ class OnlineLimits:
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that is known of one set-up.
+    """Everything that is known of one set-up."""
 
-    Attributes:
-        config: ETHERNET file.
-        context: Context, or None.
-        program: KRL program, or None.
-        limits: Of the loop, or None.
-        ports: Other UDP ports in use on the sensor computer, by what uses them.
-    """
-
-    config: RsiConfig
-    context: RsiContextFile | None = None
-    program: RsiCalls | None = None
-    limits: OnlineLimits | None = None
+    config: RsiConfig  # ETHERNET file
+    context: RsiContextFile | None = None  # Context, or None
+    program: RsiCalls | None = None  # KRL program, or None
+    limits: OnlineLimits | None = None  # Of the loop, or None
+    # Other UDP ports in use on the sensor computer, by what uses them
     ports: dict[str, int] = field(default_factory=dict)
 
     @property

@@ -22,26 +22,17 @@ _SCHEMA = "http://www.staubli.com/robotics/VAL3"
 
 @dataclass(frozen=True, kw_only=True)
 class Val3Settings(RobotSettings):
-    """What a VAL3 application needs beside the path and what every language needs.
+    """Settings of a VAL3 application beside those of every language."""
 
-    Attributes:
-        T_flange_tcp: (4, 4) m, tool frame of tools that ``tool_data`` does not name.
-        T_world_part: (4, 4) m, frame of the part in the controller's world, which lies at the height of axis 2.
-        blend_m: Leave and reach of blended points, m.
-        axis_percent: Speed of movej, per cent.
-        configuration: Shoulder, elbow and wrist of every point.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Name of the tool variable by number of the tool in the program.
-    """
-
-    T_flange_tcp: Float
-    T_world_part: Float
-    blend_m: float = 0.5e-3
-    axis_percent: int = 10
+    T_flange_tcp: Float  # (4, 4) m, tool frame of tools that ``tool_data`` does not name
+    T_world_part: Float  # (4, 4) m, frame of the part in the controller's world, which lies at the height of axis 2
+    blend_m: float = 0.5e-3  # Leave and reach of blended points, m
+    axis_percent: int = 10  # Speed of movej, per cent
+    # Shoulder, elbow and wrist of every point
     configuration: tuple[str, str, str] = ("righty", "epositive", "wpositive")
     cycle_s: float = 0.004
     points_per_file: int = LIMITS.points_per_file
+    # Name of the tool variable by number of the tool in the program
     tool_data: Mapping[int, str] = field(default_factory=dict)
 
     def check(self) -> None:

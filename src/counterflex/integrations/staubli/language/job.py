@@ -12,7 +12,6 @@ from counterflex.app.compensation.robot_program import tool_data
 from counterflex.app.conversion import emitter_settings
 from counterflex.app.robot_axes import part_in_world, pose_text
 from counterflex.app.robot_programs import refuse_held_part, shared_facts
-from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell
 from counterflex.integrations.staubli.language.application import Application, Val3Settings
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
@@ -21,7 +20,7 @@ from counterflex.programs.convert.robot_languages import RobotEmitter
 from counterflex.programs.convert.steps import Move
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
-from counterflex.programs.robot_writer.writer import RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotWords, RobotWriter
 from counterflex.report.data import Fact
 from counterflex.robot.kinematics.inverse_seeds import branch_of
 
@@ -44,9 +43,19 @@ class Val3Words(RobotWords[Val3Settings]):
         """A program of the application."""
         return f"call {part}()"
 
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """movej, movel or movec to elements of ``pPath`` in the part frame."""
+        del external
+        app = self.application
+        word = "movej" if free else "movel" if len(Ts_part_tcp) == 1 else "movec"
+        points = ",".join(app.point(T) for T in Ts_part_tcp)
+        return [f"{word}({points},{app.tool(self.tool)},{app.speed(0.0 if free else speed_m_s, exact=exact)})"]
+
 
 class Val3Emitter(Val3Words, RobotEmitter[Val3Settings]):
-    """Staubli VAL3: movej, movel, movec; the points in the data file."""
+    """A converted program as an application."""
 
     def end(self) -> dict[str, str]:
         """Programs, data and project."""
@@ -57,36 +66,19 @@ class Val3Emitter(Val3Words, RobotEmitter[Val3Settings]):
         """delay, at rest."""
         self.lines += ["waitEndMove()", f"delay({number(move.motion.duration_s, 4)})"]
 
-    def _behind(self, speed_m_s: float) -> str:
-        exact = self.exact or self.first
-        return f"{self.application.tool(self.tool)},{self.application.speed(speed_m_s, exact=exact)})"
-
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """Movej or movel."""
-        word = "movej" if free else "movel"
-        self.lines.append(f"{word}({self.application.point(T_part_tcp)},{self._behind(0.0 if free else speed_m_s)}")
-
-    def circle(self, move: Move, start_share: float, end_share: float) -> None:
-        """Movec through the middle of a piece."""
-        middle, last = (self.application.point(T) for T in self.through(move, start_share, end_share))
-        self.lines.append(f"movec({middle},{last},{self._behind(self._speed(move))}")
-
 
 class Val3Writer(Val3Words, RobotWriter[Val3Settings]):
-    """The words of VAL3: every point is a ``movel`` to an element of ``pPath`` in the part frame."""
+    """A commanded path as an application."""
 
-    def point(self, index: int) -> list[str]:
-        """A point: movel, stopping at the first one and where it must be reached."""
-        speed, exact = self.speed_to(index), bool(self.points.exact[index] or index == 0)
-        return [self._move(index, speed, exact=exact), *(["waitEndMove()"] if exact else [])]
-
-    def enter(self, tool: int, place: int) -> list[str]:
-        """The way back behind a change of tool."""
-        self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [self._move(place, self.speed, exact=True), "waitEndMove()"]
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """The controller runs ahead of the motion: it waits where a point must be reached."""
+        lines = super().motion(Ts_part_tcp, speed_m_s, exact=exact, free=free, external=external)
+        return [*lines, *(["waitEndMove()"] if exact else [])]
 
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the program comes from, start posture."""
+        """Return origin, start posture."""
         app = self.application
         move = f"movej(jStart[0],{app.tool(self.first_tool)},{app.speed(0.0, exact=True)})"
         return [*self.origin(), *lead, move, "waitEndMove()"]
@@ -99,14 +91,9 @@ class Val3Writer(Val3Words, RobotWriter[Val3Settings]):
         """Points, speeds, project."""
         return self.application.project(files)
 
-    def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
-        app = self.application
-        point = app.point(self.points.Ts_part_tcp[index])
-        return f"movel({point},{app.tool(self.tool)},{app.speed(speed_m_s, exact=exact)})"
-
 
 def cell_of(cell: Cell) -> Val3Cell:
-    """What a VAL3 program is held against.
+    """Return the cell as the reader of VAL3 needs it.
 
     Raises:
         InputError: The robot holds the part: such programs are not read.

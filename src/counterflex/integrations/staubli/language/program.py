@@ -41,63 +41,37 @@ def rotations_of(R: Float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Val3Value:
-    """An element of a variable of the data file.
+    """An element of a variable of the data file."""
 
-    Attributes:
-        data: Index in :attr:`Val3Program.data` of the ``<`` of its Value; -1 where the file does not write it.
-        end: Index of the ``/>`` or ``>`` of that tag.
-        attributes: Text by name of attribute.
-        spans: Where each text stands.
-    """
-
-    data: int
-    end: int
-    attributes: Mapping[str, str]
-    spans: Mapping[str, Span]
+    data: int  # Index in :attr:`Val3Program.data` of the ``<`` of its Value; -1 where the file does not write it
+    end: int  # Index of the ``/>`` or ``>`` of that tag
+    attributes: Mapping[str, str]  # Text by name of attribute
+    spans: Mapping[str, Span]  # Where each text stands
 
 
 @dataclass(frozen=True, slots=True)
 class Val3Data:
-    """A variable of the data file.
+    """A variable of the data file."""
 
-    Attributes:
-        kind: ``pointRx``, ``frame``, ``tool``, ``mdesc``, ...
-        head: Its opening tag.
-        values: Elements by index.
-        size: Number of elements.
-    """
-
-    kind: str
-    head: str
-    values: Mapping[int, Val3Value]
-    size: int = 1
+    kind: str  # ``pointRx``, ``frame``, ``tool``, ``mdesc``, ..
+    head: str  # Its opening tag
+    values: Mapping[int, Val3Value]  # Elements by index
+    size: int = 1  # Number of elements
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Val3Motion(NamedPoint):
-    """What stands behind a motion of :attr:`Val3Program.motions` in the text.
+    """Text behind a motion of :attr:`Val3Program.motions`."""
 
-    Attributes:
-        word: ``movej movel movec``, or ``delay`` of a dwell, whose head is that of the ``waitEndMove()`` before it.
-        attributes: Of its end in the data file: configuration and father.
-        point: Its end, where it is a point of the data file as it stands there; else None.
-        auxiliary: Point on a circle, of the same kind as ``point``.
-        auxiliary_named: Where that stands.
-        tool: As written.
-        speed: Attributes of its mdesc.
-        speed_named: Where that stands.
-        exact: It stops at its end.
-    """
-
-    word: str
-    attributes: Mapping[str, str] = field(default_factory=dict)
-    point: Key | None = None
-    auxiliary: Key | None = None
-    auxiliary_named: Span = (0, 0)
-    tool: str = ""
-    speed: Mapping[str, str] = field(default_factory=dict)
-    speed_named: Span = (0, 0)
-    exact: bool = False
+    word: str  # ``movej movel movec``, or ``delay`` of a dwell, whose head is that of the ``waitEndMove()`` before it
+    attributes: Mapping[str, str] = field(default_factory=dict)  # Of its end in the data file: configuration and father
+    point: Key | None = None  # Its end, where it is a point of the data file as it stands there; else None
+    auxiliary: Key | None = None  # Point on a circle, of the same kind as ``point``
+    auxiliary_named: Span = (0, 0)  # Where that stands
+    tool: str = ""  # As written
+    speed: Mapping[str, str] = field(default_factory=dict)  # Attributes of its mdesc
+    speed_named: Span = (0, 0)  # Where that stands
+    exact: bool = False  # It stops at its end
 
     @property
     def moves(self) -> bool:
@@ -107,40 +81,24 @@ class Val3Motion(NamedPoint):
 
 @dataclass(frozen=True, slots=True)
 class Val3Source:
-    """A program file of a job.
+    """A program file of a job."""
 
-    Attributes:
-        text: As read.
-        code: Index of the first character behind ``begin``.
-    """
-
-    text: str
-    code: int
+    text: str  # As read
+    code: int  # Index of the first character behind ``begin``
 
 
 @dataclass(frozen=True, slots=True)
 class Val3Program(RobotProgram):
-    """A program in VAL3, with the programs of its application that it calls.
+    """A program in VAL3, with the programs of its application that it calls."""
 
-    Attributes:
-        sources: Program files by name, the main one first.
-        data: The data file.
-        data_name: Its name.
-        moves: One for each of ``motions``.
-        variables: Of the data file, by name.
-        mentions: How often the program uses each point.
-        datas_end: Index of ``</Datas>`` in the data file.
-        old: The data file is in the form of s6.
-    """
-
-    sources: Mapping[str, Val3Source] = field(default_factory=dict)
-    data: str = ""
-    data_name: str = ""
-    moves: tuple[Val3Motion, ...] = ()
-    variables: Mapping[str, Val3Data] = field(default_factory=dict)
-    mentions: Mapping[Key, int] = field(default_factory=dict)
-    datas_end: int = 0
-    old: bool = False
+    sources: Mapping[str, Val3Source] = field(default_factory=dict)  # Program files by name, the main one first
+    data: str = ""  # The data file
+    data_name: str = ""  # Its name
+    moves: tuple[Val3Motion, ...] = ()  # One for each of ``motions``
+    variables: Mapping[str, Val3Data] = field(default_factory=dict)  # Of the data file, by name
+    mentions: Mapping[Key, int] = field(default_factory=dict)  # How often the program uses each point
+    datas_end: int = 0  # Index of ``</Datas>`` in the data file
+    old: bool = False  # The data file is in the form of s6
 
     def stops(self) -> frozenset[int]:
         """Motions with blend off."""

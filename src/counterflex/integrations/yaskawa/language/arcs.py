@@ -29,31 +29,18 @@ _WHOLE: Final = 2.0 * np.pi + 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ArcPoint:
-    """A point of a row of MOVC.
+    """A point of a row of MOVC."""
 
-    Attributes:
-        block: Index of its block.
-        point: Its place in the text.
-        T: (4, 4) m, tool frame of the program in the part frame.
-        R: (3, 3) of the cell's TCP frame in the part.
-        feed_m_s: Speed to it.
-        form: As written.
-        rpm: Of the spindle, signed.
-        tool: Number of the tool.
-        quiet: Nothing but comments stands between it and the point before.
-        where: File, line and column.
-    """
-
-    block: int
-    point: Point
-    T: Float
-    R: Float
-    feed_m_s: float
-    form: Form
-    rpm: float
-    tool: int
-    quiet: bool
-    where: str
+    block: int  # Index of its block
+    point: Point  # Its place in the text
+    T: Float  # (4, 4) m, tool frame of the program in the part frame
+    R: Float  # (3, 3) of the cell's TCP frame in the part
+    feed_m_s: float  # Speed to it
+    form: Form  # As written
+    rpm: float  # Of the spindle, signed
+    tool: int  # Number of the tool
+    quiet: bool  # Nothing but comments stands between it and the point before
+    where: str  # File, line and column
 
     @property
     def p(self) -> Float:

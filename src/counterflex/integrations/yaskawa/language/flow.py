@@ -41,21 +41,13 @@ class Step(NamedTuple):
 
 
 class Flow(Motions):
-    """Decides which instruction follows.
+    """Decides which instruction follows."""
 
-    Attributes:
-        folder: Jobs that can be called.
-        process: Finds machine functions of the cell file.
-        depth: Number of jobs that run, one calling the other.
-        call_line: Line of the main job that runs.
-        file: Name of the main job.
-    """
-
-    folder: Folder
-    process: ProcessWords | None
-    depth: int = 0
-    call_line: int = 1
-    file: str = ""
+    folder: Folder  # Jobs that can be called
+    process: ProcessWords | None  # Finds machine functions of the cell file
+    depth: int = 0  # Number of jobs that run, one calling the other
+    call_line: int = 1  # Line of the main job that runs
+    file: str = ""  # Name of the main job
 
     @abstractmethod
     def statement(self, step: Step) -> int:

@@ -34,33 +34,19 @@ _REFUSED: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """A motion as written; places are those in the instruction.
+    """A motion as written; places are those in the instruction."""
 
-    Attributes:
-        word: ``MOVJ MOVL MOVC IMOV``.
-        target: Name of its position; empty where it names none.
-        named: Where that stands.
-        words: Names of positions of external axes, as written.
-        speed: Text of ``V=``; empty without one.
-        number: Where that text stands.
-        level: Of ``PL=``; -1 where it is not said, or by a variable.
-        rounding_m: Of ``CR=``; NaN without one.
-        frame: Of an increment: ``BF``, ``RF``, ``TF``, ``UF#(1)``.
-        fpt: The arc changes here.
-        tail: Options behind the speed.
-    """
-
-    word: str
-    target: str = ""
-    named: Span = (0, 0)
-    words: str = ""
-    speed: str = ""
-    number: Span = (0, 0)
-    level: int = -1
-    rounding_m: float = float("nan")
-    frame: str = ""
-    fpt: bool = False
-    tail: str = ""
+    word: str  # ``MOVJ MOVL MOVC IMOV``
+    target: str = ""  # Name of its position; empty where it names none
+    named: Span = (0, 0)  # Where that stands
+    words: str = ""  # Names of positions of external axes, as written
+    speed: str = ""  # Text of ``V=``; empty without one
+    number: Span = (0, 0)  # Where that text stands
+    level: int = -1  # Of ``PL=``; -1 where it is not said, or by a variable
+    rounding_m: float = float("nan")  # Of ``CR=``; NaN without one
+    frame: str = ""  # Of an increment: ``BF``, ``RF``, ``TF``, ``UF#(1)``
+    fpt: bool = False  # The arc changes here
+    tail: str = ""  # Options behind the speed
 
     @property
     def exact(self) -> bool:

@@ -19,13 +19,9 @@ _APART_M: Final = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class InformCell(NumberedCell):
-    """Data of a cell that a job is read against.
+    """Data of a cell that a job is read against."""
 
-    Attributes:
-        pulses_per_deg: (6,) of the axes S L U R B T; empty where the cell file does not say them.
-    """
-
-    pulses_per_deg: tuple[float, ...] = ()
+    pulses_per_deg: tuple[float, ...] = ()  # (6,) of the axes S L U R B T; empty where the cell file does not say them
 
 
 class Frames(NumberedFrames):
@@ -33,14 +29,11 @@ class Frames(NumberedFrames):
 
     Args:
         cell: What they are held against; None takes the first frame for the part frame.
-
-    Attributes:
-        made: (4, 4) m of user frames that the job makes (MFRAME), in the world.
     """
 
     def __init__(self, cell: InformCell | None) -> None:
         super().__init__(cell, "///TOOL {}", "///USER {}")
-        self.made: dict[int, Float] = {}
+        self.made: dict[int, Float] = {}  # (4, 4) m of user frames that the job makes (MFRAME), in the world
         self._first: tuple[int, Float | None] | None = None
         self._last: Header | None = None
         self._T_part_frame: Float = np.eye(4)

@@ -63,17 +63,13 @@ class InformEmitter(InformWords, RobotEmitter[InformSettings]):
         super()._count()
         self._in_arc = self._in_arc and len(self._cuts) == cuts
 
-    def point(self, T_part_tcp: Float, speed_m_s: float, *, free: bool) -> None:
-        """MOVJ or MOVL."""
-        word, speed = (
-            ("MOVJ", f"VJ={self.settings.axis_percent:.2f}") if free else ("MOVL", f"V={speed_text(speed_m_s)}")
-        )
-        self._append(word, T_part_tcp, speed)
+    def straight(self, move: Move, share: float) -> None:
+        """MOVJ or MOVL: no arc goes on behind it."""
+        super().straight(move, share)
         self._in_arc = False
 
-    def _append(self, word: str, T_part_tcp: Float, speed: str, option: str = "") -> None:
-        level = " PL=0" if self.exact or self.first else ""
-        self.lines.append(inform_motion(self.settings, self.tool, word, T_part_tcp, f"{speed}{level}{option}"))
+    def _append(self, T_part_tcp: Float, rest: str) -> None:
+        self.lines.append(inform_motion(self.settings, self.tool, "MOVC", T_part_tcp, rest))
 
     def arc_shares(self, move: Move) -> list[float] | None:
         """Pieces through whose rounded points the circle stays; a helix becomes straight moves."""
@@ -99,19 +95,18 @@ class InformEmitter(InformWords, RobotEmitter[InformSettings]):
     def circle(self, move: Move, start_share: float, end_share: float) -> None:
         """MOVC: at its start, unless an arc ends there, in the middle, and at its end."""
         speed = f"V={speed_text(self._speed(move))}"
-        exact, self.exact = self.exact, False
+        on_the_way = f"{speed} PL=0" if self.first else speed
         middle, end = self.through(move, start_share, end_share)
         if not self._in_arc:
             R = move.R_part_start if start_share == 0.0 else self.orientation(move, start_share)
-            self._append("MOVC", pose.make(R, move.at(start_share)), speed)
-        self._append("MOVC", middle, speed)
-        self.exact = exact
-        self._append("MOVC", end, speed, " FPT")
+            self._append(pose.make(R, move.at(start_share)), on_the_way)
+        self._append(middle, on_the_way)
+        self._append(end, f"{speed}{' PL=0' if self.exact or self.first else ''} FPT")
         self._in_arc = True
 
 
 def cell_of(cell: Cell) -> InformCell:
-    """What a job is held against; a cell whose robot holds the part is refused."""
+    """Return the cell as the reader of jobs needs it; refuse a cell whose robot holds the part."""
     own = cell.tables.robot.controller_axes
     pulses = () if own is None or own.pulses_per_deg is None else own.pulses_per_deg
     return InformCell(**numbered_facts(cell, DIALECT, "INFORM"), pulses_per_deg=pulses)

@@ -65,18 +65,15 @@ class Motions(ExecutionByAxes[InformMotion]):
     Attributes:
         values: Variables.
         frames: Frames and tools.
-        speed: V of motions that name none, mm/s.
-        shift: (3,) m in the part frame that SFTON adds, or None.
-        eventful: Something else than a MOVC ran since the last one.
     """
 
     def __init__(self, cell: InformCell | None) -> None:
         self.values, self.frames = Values(), Frames(cell)
         super().__init__(self.frames)
         self.cell = cell
-        self.speed: Value = Unknown("no V, and no SPEED before it")
-        self.shift: Float | None = None
-        self.eventful = False
+        self.speed: Value = Unknown("no V, and no SPEED before it")  # V of motions that name none, mm/s
+        self.shift: Float | None = None  # (3,) m in the part frame that SFTON adds, or None
+        self.eventful = False  # Something else than a MOVC ran since the last one
         self._row: list[ArcPoint] = []
         self._rested: ArcPoint | None = None  # last point of a row that a dwell ended
         self._resumed = False

@@ -43,19 +43,12 @@ def values_of(T_frame_tool: Float) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What stands before positions and holds for all that follow.
+    """Words before positions, which hold for all that follow."""
 
-    Attributes:
-        postype: ``PULSE BASE ROBOT USER TOOL MTOOL``.
-        user: Number of ``///USER``; -1 where none was said.
-        tool: Number of ``///TOOL``; -1 where none was said.
-        rconf: Text of ``///RCONF``.
-    """
-
-    postype: str = ""
-    user: int = -1
-    tool: int = -1
-    rconf: str = ""
+    postype: str = ""  # ``PULSE BASE ROBOT USER TOOL MTOOL``
+    user: int = -1  # Number of ``///USER``; -1 where none was said
+    tool: int = -1  # Number of ``///TOOL``; -1 where none was said
+    rconf: str = ""  # Text of ``///RCONF``
 
     def lines(self) -> list[str]:
         """Return the pseudo instructions that say it."""
@@ -67,48 +60,29 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """An entry of ``//POS``.
+    """An entry of ``//POS``."""
 
-    Attributes:
-        kind: ``C`` or ``P``; of external axes ``BC EC BP EX``.
-        number: Behind the kind.
-        start: Index of its name.
-        end: Index behind its last number.
-        numbers: Where each number stands.
-        values: X Y Z in mm and Rx Ry Rz in deg; S L U R B T in pulses where ``header.postype`` is PULSE.
-        header: What it stands under.
-    """
-
-    kind: str
-    number: int
-    start: int
-    end: int
-    numbers: tuple[Span, ...]
+    kind: str  # ``C`` or ``P``; of external axes ``BC EC BP EX``
+    number: int  # Behind the kind
+    start: int  # Index of its name
+    end: int  # Index behind its last number
+    numbers: tuple[Span, ...]  # Where each number stands
+    # X Y Z in mm and Rx Ry Rz in deg; S L U R B T in pulses where ``header.postype`` is PULSE
     values: tuple[float, ...]
-    header: Header
+    header: Header  # What it stands under
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point(NamedPoint):
-    """A position that a motion leads to or through, as it stands in the text; its frame has the shift that is on.
+    """A position that a motion leads to or through, as it stands in the text; its frame has the shift that is on."""
 
-    Attributes:
-        end: Index behind the instruction.
-        position: Its entry; None of a computed one.
-        computed: Why it is no entry, as a clause; empty where it is.
-        header: What an entry like it stands under.
-        words: Positions of external axes behind it, as written.
-        number: Where the number of ``V=`` stands; empty span without one.
-        tail: Options behind the speed, as written.
-    """
-
-    end: int
-    position: Position | None = None
-    computed: str = ""
-    header: Header = field(default_factory=Header)
-    words: str = ""
-    number: Span = (0, 0)
-    tail: str = ""
+    end: int  # Index behind the instruction
+    position: Position | None = None  # Its entry; None of a computed one
+    computed: str = ""  # Why it is no entry, as a clause; empty where it is
+    header: Header = field(default_factory=Header)  # What an entry like it stands under
+    words: str = ""  # Positions of external axes behind it, as written
+    number: Span = (0, 0)  # Where the number of ``V=`` stands; empty span without one
+    tail: str = ""  # Options behind the speed, as written
 
     @property
     def relative(self) -> bool:
@@ -118,25 +92,15 @@ class Point(NamedPoint):
 
 @dataclass(frozen=True, slots=True)
 class InformMotion:
-    """What stands behind a motion of :attr:`InformProgram.motions` in the text.
+    """Text behind a motion of :attr:`InformProgram.motions`."""
 
-    Attributes:
-        word: ``MOVJ MOVL MOVC IMOV``, or ``TIMER`` of a dwell.
-        point: Its end.
-        exact: The robot stops there (PL=0).
-        rounding_m: Radius of its corner as far as the job says it (CR); NaN: left to the controller.
-        through: Of a circle the points between start and end.
-        start: Of a circle the MOVC that stands at its start, where it moves nothing.
-        piece: One of several pieces of a circle that stand in instructions of their own: not edited.
-    """
-
-    word: str
-    point: Point
-    exact: bool = False
-    rounding_m: float = float("nan")
-    through: tuple[Point, ...] = ()
-    start: Point | None = None
-    piece: bool = False
+    word: str  # ``MOVJ MOVL MOVC IMOV``, or ``TIMER`` of a dwell
+    point: Point  # Its end
+    exact: bool = False  # The robot stops there (PL=0)
+    rounding_m: float = float("nan")  # Radius of its corner as far as the job says it (CR); NaN: left to the controller
+    through: tuple[Point, ...] = ()  # Of a circle the points between start and end
+    start: Point | None = None  # Of a circle the MOVC that stands at its start, where it moves nothing
+    piece: bool = False  # One of several pieces of a circle that stand in instructions of their own: not edited
 
     @property
     def line(self) -> int:
@@ -146,42 +110,25 @@ class InformMotion:
 
 @dataclass(frozen=True, slots=True)
 class JobText:
-    """A job file, as read.
+    """A job file, as read."""
 
-    Attributes:
-        text: As read.
-        positions: Entries by kind and number.
-        mentions: How often the instructions name each C.
-        npos: Where the number of C in ``///NPOS`` stands.
-        behind: Index behind the last C, where further ones are put; without one behind ``//POS``.
-        at_behind: What further positions there stand under.
-        followed: Positions stand behind it.
-        first: Index at which the line behind NOP begins.
-    """
-
-    text: str
-    positions: Mapping[tuple[str, int], Position]
-    mentions: Mapping[int, int]
-    npos: Span
-    behind: int
-    at_behind: Header
-    followed: bool
-    first: int
+    text: str  # As read
+    positions: Mapping[tuple[str, int], Position]  # Entries by kind and number
+    mentions: Mapping[int, int]  # How often the instructions name each C
+    npos: Span  # Where the number of C in ``///NPOS`` stands
+    behind: int  # Index behind the last C, where further ones are put; without one behind ``//POS``
+    at_behind: Header  # What further positions there stand under
+    followed: bool  # Positions stand behind it
+    first: int  # Index at which the line behind NOP begins
 
 
 @dataclass(frozen=True, slots=True)
 class InformProgram(RobotProgram):
-    """A job with those that it calls.
+    """A job with those that it calls."""
 
-    Attributes:
-        jobs: By name of the file, the main one first.
-        moves: One for each of ``motions``.
-        doubts: Second readings, one sentence each.
-    """
-
-    jobs: Mapping[str, JobText] = field(default_factory=dict)
-    moves: tuple[InformMotion, ...] = ()
-    doubts: tuple[str, ...] = ()
+    jobs: Mapping[str, JobText] = field(default_factory=dict)  # By name of the file, the main one first
+    moves: tuple[InformMotion, ...] = ()  # One for each of ``motions``
+    doubts: tuple[str, ...] = ()  # Second readings, one sentence each
 
     def stops(self) -> frozenset[int]:
         """Motions with PL=0."""

@@ -11,15 +11,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
-from counterflex.integrations.yaskawa.language.program import (
-    AXES,
-    PULSE,
-    USER,
-    WORLD,
-    Header,
-    JobText,
-    Position,
-)
+from counterflex.integrations.yaskawa.language import program as inform
 from counterflex.integrations.yaskawa.language.table import OPENS, row_of
 from counterflex.programs.robot_text.process_words import NUMBER
 from counterflex.programs.robot_text.program import Span
@@ -32,7 +24,7 @@ _VALUE: Final = re.compile(rf"\s*({NUMBER})\s*(,|$)")
 _NPOS: Final = re.compile(r"\s*(\d+)")
 _NAMED: Final = re.compile(r"(?<![\w#$])C(\d+)\b", re.IGNORECASE)
 _CALLED: Final = re.compile(r"\bJOB:([^\s(]+)", re.IGNORECASE)
-_TYPES: Final = (PULSE, *WORLD, USER, "TOOL", "MTOOL", "MASTER")
+_TYPES: Final = (inform.PULSE, *inform.WORLD, inform.USER, "TOOL", "MTOOL", "MASTER")
 _MOST_VALUES: Final = 8
 _REMARKS: Final = ("'", "//")
 _REMARK: Final = re.compile(r"(?<=\S)\s+//.*")
@@ -44,34 +36,22 @@ _IGNORED: Final = frozenset({"DATE", "COMM", "ATTR", "LVARS", "LVARSNAME", "ENDV
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """An instruction.
+    """An instruction."""
 
-    Attributes:
-        head: Index at which its line begins.
-        start: Index of its first character.
-        end: Index behind its last character.
-        code: The text between.
-        line: 1-based.
-    """
-
-    head: int
-    start: int
-    end: int
-    code: str
-    line: int
+    head: int  # Index at which its line begins
+    start: int  # Index of its first character
+    end: int  # Index behind its last character
+    code: str  # The text between
+    line: int  # 1-based
 
 
 class Job:
     """A job, divided.
 
     Attributes:
-        positions: Entries by kind and number.
-        statements: Instructions behind NOP, comments and empty lines included.
-        codes: Their code.
         labels: Index of the instruction by name of its label.
         partner: Index of the end by that of the beginning of a block, and the other way round.
         branches: Of a block the indices of its ELSEIFEXP, ELSE, CASE and DEFAULT.
-        frame: Frame of a relative job (``////FRAME``): ``USER 2``, ``ROBOT``; empty of others.
 
     Raises:
         ProgramError: A part is missing or damaged.
@@ -80,16 +60,16 @@ class Job:
     def __init__(self, text: str, name: str, *, complete: bool = True, encoding: str = "utf-8") -> None:
         self.text, self.name, self.encoding = text, name, encoding
         self._begins = [0, *(match.end() for match in re.finditer(r"\r\n|\n|\r", text))]
-        self.positions: dict[tuple[str, int], Position] = {}
-        self.statements: list[Statement] = []
-        self.frame = ""
+        self.positions: dict[tuple[str, int], inform.Position] = {}  # Entries by kind and number
+        self.statements: list[Statement] = []  # Instructions behind NOP, comments and empty lines included
+        self.frame = ""  # Frame of a relative job (``////FRAME``): ``USER 2``, ``ROBOT``; empty of others
         self._npos: Span = (0, 0)
         self._first = 0
-        self._header = Header()
-        self._behind: tuple[int, Header] | None = None
+        self._header = inform.Header()
+        self._behind: tuple[int, inform.Header] | None = None
         self._part, self._ended = "", False
         self._read(complete)
-        self.codes = [one.code for one in self.statements]
+        self.codes = [one.code for one in self.statements]  # Their code
         self._match_blocks()
 
     # ---- places --------------------------------------------------------------------------------------------
@@ -111,15 +91,15 @@ class Job:
         """Name without its ending, upper case."""
         return Path(self.name).stem.upper()
 
-    def about(self) -> JobText:
+    def about(self) -> inform.JobText:
         """Return what a program keeps of it."""
         mentions: dict[int, int] = {}
         for code in self.codes:
             for match in _NAMED.finditer("" if code.startswith(_REMARKS) else code):
                 mentions[int(match[1])] = mentions.get(int(match[1]), 0) + 1
-        behind, header = self._behind or (self._after_pos, Header())
+        behind, header = self._behind or (self._after_pos, inform.Header())
         followed = any(one.start > behind for one in self.positions.values())
-        return JobText(self.text, self.positions, mentions, self._npos, behind, header, followed, self._first)
+        return inform.JobText(self.text, self.positions, mentions, self._npos, behind, header, followed, self._first)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 
@@ -214,15 +194,17 @@ class Job:
         if (kind, number) in self.positions:
             raise self.fault(at, f"{match[1]}{match[2]} is there twice", "once")
         end = numbers[-1][1] if numbers else at + len(code)
-        self.positions[kind, number] = Position(kind, number, at, end, tuple(numbers), tuple(values), self._header)
+        self.positions[kind, number] = inform.Position(
+            kind, number, at, end, tuple(numbers), tuple(values), self._header
+        )
         if kind == "C":
             self._behind = (end, self._header)
 
     def _check_values(self, values: list[float], at: int) -> None:
-        pulses = self._header.postype == PULSE
+        pulses = self._header.postype == inform.PULSE
         if not self._header.postype:
             raise self.fault(at, "nothing says what the numbers of a position are", "///POSTYPE before it")
-        if not AXES <= len(values) <= _MOST_VALUES or any(values[AXES:]):
+        if not inform.AXES <= len(values) <= _MOST_VALUES or any(values[inform.AXES :]):
             raise self.fault(
                 at, "a position has another number of values than a robot with six axes",
                 "S L U R B T" if pulses else "X Y Z Rx Ry Rz", "Robots with seven axes are not read",

@@ -96,15 +96,10 @@ _BITS: Final[Mapping[str, Callable[[int, int], int]]] = {
 
 @dataclass(frozen=True)
 class PositionValue:
-    """Value of a position variable.
+    """Value of a position variable."""
 
-    Attributes:
-        values: X Y Z in mm and Rx Ry Rz in deg, or six pulses.
-        header: What its numbers are.
-    """
-
-    values: tuple[Value, ...]
-    header: Header
+    values: tuple[Value, ...]  # X Y Z in mm and Rx Ry Rz in deg, or six pulses
+    header: Header  # What its numbers are
 
     @property
     def unknown(self) -> Unknown | None:
@@ -122,21 +117,13 @@ Key = tuple[str, int]
 
 @dataclass
 class Values:
-    """Values of variables.
+    """Values of variables."""
 
-    Attributes:
-        where: ``file:line`` of the instruction that runs.
-        own: Variables of the job that runs (``L``).
-        all: Those of all jobs.
-        version: Number of changes so far.
-        loaded: Numbers of the position variables that have the value of //POS.
-    """
-
-    where: str = ""
-    own: dict[Key, Value] = field(default_factory=dict)
-    all: dict[Key, Value] = field(default_factory=dict)
-    version: int = 0
-    loaded: set[int] = field(default_factory=set)
+    where: str = ""  # ``file:line`` of the instruction that runs
+    own: dict[Key, Value] = field(default_factory=dict)  # Variables of the job that runs (``L``)
+    all: dict[Key, Value] = field(default_factory=dict)  # Those of all jobs
+    version: int = 0  # Number of changes so far
+    loaded: set[int] = field(default_factory=set)  # Numbers of the position variables that have the value of //POS
 
     # ---- read ----------------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from counterflex.integrations.yaskawa.language import LIMITS
 from counterflex.integrations.yaskawa.language.program import USER, Header, frame_of, values_of
 from counterflex.integrations.yaskawa.language.spelling import comments, job_text, numbers_text, speed_text
 from counterflex.programs.limits import check_name
-from counterflex.programs.robot_writer.writer import RobotSettings, RobotWords, RobotWriter
+from counterflex.programs.robot_writer.writer import External, Poses, RobotSettings, RobotWords, RobotWriter
 
 _POSE: Final = "\0"
 """Stands between an instruction and the entry of its position until the positions of a job are numbered."""
@@ -25,29 +25,19 @@ _UNUSED: Final = ",0" * 18
 
 @dataclass(frozen=True, kw_only=True)
 class InformSettings(RobotSettings):
-    """What a job needs beside the path and what every language needs; names have up to 32 characters.
+    """Settings of a job beside those of every language; names have up to 32 characters."""
 
-    Attributes:
-        tool: Tool file of tools that ``tool_data`` does not name.
-        base: User frame that is the part frame.
-        configuration: Returns RCONF of a tool pose (4, 4) m in the part frame, six flags with commas between.
-        axis_percent: Speed of MOVJ, per cent, 0.01 to 100.
-        cycle_s: See :class:`counterflex.programs.robot_writer.writer.RobotSettings`.
-        points_per_file: See there.
-        tool_data: Tool file by number of the tool in the program.
-        T_world_part: (4, 4) m, what the user frame must be on the controller, stated as a comment; None states nothing.
-        T_flange_tcp: (4, 4) m, likewise of the first tool.
-    """
-
-    tool: int = 1
-    base: int = 1
+    tool: int = 1  # Tool file of tools that ``tool_data`` does not name
+    base: int = 1  # User frame that is the part frame
+    # Returns RCONF of a tool pose (4, 4) m in the part frame, six flags with commas between
     configuration: Callable[[Float], str] = lambda _T: PLAIN
-    axis_percent: float = 10.0
+    axis_percent: float = 10.0  # Speed of MOVJ, per cent, 0.01 to 100
     cycle_s: float = 0.004
     points_per_file: int = LIMITS.points_per_file
-    tool_data: Mapping[int, int] = field(default_factory=dict)
+    tool_data: Mapping[int, int] = field(default_factory=dict)  # Tool file by number of the tool in the program
+    # (4, 4) m, what the user frame must be on the controller, stated as a comment; None states nothing
     T_world_part: Float | None = None
-    T_flange_tcp: Float | None = None
+    T_flange_tcp: Float | None = None  # (4, 4) m, likewise of the first tool
 
     def check(self) -> None:
         """Check ranges.
@@ -115,30 +105,31 @@ class InformWords(RobotWords[InformSettings]):
         """CALL."""
         return f"CALL JOB:{part.upper()}"
 
+    def motion(
+        self, Ts_part_tcp: Poses, speed_m_s: float, *, exact: bool, free: bool = False, external: External = None
+    ) -> list[str]:
+        """MOVJ or MOVL with a position of its own in the user frame, PL=0 where it must be reached."""
+        del external
+        (T,) = Ts_part_tcp
+        word, speed = (
+            ("MOVJ", f"VJ={self.settings.axis_percent:.2f}") if free else ("MOVL", f"V={speed_text(speed_m_s)}")
+        )
+        return [inform_motion(self.settings, self.tool, word, T, f"{speed}{' PL=0' if exact else ''}")]
+
 
 class InformWriter(InformWords, RobotWriter[InformSettings]):
-    """The words of INFORM: every point is a MOVL with a position of its own in the user frame."""
+    """A commanded path as a job."""
 
     def dwell(self, time_s: float) -> str:
         """Line that waits; TIMER takes 0.01 s."""
         return self.wait.format(f"{time_s:.2f}")
 
-    def point(self, index: int) -> list[str]:
-        """A point: MOVL, PL=0 at the first one and where it must be reached."""
-        return [self._move(index, self.speed_to(index), exact=bool(self.points.exact[index]) or index == 0)]
-
-    def enter(self, tool: int, place: int) -> list[str]:
-        """The way back behind a change of tool; every position names its tool."""
-        self.speed, self.tool = self.settings.rapid_m_s, tool
-        return [self._move(place, self.speed, exact=True)]
-
     def start(self, lead: Sequence[str]) -> list[str]:
-        """Where the job comes from, what the frames must be, first tool; by axes to the first point."""
-        settings = self.settings
+        """Return origin, frames on the controller, first tool; by axes to the first point."""
         to_first: list[str] = []
         if len(self.points.row):
-            T = self.points.Ts_part_tcp[0]
-            to_first = [inform_motion(settings, self.first_tool, "MOVJ", T, f"VJ={settings.axis_percent:.2f} PL=0")]
+            self.tool = self.first_tool
+            to_first = self.motion([self.points.Ts_part_tcp[0]], 0.0, exact=True, free=True)
         return [*self.origin(), *self._stated(), *lead, *to_first]
 
     def _stated(self) -> list[str]:
@@ -152,11 +143,6 @@ class InformWriter(InformWords, RobotWriter[InformSettings]):
                 texts = numbers_text(values_of(T))
                 out += [f"' {name}", f"' X Y Z {' '.join(texts[:3])}", f"' RXYZ {' '.join(texts[3:])}"]
         return out
-
-    def _move(self, index: int, speed_m_s: float, *, exact: bool) -> str:
-        T = self.points.Ts_part_tcp[index]
-        rest = f"V={speed_text(speed_m_s)}{' PL=0' if exact else ''}"
-        return inform_motion(self.settings, self.tool, "MOVL", T, rest)
 
 
 def written_pose(T_part_tcp: Float) -> Float:

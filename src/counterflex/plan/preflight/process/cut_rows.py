@@ -168,68 +168,44 @@ NEEDS_CUT: Final = (*_OF_VOLUME, *_OF_FORCE)
 
 @dataclass(frozen=True, eq=False)
 class AsWritten:
-    """Statements of the program about its run on the controller.
+    """Statements of the program about its run on the controller."""
 
-    Attributes:
-        approximation_m: (motions,) distance at which the rounding of the corner at its end begins, 0 for an exact stop,
-            NaN where it names none, see :func:`counterflex.programs.approximation.approximation_m`.
-        size: How large it is.
-        stated: Offsets, coolant and end.
-        height_known: The program has named the height of the tool with or before its first motion.
-        spindle_by_person: It says nothing of the spindle, and the cell wires no statement to it.
-        postures: Posture that motions of a robot program ask for; None of other languages.
-        started_by_person: No statement of the cell's table starts the spindle: the program asks a person for it.
-        arrival: Motion at whose end the program has named X, Y and Z: up to there the way is not known.
-        left_out: File and line of each motion by axes before the first target and behind the last one.
-    """
-
+    # (motions,) distance at which the rounding of the corner at its end begins, 0 for an exact stop, NaN where it names
+    # none, see counterflex.programs.approximation.approximation_m
     approximation_m: Float
-    size: ProgramSize
-    stated: Stated
-    height_known: bool = True
-    spindle_by_person: bool = False
-    arrival: int = 0
+    size: ProgramSize  # how large it is
+    stated: Stated  # offsets, coolant and end
+    height_known: bool = True  # the program has named the height of the tool with or before its first motion
+    spindle_by_person: bool = False  # it says nothing of the spindle, and the cell wires no statement to it
+    arrival: int = 0  # motion at whose end the program has named X, Y and Z: up to there the way is not known
+    # file and line of each motion by axes before the first target and behind the last one
     left_out: tuple[str, ...] = ()
+    # posture that motions of a robot program ask for; None of other languages
     postures: dict[int, StatedPosture] | None = None
+    # no statement of the cell's table starts the spindle: the program asks a person for it
     started_by_person: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Machining:
-    """Tools, spindle and cutting constants as the cell file states them.
+    """Tools, spindle and cutting constants as the cell file states them."""
 
-    Attributes:
-        limits_of: Gives the limits of the process for a tool number.
-        tools: By number.
-        rigid: Axes whose stiffness is not known, as text; empty: none.
-        sample_s: Period of the force sensor; None where the process is not monitored.
-    """
-
-    limits_of: Callable[[int], ProcessLimits]
-    tools: Mapping[int, ToolBounds]
-    rigid: str = ""
-    sample_s: float | None = None
+    limits_of: Callable[[int], ProcessLimits]  # gives the limits of the process for a tool number
+    tools: Mapping[int, ToolBounds]  # by number
+    rigid: str = ""  # axes whose stiffness is not known, as text; empty: none
+    sample_s: float | None = None  # period of the force sensor; None where the process is not monitored
 
 
 @dataclass(frozen=True, eq=False)
 class MadeCut:
-    """The cut of the tool that does not yield, along a path of n rows.
-
-    Attributes:
-        path: The path.
-        blank: The stock before the cut.
-        result: None where it cannot be computed.
-        fault: Why.
-        contact: (n,) segments at feed that remove material.
-        forced: (n,) of these, those with the spindle on, clockwise.
-    """
+    """The cut of the tool that does not yield, along a path of n rows."""
 
     path: ToolPath
-    blank: HeightMap
-    result: Cut | None
-    fault: str
-    contact: Bool
-    forced: Bool
+    blank: HeightMap  # the stock before the cut
+    result: Cut | None  # None where it cannot be computed
+    fault: str  # why
+    contact: Bool  # (n,) segments at feed that remove material
+    forced: Bool  # (n,) of these, those with the spindle on, clockwise
 
     @property
     def volume_m3(self) -> Float:

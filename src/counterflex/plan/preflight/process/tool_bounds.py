@@ -9,22 +9,13 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class ToolBounds:
-    """Bounds of one tool.
+    """Bounds of one tool."""
 
-    Attributes:
-        centre_cutting: The mill cuts at its centre, so that it may plunge.
-        ramp_rad: Steepest ramp of a mill that does not.
-        feed_per_tooth_m: Least and largest.
-        cutting_speed_m_s: Least and largest, at the diameter.
-        max_rad_s: Highest speed.
-        coolant: It is to be cooled (True), or must not be (False).
-        holder_m: Outline of what does not cut, from the tip upward: height above the tip, radius; empty: not known.
-    """
-
-    centre_cutting: bool | None = None
-    ramp_rad: float | None = None
-    feed_per_tooth_m: Range | None = None
-    cutting_speed_m_s: Range | None = None
-    max_rad_s: float | None = None
-    coolant: bool | None = None
+    centre_cutting: bool | None = None  # the mill cuts at its centre, so that it may plunge
+    ramp_rad: float | None = None  # steepest ramp of a mill that does not
+    feed_per_tooth_m: Range | None = None  # least and largest
+    cutting_speed_m_s: Range | None = None  # least and largest, at the diameter
+    max_rad_s: float | None = None  # highest speed
+    coolant: bool | None = None  # it is to be cooled (True), or must not be (False)
+    # outline of what does not cut, from the tip upward: height above the tip, radius; empty: not known
     holder_m: tuple[tuple[float, float], ...] = ()

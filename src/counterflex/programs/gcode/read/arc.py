@@ -38,19 +38,12 @@ class ArcFault(ValueError):
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc in its plane.
+    """An arc in its plane."""
 
-    Attributes:
-        first: Centre along the plane's first axis, m.
-        second: Centre along the second, m.
-        turn_rad: Signed angle about the plane's normal, whole turns included.
-        radius_m: Mean of start and end radius.
-    """
-
-    first: float
-    second: float
-    turn_rad: float
-    radius_m: float
+    first: float  # Centre along the plane's first axis, m
+    second: float  # Centre along the second, m
+    turn_rad: float  # Signed angle about the plane's normal, whole turns included
+    radius_m: float  # Mean of start and end radius
 
 
 def turn_angle(start: tuple[float, float], end: tuple[float, float], clockwise: bool, turns: int) -> float:
@@ -82,7 +75,7 @@ def centre_tolerance(unit_m: float) -> float:
 
 
 def radius_tolerance(unit_m: float) -> float:
-    """How far R may fall short of half the chord, m, for the program's unit."""
+    """Largest shortfall of R against half the chord, m, for the program's unit."""
     return _RADIUS_INCH * INCH if unit_m == INCH else _RADIUS_MM * MM
 
 

@@ -6,16 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.codes import (
-    AXES,
-    G_GROUP,
-    M_GROUP,
-    NEUTRAL_BY_WORD,
-    REFUSED_G,
-    REFUSED_M,
-    TAKEN_BY_G,
-    code_name,
-)
+from counterflex.programs.gcode.read import codes
 from counterflex.programs.program import Word
 
 _KNOWN: Final = frozenset("ABCDEFGHIJKLMNPQRSTXYZ")
@@ -34,10 +25,6 @@ class BlockWords:
 
     Raises:
         ProgramError: An unknown letter or code, a repeated word, two codes of one modal group, a refused code.
-
-    Attributes:
-        g: Code of each modal group named, in tenths.
-        m: M codes in tenths, in order.
     """
 
     def __init__(
@@ -45,16 +32,16 @@ class BlockWords:
     ) -> None:
         self._fault = fault
         self.line = line
-        self.g: dict[str, int] = {}
-        self.m: dict[str, int] = {}
+        self.g: dict[str, int] = {}  # Code of each modal group named, in tenths
+        self.m: dict[str, int] = {}  # M codes in tenths, in order
         self._values: dict[str, float] = {}
         self._columns: dict[str, int] = {}
         self._letters = frozenset(word.letter for word in words)
         for word in words:
             if word.letter == "G":
-                self._code(word, "G", G_GROUP, REFUSED_G, self.g)
+                self._code(word, "G", codes.G_GROUP, codes.REFUSED_G, self.g)
             elif word.letter == "M":
-                self._code(word, "M", M_GROUP, REFUSED_M, self.m)
+                self._code(word, "M", codes.M_GROUP, codes.REFUSED_M, self.m)
             elif word.letter not in _KNOWN:
                 axis = word.letter in "UVW"
                 what = "axes U V W are not read" if axis else "an unknown word"
@@ -66,15 +53,10 @@ class BlockWords:
                 self._columns[word.letter] = word.start
         self._unused = set(self._values) - {"N"}
         for code in self.g.values():
-            self._unused -= set(TAKEN_BY_G.get(code, "")) if code != _BLENDING else set()
+            self._unused -= set(codes.TAKEN_BY_G.get(code, "")) if code != _BLENDING else set()
 
     def _code(
-        self,
-        word: Word,
-        letter: str,
-        groups: dict[int, str],
-        refused: dict[int, tuple[str, str]],
-        into: dict[str, int],
+        self, word: Word, letter: str, groups: dict[int, str], refused: dict[int, tuple[str, str]], into: dict[str, int]
     ) -> None:
         code = round(word.value * 10.0) if abs(word.value) < 1e6 else -1
         name = f"{letter}{word.value:g}"
@@ -100,11 +82,9 @@ class BlockWords:
             code = code if into[group] == 800 else into[group]
         elif group in into:
             raise self._fault(
-                f"two codes of the modal group '{group}' in one block",
-                word.start,
-                f"{code_name(letter, into[group])} and {code_name(letter, code)}",
-                _MODAL_GROUPS_OF_ONE,
-            )
+                f"two codes of the modal group '{group}' in one block", word.start,
+                f"{codes.code_name(letter, into[group])} and {codes.code_name(letter, code)}", _MODAL_GROUPS_OF_ONE,
+            )  # fmt: skip
         into[group] = code
         self._columns[letter + str(code)] = word.start
 
@@ -112,8 +92,9 @@ class BlockWords:
         """Modal group of a code that another word of the block makes neutral: G5.1 with Q and without I and J."""
         if not self._letters.isdisjoint("IJ" if code == 51 else "XYIJ"):
             return ""
-        return next((group for (c, letter), group in NEUTRAL_BY_WORD.items() if c == code and letter in self._letters),
-                    "")  # fmt: skip
+        return next(
+            (group for (c, letter), group in codes.NEUTRAL_BY_WORD.items() if c == code and letter in self._letters), ""
+        )
 
     def fault(self, what: str, letter: str = "", value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error at a word (``"X"``), a code (``"G830"``), or the line's beginning."""
@@ -122,11 +103,11 @@ class BlockWords:
         return self._fault(what, self._columns.get(letter, 0), value, hint)
 
     def has(self, letters: str) -> bool:
-        """Whether one of the letters has a word that nothing has used yet."""
+        """Return whether one of the letters has a word that nothing has used yet."""
         return any(letter in self._unused for letter in letters)
 
     def names(self, letter: str) -> bool:
-        """Whether the block has this word, used or not."""
+        """Return whether the block has this word, used or not."""
         return letter in self._values
 
     def take(self, letter: str) -> float | None:
@@ -136,7 +117,7 @@ class BlockWords:
             ProgramError: Something else of the block has used it: ``M62 P1`` beside the dwell P of a cycle.
         """
         if letter not in self._unused:
-            if letter in self._values and letter not in AXES:
+            if letter in self._values and letter not in codes.AXES:
                 raise self.fault(
                     f"two codes of one block both take the word {letter}", letter, hint="Put them on two lines"
                 )
@@ -146,7 +127,7 @@ class BlockWords:
 
     def take_axes(self) -> dict[int, float]:
         """Use all axis words; value in program units or degrees by axis number 0 ... 5."""
-        return {index: self._values[letter] for index, letter in enumerate(AXES) if self.take(letter) is not None}
+        return {index: self._values[letter] for index, letter in enumerate(codes.AXES) if self.take(letter) is not None}
 
     def whole(self, letter: str, least: int, most: int) -> int | None:
         """Use a word that must be a whole number within limits."""
@@ -166,5 +147,5 @@ class BlockWords:
         """
         if self._unused:
             letter = min(self._unused, key=lambda name: self._columns[name])
-            hint = "Name the motion code, for example G1" if letter in AXES else None
+            hint = "Name the motion code, for example G1" if letter in codes.AXES else None
             raise self.fault(f"nothing in this block uses the word {letter}", letter, None, hint)

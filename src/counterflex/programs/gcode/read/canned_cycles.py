@@ -27,19 +27,12 @@ _SAME_HEIGHT_M: Final = 1e-9
 
 @dataclass(frozen=True)
 class Step:
-    """One move of a cycle along its axis, or a dwell.
+    """One move of a cycle along its axis, or a dwell."""
 
-    Attributes:
-        kind: ``rapid``, ``feed`` or ``dwell``.
-        height: Target along the cycle's axis, m; of a dwell the height it happens at.
-        dwell_s: Of a dwell.
-        spindle: The spindle runs (G86 stops it for the way out).
-    """
-
-    kind: str
-    height: float
-    dwell_s: float = 0.0
-    spindle: bool = True
+    kind: str  # ``rapid``, ``feed`` or ``dwell``
+    height: float  # Target along the cycle's axis, m; of a dwell the height it happens at
+    dwell_s: float = 0.0  # Of a dwell
+    spindle: bool = True  # The spindle runs (G86 stops it for the way out)
 
 
 def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s: float) -> Iterator[Step]:

@@ -16,25 +16,15 @@ _EVALUATED, _NEUTRAL, _REFUSED = Treatment.EVALUATED, Treatment.NEUTRAL, Treatme
 
 @dataclass(frozen=True)
 class Code:
-    """A G or M code.
+    """A G or M code."""
 
-    Attributes:
-        word: As written; with a letter behind it (``G5.1 Q``) where that word makes it another code.
-        treatment: What the reader does with it.
-        group: Modal group; two codes of one group in a block are refused. Empty for a refused one.
-        reason: See :class:`~counterflex.programs.statement_table.Statement`.
-        remedy: There too.
-        sample: A complete block.
-        takes: Letters of the words that belong to a neutral code.
-    """
-
-    word: str
-    treatment: Treatment
-    group: str
-    reason: str
-    remedy: str = ""
-    sample: str = ""
-    takes: str = ""
+    word: str  # As written; with a letter behind it (``G5.1 Q``) where that word makes it another code
+    treatment: Treatment  # What the reader does with it
+    group: str  # Modal group; two codes of one group in a block are refused. Empty for a refused one.
+    reason: str  # See :class:`~counterflex.programs.statement_table.Statement`
+    remedy: str = ""  # There too
+    sample: str = ""  # A complete block
+    takes: str = ""  # Letters of the words that belong to a neutral code
 
     @property
     def statement(self) -> Statement:

@@ -20,7 +20,7 @@ _DEEPEST: Final = 60
 
 
 class ParameterSource(Protocol):
-    """Where expressions find parameters."""
+    """Source of parameters in expressions."""
 
     def numbered(self, index: float, column: int) -> float:
         """Value of ``#index``."""
@@ -29,7 +29,7 @@ class ParameterSource(Protocol):
         """Value of ``#<name>``."""
 
     def exists(self, name: str) -> bool:
-        """Whether ``#<name>`` has a value."""
+        """Return whether ``#<name>`` has a value."""
 
     def vacant(self, index: float, column: int) -> bool:
         """Return whether ``#index`` has no value."""

@@ -38,20 +38,13 @@ def split_lines(text: str) -> tuple[str, ...]:
 
 @dataclass
 class Construct:
-    """A subroutine, loop or condition.
+    """A subroutine, loop or condition."""
 
-    Attributes:
-        keyword: ``sub``, ``while``, ``do``, ``repeat`` or ``if``.
-        label: Its label.
-        start: Index of its first line.
-        end: Index of its last line.
-        branches: Indices of its ``elseif``, ``else`` and ``endif`` lines, in order.
-    """
-
-    keyword: str
-    label: str
-    start: int
-    end: int = -1
+    keyword: str  # ``sub``, ``while``, ``do``, ``repeat`` or ``if``
+    label: str  # Its label
+    start: int  # Index of its first line
+    end: int = -1  # Index of its last line
+    # Indices of its ``elseif``, ``else`` and ``endif`` lines, in order
     branches: list[int] = field(default_factory=list)
 
 

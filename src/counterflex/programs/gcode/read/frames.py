@@ -22,36 +22,24 @@ _UNIT: Final[Rows] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 @dataclass(frozen=True)
 class Rotation:
-    """Rotation in a plane about a point.
+    """Rotation in a plane about a point."""
 
-    Attributes:
-        plane: 17, 18 or 19.
-        centre_m: In the plane's axes, from program zero, m.
-        angle_deg: From the first axis of the plane to the second.
-    """
-
-    plane: int
-    centre_m: tuple[float, float]
-    angle_deg: float
+    plane: int  # 17, 18 or 19
+    centre_m: tuple[float, float]  # In the plane's axes, from program zero, m
+    angle_deg: float  # From the first axis of the plane to the second
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Coordinate transforms of a program.
+    """Coordinate transforms of a program."""
 
-    Attributes:
-        rotation: G68; None without.
-        mirror_m: Place of the mirror by axis, from program zero, m (G51.1).
-        polar: G16.
-        line: Line of the last change.
-        pending: Axes that a motion must name before they have a meaning again: controllers differ in where an axis is
-            after the change that no word names.
-    """
-
-    rotation: Rotation | None = None
+    rotation: Rotation | None = None  # G68; None without
+    # Place of the mirror by axis, from program zero, m (G51.1)
     mirror_m: dict[int, float] = field(default_factory=dict)
-    polar: bool = False
-    line: int = 0
+    polar: bool = False  # G16
+    line: int = 0  # Line of the last change
+    # Axes that a motion must name before they have a meaning again: controllers differ in where an axis is after the
+    # change that no word names
     pending: frozenset[int] = frozenset()
 
     @cached_property
@@ -77,7 +65,7 @@ class Frame:
 
     @cached_property
     def not_written(self) -> str:
-        """Why blocks cannot be written back with other targets."""
+        """Reason why blocks cannot be written back with other targets."""
         return "polar coordinates (G16)" if self.polar else "a mirror image (G51.1)" if self.mirror_m else ""
 
     @cached_property

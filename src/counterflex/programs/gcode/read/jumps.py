@@ -62,11 +62,7 @@ class FlowRunner:
     """
 
     def __init__(
-        self,
-        source: Source,
-        state: State,
-        parameters: Mapping[str | int, float] | None,
-        includes: Include | None,
+        self, source: Source, state: State, parameters: Mapping[str | int, float] | None, includes: Include | None
     ) -> None:
         self._main = source
         self._place = Place(source, 0)
@@ -219,7 +215,7 @@ class FlowRunner:
     # Fanuc macros ---------------------------------------------------------------------------------------------------
 
     def _macro_flow(self, source: Source, index: int, flow: MacroFlow) -> Place | None:
-        """Where a line of the flow of a macro leads; None for the next line. A THEN that holds is the caller's."""
+        """Return the place that a line of the flow of a macro leads to; None: the next line. The caller runs a THEN."""
         if flow.condition is not None and self._value(flow.condition, "a condition") == 0.0:
             return Place(source, source.loops.get(index, index) + 1) if flow.keyword == "while" else None
         if flow.target is not None:

@@ -18,21 +18,13 @@ _OUTPUTS: Final = ("popen", "pclos", "dprnt", "bprnt")
 
 @dataclass(frozen=True)
 class MacroFlow:
-    """A line of the flow of a macro.
+    """A line of the flow of a macro."""
 
-    Attributes:
-        keyword: ``if``, ``goto``, ``while``, ``do``, ``end``, or ``text`` for an output of text.
-        condition: Of IF and WHILE.
-        target: Block number that IF and GOTO go to.
-        then: Rest of the line behind THEN.
-        loop: Number of DO and END.
-    """
-
-    keyword: str
-    condition: Expression | None = None
-    target: Expression | None = None
-    then: ScannedLine | None = None
-    loop: int = 0
+    keyword: str  # ``if``, ``goto``, ``while``, ``do``, ``end``, or ``text`` for an output of text
+    condition: Expression | None = None  # Of IF and WHILE
+    target: Expression | None = None  # Block number that IF and GOTO go to
+    then: ScannedLine | None = None  # Rest of the line behind THEN
+    loop: int = 0  # Number of DO and END
 
 
 def scan_macro(text: str, name: str, line: int) -> MacroFlow | None:

@@ -52,12 +52,6 @@ class MotionMaker:
         machine_known: Where the part lies in the machine is known: G53 leads somewhere.
         listed: Motions to and from places that are not known are made, marked with
             :attr:`~counterflex.programs.program.Motion.unknown`.
-
-    Attributes:
-        motions: Everything made so far.
-        block: Index of the block that the next motions belong to.
-        away: Where the tool went to a place that is not known (``G28 in line 12``), empty while it is known. At the
-            end of a program that does not matter; nothing may be made of it.
     """
 
     def __init__(self, state: State, parameters: Parameters, machine_known: bool = True, listed: bool = False) -> None:
@@ -65,8 +59,10 @@ class MotionMaker:
         self._parameters = parameters
         self._machine_known = machine_known
         self._listed = listed
-        self.motions: list[Motion] = []
-        self.block = 0
+        self.motions: list[Motion] = []  # Everything made so far
+        self.block = 0  # Index of the block that the next motions belong to
+        # Where the tool went to a place that is not known (``G28 in line 12``), empty while it is known. At the end of
+        # a program that does not matter; nothing may be made of it.
         self.away = ""
 
     # Elementary motions ---------------------------------------------------------------------------------------------
@@ -259,10 +255,7 @@ class MotionMaker:
                     raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
                 zero = ZERO if turned else state.origin
                 base = zero if state.arc_absolute else start
-                centre = (
-                    base[first] + given.get(first, 0.0) * unit,
-                    base[second] + given.get(second, 0.0) * unit,
-                )
+                centre = (base[first] + given.get(first, 0.0) * unit, base[second] + given.get(second, 0.0) * unit)
                 arc = by_centre(a, b, centre, clockwise, turns, unit)
         except ArcFault as fault:
             letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)
@@ -317,7 +310,7 @@ class MotionMaker:
         raise NotImplementedError
 
     def machine_position(self) -> Six:
-        """Where the machine stands: tip and tool length offset together."""
+        """Position of the machine: tip and tool length offset together."""
         return plus(self._state.position, self._state.tool_length)
 
 

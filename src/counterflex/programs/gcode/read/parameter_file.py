@@ -26,29 +26,26 @@ _ROTATION: Final = 9
 
 @dataclass(frozen=True)
 class MillingMachine:
-    """What a reader of G-code knows of the machine that a program was written for.
+    """Facts of the machine that a program of G-code was written for."""
 
-    Attributes:
-        parameters: Known beforehand, by number or by global name, in program units; the positions stored for G28
-            (5161 to 5166) and G30 (5181 to 5186) in mm and degrees of the machine.
-        work_offsets: Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
-        tool_lengths: Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated
-            by the machine and G43 changes nothing here.
-        known: G53 leads to machine coordinates, which are those of the part where no work offset is given. False:
-            where the part lies in the machine is not known, G53 leads nowhere that anything may follow.
-        part_at_g54: The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine.
-        tool_names: Number of a tool by its name in capitals, for controls that call tools by name.
-        part_offsets: Zeros of work offsets in the part frame, as ``work_offsets``. No other offset is known then.
-        listed: The program is read to be listed: motions to and from places that are not known are kept and marked.
-    """
-
+    # Known beforehand, by number or by global name, in program units; the positions stored for G28 (5161 to 5166) and
+    # G30 (5181 to 5186) in mm and degrees of the machine
     parameters: Mapping[str | int, float] = field(default_factory=dict)
+    # Offsets by name ``G54`` ... ``G59.3``: x, y, z in m and, optionally, a, b, c in degrees.
     work_offsets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    # Length by tool number for G43, m, positive away from the spindle. None: lengths are compensated by the machine and
+    # G43 changes nothing here.
     tool_lengths: Mapping[int, float] | None = None
+    # G53 leads to machine coordinates, which are those of the part where no work offset is given. False: where the part
+    # lies in the machine is not known, G53 leads nowhere that anything may follow.
     known: bool = True
+    # The zero of the part is that of G54 as ``work_offsets`` has it, and not that of the machine
     part_at_g54: bool = False
+    # Number of a tool by its name in capitals, for controls that call tools by name
     tool_names: Mapping[str, int] = field(default_factory=dict)
+    # Zeros of work offsets in the part frame, as ``work_offsets``. No other offset is known then.
     part_offsets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    # The program is read to be listed: motions to and from places that are not known are kept and marked
     listed: bool = False
 
 

@@ -224,7 +224,7 @@ class Parameters:
         return value
 
     def exists(self, name: str) -> bool:
-        """Whether ``#<name>`` has a value."""
+        """Return whether ``#<name>`` has a value."""
         return self._named(name) is not None
 
     def _named(self, name: str) -> float | Unknown | None:

@@ -113,11 +113,9 @@ def _refuse_hidden_ends(lines: Sequence[str], name: str) -> None:
         if "\r" in line.strip("\r"):
             column = line.strip("\r").index("\r") + 1
             raise ProgramError(
-                "a carriage return stands within a line: the file mixes line ends",
-                where=f"{name}:{number}:{column}",
-                value=repr(line[:40]),
-                hint="Save it with one kind of line ends (LF or CRLF)",
-            )
+                "a carriage return stands within a line: the file mixes line ends", where=f"{name}:{number}:{column}",
+                value=repr(line[:40]), hint="Save it with one kind of line ends (LF or CRLF)",
+            )  # fmt: skip
 
 
 def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError:
@@ -128,12 +126,9 @@ def _named(fault: ProgramError, name: str, lines: Sequence[str]) -> ProgramError
     own = any("made by counterflex" in line for line in lines[:20])
     hint = "This is an output of counterflex: give the original program" if own else result.hint
     return ProgramError(
-        f"this is {result.name}; G-code as LinuxCNC reads it is required",
-        where=f"{name}:{result.line}",
-        value=result.text,
-        hint=hint,
-        language=result.name,
-    )
+        f"this is {result.name}; G-code as LinuxCNC reads it is required", where=f"{name}:{result.line}",
+        value=result.text, hint=hint, language=result.name,
+    )  # fmt: skip
 
 
 def _moved_block(block: Block, zero: Point) -> Block:
@@ -207,15 +202,10 @@ def read_gcode_file(
 
 @dataclass(frozen=True)
 class FileReader:
-    """Reads a program of a control from a file, UTF-8 or Latin-1; programs that it calls are in its folder.
+    """Reads a program of a control from a file, UTF-8 or Latin-1; programs that it calls are in its folder."""
 
-    Attributes:
-        read: ``(text, *, name, machine, complete, folder) -> Program``.
-        language: Named in errors.
-    """
-
-    read: Callable[..., Program]
-    language: str
+    read: Callable[..., Program]  # ``(text, *, name, machine, complete, folder) -> Program``
+    language: str  # Named in errors
 
     def __call__(
         self, file: str | os.PathLike[str], *, machine: MillingMachine = COORDINATES_OF_THE_PART, complete: bool = True

@@ -11,13 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.gcode.read.expression import (
-    Cursor,
-    Expression,
-    NamedParameter,
-    Number,
-    NumberedParameter,
-)
+from counterflex.programs.gcode.read.expression import Cursor, Expression, NamedParameter, Number, NumberedParameter
 from counterflex.programs.limits import LINUXCNC
 from counterflex.programs.program import Word
 
@@ -68,7 +62,7 @@ class FlowWord:
 
 @dataclass(frozen=True)
 class ScannedLine:
-    """What a line says, before anything is evaluated."""
+    """Words of a line, before anything is evaluated."""
 
     words: tuple[ScannedWord, ...] = ()
     assignments: tuple[Assignment, ...] = ()

@@ -32,73 +32,42 @@ def minus(a: Six, b: Six) -> Six:
 
 @dataclass
 class State:
-    """Everything that outlives a block.
+    """Everything that outlives a block."""
 
-    Attributes:
-        position: Tool tip in the part frame, m and degrees.
-        unknown: Axes (0 to 2) along which it is not known where the tool stands.
-        work_offsets: Zeros by name.
-        work_offset: Name of the active one.
-        g92: Active G92/G52 shift.
-        g92_saved: What G92.3 brings back.
-        tool_length: Active tool length offset.
-        tool_centre: Tenths of G43.4 or G43.5 while active, else 0.
-        motion: Tenths of the active motion code; 800 for none.
-        plane: 17, 18 or 19.
-        unit_m: Length of a program unit, m.
-        absolute: G90.
-        arc_absolute: G90.1.
-        feed_mode: 93, 94 or 95.
-        retract_initial: G98 (True) or G99.
-        feed: F as programmed, in program units per minute (G94) or revolution (G95); None until set.
-        feed_unit_m: Unit that ``feed`` was given in, m.
-        speed_rpm: S; surface speed in m/min or ft/min while ``constant_surface``.
-        constant_surface: G96.
-        speed_limit: D of G96, rpm.
-        spindle: +1 for M3, -1 for M4, 0 for M5.
-        tool: In the spindle.
-        prepared: Tool chosen by T; None before the first.
-        cycle: Sticky words of the canned cycle by letter, in program units.
-        cycle_initial: Height along the cycle's axis at which the running series of cycles began, m; None outside one.
-        cycle_began: The same as the program said it there: plane, and height in program units.
-        frame: Rotation (G68), mirror image (G51.1) and polar coordinates (G16).
-        polar: Radius (m) and angle (deg) in force by axis, under G16.
-        fanuc_offsets: G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC.
-        lengths_known: Tool lengths are those of the machine's tool table.
-        g92_known: No offset that an earlier program left can come back by G92.3.
-    """
-
-    work_offsets: WorkOffsets
-    unknown: set[int] = field(default_factory=set)
-    position: Six = ZERO
-    work_offset: str = "G54"
-    g92: Six = ZERO
-    g92_saved: Six = ZERO
-    tool_length: Six = ZERO
-    tool_centre: int = 0
-    motion: int = 800
-    plane: int = 17
-    unit_m: float = MM
-    absolute: bool = True
-    arc_absolute: bool = False
-    feed_mode: int = 94
-    retract_initial: bool = False
-    feed: float | None = None
-    feed_unit_m: float = MM
-    speed_rpm: float = 0.0
-    constant_surface: bool = False
-    speed_limit: float = 0.0
-    spindle: int = 0
-    tool: int = 0
-    prepared: int | None = None
+    work_offsets: WorkOffsets  # Zeros by name
+    unknown: set[int] = field(default_factory=set)  # Axes (0 to 2) along which it is not known where the tool stands
+    position: Six = ZERO  # Tool tip in the part frame, m and degrees
+    work_offset: str = "G54"  # Name of the active one
+    g92: Six = ZERO  # Active G92/G52 shift
+    g92_saved: Six = ZERO  # What G92.3 brings back
+    tool_length: Six = ZERO  # Active tool length offset
+    tool_centre: int = 0  # Tenths of G43.4 or G43.5 while active, else 0
+    motion: int = 800  # Tenths of the active motion code; 800 for none
+    plane: int = 17  # 17, 18 or 19
+    unit_m: float = MM  # Length of a program unit, m
+    absolute: bool = True  # G90
+    arc_absolute: bool = False  # G90.1
+    feed_mode: int = 94  # 93, 94 or 95
+    retract_initial: bool = False  # G98 (True) or G99
+    feed: float | None = None  # F as programmed, in program units per minute (G94) or revolution (G95); None until set
+    feed_unit_m: float = MM  # Unit that ``feed`` was given in, m
+    speed_rpm: float = 0.0  # S; surface speed in m/min or ft/min while ``constant_surface``
+    constant_surface: bool = False  # G96
+    speed_limit: float = 0.0  # D of G96, rpm
+    spindle: int = 0  # +1 for M3, -1 for M4, 0 for M5
+    tool: int = 0  # In the spindle
+    prepared: int | None = None  # Tool chosen by T; None before the first
+    # Sticky words of the canned cycle by letter, in program units
     cycle: dict[str, float] = field(default_factory=dict)
+    # Height along the cycle's axis at which the running series of cycles began, m; None outside one
     cycle_initial: float | None = None
+    # The same as the program said it there: plane, and height in program units
     cycle_began: tuple[int, float] = (17, 0.0)
-    frame: Frame = field(default_factory=Frame)
-    polar: dict[int, float] = field(default_factory=dict)
-    fanuc_offsets: bool = False
-    lengths_known: bool = True
-    g92_known: bool = True
+    frame: Frame = field(default_factory=Frame)  # Rotation (G68), mirror image (G51.1) and polar coordinates (G16)
+    polar: dict[int, float] = field(default_factory=dict)  # Radius (m) and angle (deg) in force by axis, under G16
+    fanuc_offsets: bool = False  # G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC
+    lengths_known: bool = True  # Tool lengths are those of the machine's tool table
+    g92_known: bool = True  # No offset that an earlier program left can come back by G92.3
 
     @property
     def origin(self) -> Six:

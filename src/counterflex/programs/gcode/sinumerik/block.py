@@ -46,20 +46,16 @@ class Block:
         ProgramError: A word that is unknown, refused, or there twice.
 
     Attributes:
-        groups: Code of each modal group named.
-        m: M codes.
-        given: Addresses by name.
-        calls: Subprograms that the block calls, as written.
         cycle: Call of a drilling cycle, as written; empty where there is none.
         modal_call: MCALL: the cycle is made behind the blocks that follow, or none is any more.
     """
 
     def __init__(self, line: Line, fault: Fault, text: str, table: WordTable = SINUMERIK) -> None:
         self._fault, self._text, self._table = fault, text, table
-        self.groups: dict[str, str] = {}
-        self.m: list[int] = []
-        self.given: dict[str, Address] = {}
-        self.calls: list[Name] = []
+        self.groups: dict[str, str] = {}  # Code of each modal group named
+        self.m: list[int] = []  # M codes
+        self.given: dict[str, Address] = {}  # Addresses by name
+        self.calls: list[Name] = []  # Subprograms that the block calls, as written
         self.cycle, self.modal_call = "", False
         self._codes: list[Word] = []
         self._columns: dict[str, int] = {}
@@ -183,7 +179,7 @@ class Block:
         return self._fault(what, call.start, shown, meant)
 
     def has(self, *names: str) -> bool:
-        """Whether one of the words is there and nothing has used it yet."""
+        """Return whether one of the words is there and nothing has used it yet."""
         return any(name in self._unused for name in names)
 
     def take(self, name: str) -> float | None:
@@ -209,7 +205,7 @@ class Block:
         return address.string if address.string is not None else f"{address.value:g}"
 
     def absolute(self, name: str, default: bool) -> bool:
-        """Whether a word counts from zero, by AC or IC or the mode given."""
+        """Return whether a word counts from zero, by AC or IC or the mode given."""
         mode = self.given[name].mode
         return default if not mode else mode == "AC"
 

@@ -24,50 +24,29 @@ _DEEPEST_PLAIN_M: Final = 30.0 * MM
 
 @dataclass(frozen=True)
 class Plunge:
-    """One move of a cycle along its axis, or a dwell.
+    """One move of a cycle along its axis, or a dwell."""
 
-    Attributes:
-        kind: ``rapid``, ``feed`` or ``dwell``.
-        height_m: Target in the axes of the program.
-        share: Of the programmed feed.
-        time_s: Of a dwell; negative in revolutions.
-    """
-
-    kind: str
-    height_m: float = 0.0
-    share: float = 1.0
-    time_s: float = 0.0
+    kind: str  # ``rapid``, ``feed`` or ``dwell``
+    height_m: float = 0.0  # Target in the axes of the program
+    share: float = 1.0  # Of the programmed feed
+    time_s: float = 0.0  # Of a dwell; negative in revolutions
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A drilling cycle with its heights, in the axes of the program, m.
+    """A drilling cycle with its heights, in the axes of the program, m."""
 
-    Attributes:
-        name: Which.
-        retract_m: Height at the end (RTP).
-        safe_m: Height from which it feeds (RFP + SDIS).
-        reference_m: Surface (RFP).
-        bottom_m: Final depth.
-        first_m: First depth of CYCLE83.
-        degression_m: Amount by which strokes get shorter; negative: a factor; 0: none.
-        at_depth_s: Dwell at each depth.
-        outside_s: Dwell outside of the hole, of chip removal.
-        first_share: Of the feed, for the first stroke.
-        removal: CYCLE83 goes out of the hole after each stroke.
-    """
-
-    name: str
-    retract_m: float
-    safe_m: float
-    reference_m: float
-    bottom_m: float
-    first_m: float = 0.0
-    degression_m: float = 0.0
-    at_depth_s: float = 0.0
-    outside_s: float = 0.0
-    first_share: float = 1.0
-    removal: bool = False
+    name: str  # Which
+    retract_m: float  # Height at the end (RTP)
+    safe_m: float  # Height from which it feeds (RFP + SDIS)
+    reference_m: float  # Surface (RFP)
+    bottom_m: float  # Final depth
+    first_m: float = 0.0  # First depth of CYCLE83
+    degression_m: float = 0.0  # Amount by which strokes get shorter; negative: a factor; 0: none
+    at_depth_s: float = 0.0  # Dwell at each depth
+    outside_s: float = 0.0  # Dwell outside of the hole, of chip removal
+    first_share: float = 1.0  # Of the feed, for the first stroke
+    removal: bool = False  # CYCLE83 goes out of the hole after each stroke
 
     def moves(self) -> Iterator[Plunge]:
         """From any height at or above ``safe_m``."""

@@ -135,16 +135,12 @@ class Cells(dict[tuple[int, ...], object]):
 
 
 class Variables:
-    """R parameters and variables of the programs that run.
-
-    Attributes:
-        where: ``file:line`` of the statement that is executed.
-        levels: Variables of the main program and of each subprogram that runs, innermost last, by name in capitals.
-    """
+    """R parameters and variables of the programs that run."""
 
     def __init__(self) -> None:
-        self.where = ""
+        self.where = ""  # ``file:line`` of the statement that is executed
         self._shared: dict[tuple[str, tuple[int, ...]], object] = {}
+        # Variables of the main program and of each subprogram that runs, innermost last, by name in capitals
         self.levels: list[dict[str, Cells]] = [{}]
 
     def defines(self, name: str) -> bool:

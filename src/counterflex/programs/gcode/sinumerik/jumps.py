@@ -42,23 +42,15 @@ class Section:
 
 @dataclass
 class Frame:
-    """A subprogram that runs.
+    """A subprogram that runs."""
 
-    Attributes:
-        source: Its caller.
-        back: Index of the caller's line to go on at.
-        entry: Its own first line.
-        repeats: How often it still begins again.
-        returns: Variables of the caller that its parameters with VAR go back to, by parameter.
-        loops: Loops of the caller.
-    """
-
-    source: Source
-    back: int
-    entry: int
-    repeats: int
+    source: Source  # Its caller
+    back: int  # Index of the caller's line to go on at
+    entry: int  # Its own first line
+    repeats: int  # How often it still begins again
+    # Variables of the caller that its parameters with VAR go back to, by parameter
     returns: dict[str, str] = field(default_factory=dict)
-    loops: dict[int, float] = field(default_factory=dict)
+    loops: dict[int, float] = field(default_factory=dict)  # Loops of the caller
 
 
 class Flow:

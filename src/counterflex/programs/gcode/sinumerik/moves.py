@@ -31,16 +31,13 @@ class MoveMaker:
     Args:
         state: Moved along.
         listed: Motions to and from places that are not known are made, and marked.
-
-    Attributes:
-        motions: Everything made so far.
-        away: Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known.
     """
 
     def __init__(self, state: State, listed: bool = False) -> None:
         self._state = state
         self._listed = listed
-        self.motions: list[Motion] = []
+        self.motions: list[Motion] = []  # Everything made so far
+        # Where the tool went to a place that is not known (``SUPA in line 12``); empty while it is known
         self.away = ""
 
     def _append(
@@ -317,13 +314,7 @@ class MoveMaker:
         return int(value)
 
     def _plane_arc(
-        self,
-        block: Block,
-        a: tuple[float, float],
-        b: tuple[float, float],
-        in_plane: bool,
-        clockwise: bool,
-        turns: int,
+        self, block: Block, a: tuple[float, float], b: tuple[float, float], in_plane: bool, clockwise: bool, turns: int
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state

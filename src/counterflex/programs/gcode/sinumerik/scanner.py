@@ -30,25 +30,15 @@ _LARGEST: Final = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A word with a value: ``X10.5``, ``CR=5``, ``X=IC(2)``, ``T="NAME"``.
+    """A word with a value: ``X10.5``, ``CR=5``, ``X=IC(2)``, ``T="NAME"``."""
 
-    Attributes:
-        name: Upper case.
-        value: Number; None where it is a string.
-        string: Between the quotes, or None.
-        mode: ``AC``, ``IC`` or empty.
-        start: Index of its first character.
-        end: Index behind its last one.
-        literal: False where the value came from an R parameter.
-    """
-
-    name: str
-    value: float | None
-    string: str | None
-    mode: str
-    start: int
-    end: int
-    literal: bool = True
+    name: str  # Upper case
+    value: float | None  # Number; None where it is a string
+    string: str | None  # Between the quotes, or None
+    mode: str  # ``AC``, ``IC`` or empty
+    start: int  # Index of its first character
+    end: int  # Index behind its last one
+    literal: bool = True  # False where the value came from an R parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +69,7 @@ class Assigned:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What a line says, each in order of appearance."""
+    """Words of a line, each in order of appearance."""
 
     addresses: tuple[Address, ...] = ()
     names: tuple[Name, ...] = ()

@@ -37,19 +37,12 @@ class Construct:
 
 @dataclass(frozen=True)
 class Head:
-    """What stands before the words of a line.
+    """Part of a line before its words."""
 
-    Attributes:
-        keyword: Word of the flow of the program, in capitals; empty where there is none.
-        label_start: Index of the label; equal to ``label_end`` where there is none.
-        label_end: Index behind the colon.
-        rest: Index behind the keyword.
-    """
-
-    keyword: str
-    label_start: int
-    label_end: int
-    rest: int
+    keyword: str  # Word of the flow of the program, in capitals; empty where there is none
+    label_start: int  # Index of the label; equal to ``label_end`` where there is none
+    label_end: int  # Index behind the colon
+    rest: int  # Index behind the keyword
 
 
 def code_of(line: str) -> str:

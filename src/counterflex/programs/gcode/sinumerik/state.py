@@ -20,42 +20,29 @@ PLANE_AXES: Final[dict[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 
 
 @dataclass
 class State:
-    """Everything that outlives a block; positions in the part frame, m.
+    """Everything that outlives a block; positions in the part frame, m."""
 
-    Attributes:
-        vectors: The program gives the tool axis as A3 B3 C3 somewhere: TRAORI means that, else rotary words.
-        p_part: (3,) tool tip.
-        angles: Rotary axes, rad, or the components of the tool axis in the part frame under TRAORI with vectors.
-        p_part_origin: (3,) zero of the programmed axes in the part.
-        R_part_work: (3, 3) programmed axes in the part; None where parallel.
-        work_offset: Settable offset that has been named first; its zero is that of the part.
-        machine_axes: G500 is active: the place of the part is not known.
-        named: Axes along which it is known where the tool stands: they have been named absolutely.
-        start_known: The tool starts at zero; else where it stands is not known along axes that are not ``named``.
-        line: 1-based line that is executed.
-        zeros: Settable offsets in the part frame by name, m, from the cell file.
-        zero: (3,) that of the active one, m.
-        offset_line: Line of the first settable offset.
-        mirrored: The axes are those of a mirror image.
-        shifted: Axes whose zero has changed since they were named: line of the change and coordinate before it, m.
-        shift_travelled: Setting SD42440: an incremental motion travels the change of the zero too; None: not known.
-    """
-
-    vectors: bool = False
-    p_part: Float = field(default_factory=lambda: np.zeros(3))
+    vectors: bool = False  # The program gives the tool axis as A3 B3 C3 somewhere: TRAORI means that, else rotary words
+    p_part: Float = field(default_factory=lambda: np.zeros(3))  # (3,) tool tip
+    # Rotary axes, rad, or the components of the tool axis in the part frame under TRAORI with vectors
     angles: tuple[float, float, float] = _ZERO
-    p_part_origin: Float = field(default_factory=lambda: np.zeros(3))
-    R_part_work: Float | None = None
-    work_offset: str = ""
-    machine_axes: bool = False
+    p_part_origin: Float = field(default_factory=lambda: np.zeros(3))  # (3,) zero of the programmed axes in the part
+    R_part_work: Float | None = None  # (3, 3) programmed axes in the part; None where parallel
+    work_offset: str = ""  # Settable offset that has been named first; its zero is that of the part
+    machine_axes: bool = False  # G500 is active: the place of the part is not known
+    # Axes along which it is known where the tool stands: they have been named absolutely
     named: set[int] = field(default_factory=set)
+    # The tool starts at zero; else where it stands is not known along axes that are not ``named``
     start_known: bool = True
-    line: int = 0
+    line: int = 0  # 1-based line that is executed
+    # Settable offsets in the part frame by name, m, from the cell file
     zeros: dict[str, Float] = field(default_factory=dict)
-    zero: Float = field(default_factory=lambda: np.zeros(3))
-    offset_line: int = 0
-    mirrored: bool = False
+    zero: Float = field(default_factory=lambda: np.zeros(3))  # (3,) that of the active one, m
+    offset_line: int = 0  # Line of the first settable offset
+    mirrored: bool = False  # The axes are those of a mirror image
+    # Axes whose zero has changed since they were named: line of the change and coordinate before it, m
     shifted: dict[int, tuple[int, float]] = field(default_factory=dict)
+    # Setting SD42440: an incremental motion travels the change of the zero too; None: not known
     shift_travelled: bool | None = None
     motion: str = ""
     plane: int = 17
@@ -86,7 +73,7 @@ class State:
 
     @property
     def tool_centre(self) -> int:
-        """What X Y Z and the words of direction mean, as :class:`~counterflex.programs.program.Modal` has it."""
+        """Meaning of X Y Z and of the words of direction, as :class:`~counterflex.programs.program.Modal` has it."""
         return 0 if not self.traori else TOOL_VECTOR if self.vectors else TOOL_CENTRE
 
     def to_work(self, p_part: Float) -> Float:

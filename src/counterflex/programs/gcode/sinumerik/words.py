@@ -13,29 +13,17 @@ from counterflex.programs.statement_table import Treatment
 
 @dataclass(frozen=True)
 class WordTable:
-    """Words of a dialect that is read as Sinumerik is.
+    """Words of a dialect that is read as Sinumerik is."""
 
-    Attributes:
-        dialect: Its name, for errors.
-        group: Modal group of each code or word that is read.
-        carried: Words that change no target.
-        carried_values: The same with a value.
-        refused: Words that are known and not taken, with the reason and what to do.
-        m_codes: M codes that are read.
-        cycles: Beginnings of the names of machining cycles.
-        drilling: Names of cycles that are read.
-        subprograms: Other names call subprograms.
-    """
-
-    dialect: str
-    group: Mapping[str, str]
-    carried: frozenset[str]
-    carried_values: frozenset[str]
-    refused: Mapping[str, tuple[str, str]]
-    m_codes: frozenset[int]
-    cycles: tuple[str, ...]
-    drilling: tuple[str, ...] = ()
-    subprograms: bool = False
+    dialect: str  # Its name, for errors
+    group: Mapping[str, str]  # Modal group of each code or word that is read
+    carried: frozenset[str]  # Words that change no target
+    carried_values: frozenset[str]  # The same with a value
+    refused: Mapping[str, tuple[str, str]]  # Words that are known and not taken, with the reason and what to do
+    m_codes: frozenset[int]  # M codes that are read
+    cycles: tuple[str, ...]  # Beginnings of the names of machining cycles
+    drilling: tuple[str, ...] = ()  # Names of cycles that are read
+    subprograms: bool = False  # Other names call subprograms
 
 
 GROUP: Final = {code.word: code.group for code in CODES if code.group} | dict.fromkeys(FURTHER_OFFSETS, "work offset")

@@ -139,7 +139,7 @@ def arc_error(points: Float, share: Float, centre: tuple[float, float], turn_rad
 
 
 def radii_agree(start: Float, end: Float, centre: tuple[float, float]) -> bool:
-    """Whether LinuxCNC accepts the radii at the start and at the end of an arc as one arc.
+    """Return whether LinuxCNC accepts the radii at the start and at the end of an arc as one arc.
 
     It refuses a difference above 0.5 mm, and one above 0.005 mm that is also above 0.1 % of the radius.
 

@@ -19,19 +19,12 @@ _LARGEST_PIECE_RAD: Final = 1.9 * math.pi
 
 @dataclass(frozen=True)
 class ArcPiece:
-    """A stretch of a commanded arc between two of its points.
+    """A stretch of a commanded arc between two of its points."""
 
-    Attributes:
-        first: Index of its start among the points.
-        last: Index of its end.
-        centre: (u, v) m of the arc, or None for a straight piece.
-        turn_rad: Signed angle of the arc, 0 for a straight piece.
-    """
-
-    first: int
-    last: int
-    centre: tuple[float, float] | None
-    turn_rad: float
+    first: int  # Index of its start among the points
+    last: int  # Index of its end
+    centre: tuple[float, float] | None  # (u, v) m of the arc, or None for a straight piece
+    turn_rad: float  # Signed angle of the arc, 0 for a straight piece
 
 
 def nominal_share(points: Float, centre: Float, turn_rad: float) -> Float:

@@ -30,7 +30,7 @@ class _Commanded:
     share: Float
 
     def whole(self, piece: ArcPiece) -> bool:
-        """Whether a piece covers the arc from start to end."""
+        """Return whether a piece covers the arc from start to end."""
         return piece.first == 0 and piece.last == len(self.share) - 1
 
 

@@ -185,11 +185,9 @@ class Emitter(WrittenMachine):
         self.vertices_added += len(inner)
 
     def _relieve(self, modal: Modal, index: int, motion: Motion) -> None:
-        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`.
-
-        It goes at the feed of the last feed motion. In inverse time (G93) that needs a word of its own:
-        F = feed / length, in 1/min.
-        """
+        """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`."""
+        # It goes at the feed of the last feed motion. In inverse time (G93) that needs a word of its own: F = feed /
+        # length, in 1/min.
         last = int(self.rows.last[index])
         if last < 1:
             return
@@ -212,11 +210,9 @@ class Emitter(WrittenMachine):
     # ---- canned cycles ---------------------------------------------------------------------------------------
 
     def _cycle(self, block: Block, line: WrittenLine) -> None:
-        """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves.
-
-        Once one is written out, the rest of the run is too: words and the level to return to (G98) are those of the
-        first cycle of a run.
-        """
+        """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves."""
+        # Once one is written out, the rest of the run is too: words and the level to return to (G98) are those of the
+        # first cycle of a run.
         indices = range(block.first_motion, block.first_motion + block.motion_count)
         modal, motions = block.modal, self.program.motions
         fastest = max(indices, key=lambda i: motions[i].feed_m_s)
@@ -281,11 +277,9 @@ class Emitter(WrittenMachine):
         self.cycles_expanded += 1
 
     def _blends(self, block: Block, index: int) -> bool:
-        """Whether the end of a motion of a cycle needs a stop of its own once it is written out.
-
-        A cycle is run in exact path mode whatever the program has set. Moves of their own would be blended under
-        G64: the tool would turn back before the bottom, and go sideways before it is out of the hole.
-        """
+        """Return whether the end of a motion of a cycle needs a stop of its own once it is written out."""
+        # A cycle is run in exact path mode whatever the program has set. Moves of their own would be blended under G64:
+        # the tool would turn back before the bottom, and go sideways before it is out of the hole.
         motions = self.program.motions
         dwells = index + 1 < block.first_motion + block.motion_count and motions[index + 1].kind == "dwell"
         return not self._exact and not dwells and block.modal.motion in _CYCLE_NAMES

@@ -24,7 +24,7 @@ _STOPS: Final = frozenset((0.0, 1.0, 2.0, 17.0, 30.0, 60.0))
 
 
 def counts_from_zero(word: Word, modal: Modal) -> bool:
-    """Whether an axis word is absolute, by itself or by the mode of its block."""
+    """Return whether an axis word is absolute, by itself or by the mode of its block."""
     return modal.absolute if word.absolute is None else word.absolute
 
 
@@ -60,7 +60,7 @@ class WrittenMachine(MachineInPlace):
     # ---- positions and numbers -------------------------------------------------------------------------------
 
     def spell(self, modal: Modal) -> Spell:
-        """How words are spelled in a block."""
+        """Return the spelling of words in a block."""
         vector = modal.tool_centre == TOOL_VECTOR and modal.motion in ("G0", "G1")
         return self.spelling.vector_word if vector else self.spelling.word
 
@@ -88,7 +88,7 @@ class WrittenMachine(MachineInPlace):
         return np.array([self.current(0), self.current(1), self.current(2)])
 
     def inherits(self, modal: Modal) -> bool:
-        """Whether the written position differs from the source's by more than rounding."""
+        """Return whether the written position differs from the source's by more than rounding."""
         x, y, z = self.off
         if x == 0.0 and y == 0.0 and z == 0.0:
             return False
@@ -111,7 +111,7 @@ class WrittenMachine(MachineInPlace):
         return number(value, digits), base + value * modal.unit_m
 
     def changes(self, modal: Modal, axis: int, target: float) -> bool:
-        """Whether a target differs from the written position by more than rounding."""
+        """Return whether a target differs from the written position by more than rounding."""
         return abs(target - self.current(axis)) > 0.5 * modal.unit_m * 10.0 ** -self.digits(modal)
 
     def check_words(self, block: Block, motion: Motion) -> None:
@@ -124,10 +124,9 @@ class WrittenMachine(MachineInPlace):
             if axis >= 0 and abs(base + word.value * modal.unit_m - ends[axis]) > 1e-7:
                 raise ProgramError(
                     "a corrected block does not lead to its target by its own words",
-                    where=f"{block.where(self.program.name)}:{word.start + 1}",
-                    value=block.text.strip(),
+                    where=f"{block.where(self.program.name)}:{word.start + 1}", value=block.text.strip(),
                     hint="Write the motion in the work coordinate system (no machine coordinates, no polar words)",
-                )
+                )  # fmt: skip
         if motion.abc_start != motion.abc_end and self.rows.angles is None:
             raise ProgramError(
                 "a motion that turns a rotary axis cannot be corrected",
@@ -290,10 +289,9 @@ class WrittenMachine(MachineInPlace):
 
     @staticmethod
     def _shares(start: float, ways: Float, steps: Float) -> list[float]:
-        """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length.
-
-        A piece without nominal length (the correction is taken back) gets what its commanded length takes, in addition.
-        """
+        """Share of the motion's time for each piece, at the speed of the whole; even where the motion has no length."""
+        # A piece without nominal length (the correction is taken back) gets what its commanded length takes, in
+        # addition.
         total = float(ways[-1]) - start
         if total <= 0.0:
             return [1.0 / len(ways)] * len(ways)

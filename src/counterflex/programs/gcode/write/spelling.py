@@ -16,21 +16,13 @@ Spell = Callable[[str, str], str]
 
 @dataclass(frozen=True)
 class Spelling:
-    """Words of a dialect where they differ from RS274/NGC.
+    """Words of a dialect where they differ from RS274/NGC."""
 
-    Attributes:
-        radius: Before the radius of an arc.
-        vector: Before the components of the tool axis.
-        comment: Before and behind the text of a comment.
-        line_characters: Longest line.
-        head: Lines that stay first in a file.
-    """
-
-    radius: str
-    vector: tuple[str, str, str]
-    comment: tuple[str, str]
-    line_characters: int
-    head: re.Pattern[str]
+    radius: str  # Before the radius of an arc
+    vector: tuple[str, str, str]  # Before the components of the tool axis
+    comment: tuple[str, str]  # Before and behind the text of a comment
+    line_characters: int  # Longest line
+    head: re.Pattern[str]  # Lines that stay first in a file
 
     def word(self, letter: str, text: str) -> str:
         """A word of a block that moves on an arc or straight with a tool that does not turn."""

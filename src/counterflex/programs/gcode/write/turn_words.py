@@ -34,7 +34,7 @@ class TurnWords:
         self._written: list[float | None] = [None, None, None]
 
     def differ(self, modal: Modal, row: int) -> bool:
-        """Whether a row needs words that differ from what is written."""
+        """Return whether a row needs words that differ from what is written."""
         return any(text is not None for _, text in self._changes(modal, row, ()))
 
     def _changes(self, modal: Modal, row: int, named: tuple[str, ...]) -> list[tuple[str, str | None]]:

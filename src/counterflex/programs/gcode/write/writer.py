@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.write.emit import Emitter
-from counterflex.programs.gcode.write.spelling import spelling_of
 from counterflex.programs.gcode.write.written_line import without_comments
 from counterflex.programs.motion_rows import MotionRows
 from counterflex.programs.program import Program
@@ -21,7 +20,8 @@ class GcodeInPlace(Emitter):
     def run(self) -> list[str]:
         """All lines of the written program, none too long for its interpreter."""
         _refuse_unsaid(self.program, self.rows)
-        return [part for line in super().run() for part in _short_enough(line, self.program)]
+        most = self.spelling.line_characters
+        return [part for line in super().run() for part in _short_enough(line, self.program, most)]
 
     def put_head(self, lines: list[str], texts: list[str]) -> None:
         """Behind what must stand first."""
@@ -33,10 +33,8 @@ write_gcode = GcodeInPlace.write
 
 
 def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
-    """Refuse corrections that the writer cannot say.
-
-    Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
-    """
+    """Refuse corrections that the writer cannot say."""
+    # Mirror images, polar coordinates; of Sinumerik drilling cycles, CIP, loops and subprograms.
     hint = "Post its moves as G0, G1, G2 and G3, or write another language (--as, convert)"
     for block in program.blocks:
         if block.modal.not_written and block.motion_count:
@@ -61,18 +59,14 @@ def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
             )  # fmt: skip
 
 
-def _short_enough(line: str, program: Program) -> list[str]:
+def _short_enough(line: str, program: Program, most: int) -> list[str]:
     """A line that added words made too long for the interpreter, with its comments on lines of their own before it."""
-    most = spelling_of(program.dialect).line_characters
     if len(line) <= most or line in program.lines:
         return [line]
     code, comments = without_comments(line)
     if len(code) > most:
         raise ProgramError(
-            "a corrected block is longer than the interpreter takes",
-            where=program.name,
-            value=f"{len(code)} characters",
-            limit=f"<= {most}",
-            hint="Shorten the expressions of the block",
-        )
+            "a corrected block is longer than the interpreter takes", where=program.name,
+            value=f"{len(code)} characters", limit=f"<= {most}", hint="Shorten the expressions of the block",
+        )  # fmt: skip
     return [*comments, code]

@@ -100,7 +100,7 @@ class WrittenLine:
         return "".join(out)
 
     def _insertion(self, place: int, text: str) -> tuple[int, int, str]:
-        """Where a new word goes: behind the last word of smaller order, else before the first of larger order."""
+        """Return place and text of a new word: behind the last word of smaller order, else before a larger one."""
         smaller = [w.end for w in self.words if 0 <= _ORDER.find(w.letter) < place]
         if smaller:
             return smaller[-1], smaller[-1], " " + text

@@ -269,15 +269,8 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def _in_threads(work: Callable[[int, int], int | None], count: int) -> int:
-    """Do a range of points in several threads, some chunks each; a compiled range lets other threads run meanwhile.
-
-    Args:
-        work: Does the points first..last-1, and may give a number.
-        count: Of points.
-
-    Returns:
-        Sum of these numbers.
-    """
+    """Do a range of points in several threads, some chunks each; a compiled range lets other threads run meanwhile."""
+    # `work` does the points first..last-1 and may give a number; the sum of these is returned.
     if count <= CHUNK:
         return work(0, count) or 0
     threads = thread_count()

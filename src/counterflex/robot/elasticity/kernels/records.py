@@ -64,17 +64,11 @@ REGION: Final = record(
 
 
 class Compact(NamedTuple):
-    """A chain for the kernels; made by :func:`counterflex.robot.elasticity.compact.compact`.
+    """A chain for the kernels; made by :func:`counterflex.robot.elasticity.compact.compact`."""
 
-    Attributes:
-        stations: (m + 1,) STATION, the last one the TCP.
-        surroundings: (1,) SURROUNDINGS.
-        regions: (r,) REGION.
-    """
-
-    stations: Annotated[Records, (STATION,)]
-    surroundings: Annotated[Records, (SURROUNDINGS,)]
-    regions: Annotated[Records, (REGION,)]
+    stations: Annotated[Records, (STATION,)]  # (m + 1,) STATION, the last one the TCP
+    surroundings: Annotated[Records, (SURROUNDINGS,)]  # (1,) SURROUNDINGS
+    regions: Annotated[Records, (REGION,)]  # (r,) REGION
 
 
 CHAIN: Final = bundle(Compact)
@@ -112,21 +106,13 @@ joint step (6 each), undeflected pose (12).
 
 
 class Elastic(NamedTuple):
-    """What an online step works with: the chain, its results and its work arrays.
+    """Arrays of an online step: the chain, its results and its work arrays."""
 
-    Attributes:
-        chain: Compact chain.
-        results: (1,) STEP, written.
-        frame: (m + 1, 12) work array.
-        delta: (m, 6) likewise.
-        works: (1,) WORK.
-    """
-
-    chain: Compact
-    results: Annotated[Records, (STEP,)]
-    frame: Float2
-    delta: Float2
-    works: Annotated[Records, (WORK,)]
+    chain: Compact  # compact chain
+    results: Annotated[Records, (STEP,)]  # (1,) STEP, written
+    frame: Float2  # (m + 1, 12) work array
+    delta: Float2  # (m, 6) likewise
+    works: Annotated[Records, (WORK,)]  # (1,) WORK
 
 
 ELASTIC: Final = bundle(Elastic)

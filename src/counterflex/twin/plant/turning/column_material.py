@@ -34,25 +34,15 @@ _THIN_M: Final = 0.05e-3
 
 @dataclass
 class ColumnMaterial:
-    """Columns of material along z of the part.
+    """Columns of material along z of the part."""
 
-    Attributes:
-        x0_m: x of the centre of column [0, 0], m, part frame.
-        y0_m: y of that centre, m.
-        cell_m: Side of a column, m.
-        low: (ny, nx, layers) lower ends of the stretches, m, rising.
-        high: (ny, nx, layers) upper ends.
-        held: (ny, nx) stretches in each column.
-        bottom_m: Underside of the blank, m.
-    """
-
-    x0_m: float
-    y0_m: float
-    cell_m: float
-    low: Float32
-    high: Float32
-    held: UInt8
-    bottom_m: float
+    x0_m: float  # x of the centre of column [0, 0], m, part frame
+    y0_m: float  # y of that centre, m
+    cell_m: float  # side of a column, m
+    low: Float32  # (ny, nx, layers) lower ends of the stretches, m, rising
+    high: Float32  # (ny, nx, layers) upper ends
+    held: UInt8  # (ny, nx) stretches in each column
+    bottom_m: float  # underside of the blank, m
 
     @classmethod
     def of(cls, stock: HeightMap) -> ColumnMaterial:

@@ -26,15 +26,10 @@ _OPTIONAL: Final = re.compile(r"\\\s*\w+\s*\?")
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """Arguments of a call as written: text and place, or the tree of an expression.
+    """Arguments of a call as written: text and place, or the tree of an expression."""
 
-    Attributes:
-        required: In order.
-        options: By name in capitals; None of a switch.
-    """
-
-    required: tuple[tuple[str, int] | Node, ...]
-    options: Mapping[str, tuple[str, int] | Node | None]
+    required: tuple[tuple[str, int] | Node, ...]  # In order
+    options: Mapping[str, tuple[str, int] | Node | None]  # By name in capitals; None of a switch
 
     @staticmethod
     def of_instruction(code: str, start: int, end: int) -> Given:

@@ -26,22 +26,16 @@ _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE
 
 @dataclass
 class Effects:
-    """Effects of statements on the path and on data.
+    """Effects of statements on the path and on data."""
 
-    Attributes:
-        matters: The first one that moves, or changes how later ones move; None where there is none.
-        assigned: Names that they assign something to, in capitals, each with the module of its routine; a name without
-            module is looked up where the statements stand.
-        returns: A RETURN is among them.
-        jumps: Labels that they go to, outside of them.
-        ends: The program may end in them.
-    """
-
+    # The first one that moves, or changes how later ones move; None where there is none
     matters: Statement | None = None
+    # Names that they assign something to, in capitals, each with the module of its routine; a name without module is
+    # looked up where the statements stand
     assigned: set[tuple[Routine | None, str]] = field(default_factory=set)
-    returns: bool = False
-    jumps: set[str] = field(default_factory=set)
-    ends: bool = False
+    returns: bool = False  # A RETURN is among them
+    jumps: set[str] = field(default_factory=set)  # Labels that they go to, outside of them
+    ends: bool = False  # The program may end in them
 
 
 class EffectsOf:

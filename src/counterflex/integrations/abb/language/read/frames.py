@@ -30,17 +30,11 @@ _FORM: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class RapidCell(RobotTextCell):
-    """Data of a cell that a RAPID program is held against.
+    """Data of a cell that a RAPID program is held against."""
 
-    Attributes:
-        tool_of_data: Number of the tool by the name of its tooldata in capitals (``tools.tooldata``).
-        work_object: Name of the wobjdata that is the part frame (``controller.work_object``); empty: none.
-        T_base_tcp: (4, 4) m, tool frame in the robot base, where the robot holds the part; else None.
-    """
-
-    tool_of_data: Mapping[str, int]
-    work_object: str
-    T_base_tcp: Float | None
+    tool_of_data: Mapping[str, int]  # Number of the tool by the name of its tooldata in capitals (``tools.tooldata``)
+    work_object: str  # Name of the wobjdata that is the part frame (``controller.work_object``); empty: none
+    T_base_tcp: Float | None  # (4, 4) m, tool frame in the robot base, where the robot holds the part; else None
 
     @property
     def T_tcp(self) -> Float:
@@ -60,16 +54,12 @@ class Frames:
         cell: What they are checked against; None takes every frame.
         memory: Data of the program.
         part_object: Without a cell, the work object that is the part frame, by name in capitals; empty: the first one.
-
-    Attributes:
-        tool: Number of the tool in the spindle; 0 where nothing says it.
-        objects: Motions by work object, without a cell.
     """
 
     def __init__(self, cell: RapidCell | None, memory: Memory, part_object: str = "") -> None:
         self.cell, self.memory = cell, memory
-        self.tool = 0
-        self.objects: dict[str, int] = {}
+        self.tool = 0  # Number of the tool in the spindle; 0 where nothing says it
+        self.objects: dict[str, int] = {}  # Motions by work object, without a cell
         self._part_object = part_object
         self._first: tuple[str, tuple[bool, Float] | None] | None = None
         self._known: dict[tuple[str, str, int], tuple[int, Float, Float | None, str]] = {}

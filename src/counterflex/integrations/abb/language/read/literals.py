@@ -25,17 +25,11 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Aggregate:
-    """Values in brackets.
+    """Values in brackets."""
 
-    Attributes:
-        items: Numbers, words (TRUE, names, strings) and aggregates.
-        start: Index of the opening bracket.
-        end: Index behind the closing one.
-    """
-
-    items: tuple[Item | str | Aggregate, ...]
-    start: int
-    end: int
+    items: tuple[Item | str | Aggregate, ...]  # Numbers, words (TRUE, names, strings) and aggregates
+    start: int  # Index of the opening bracket
+    end: int  # Index behind the closing one
 
     def numbers(self, counts: Sequence[int] = ()) -> list[Item] | None:
         """Its numbers, all of them; None where there is anything else, or another count."""
@@ -87,21 +81,13 @@ _ROBTARGET: Final = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class RobtargetLiteral:
-    """A robtarget whose position and orientation are written as numbers.
+    """A robtarget whose position and orientation are written as numbers."""
 
-    Attributes:
-        start: Index of its opening bracket.
-        end: Index behind its closing one.
-        numbers: Where its x, y, z, q1, q2, q3, q4 stand.
-        values: Those numbers.
-        rest: Text of configuration and external axes: numbers in brackets, or names.
-    """
-
-    start: int
-    end: int
-    numbers: tuple[tuple[int, int], ...]
-    values: tuple[float, ...]
-    rest: tuple[str, str]
+    start: int  # Index of its opening bracket
+    end: int  # Index behind its closing one
+    numbers: tuple[tuple[int, int], ...]  # Where its x, y, z, q1, q2, q3, q4 stand
+    values: tuple[float, ...]  # Those numbers
+    rest: tuple[str, str]  # Text of configuration and external axes: numbers in brackets, or names
 
     def value(self, evaluated: Callable[[str], object]) -> list[object]:
         """Return it as a list of lists."""
@@ -130,21 +116,14 @@ def numbers_of(text: str) -> list[object] | None:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of an instruction.
+    """An argument of an instruction."""
 
-    Attributes:
-        text: As written, without blanks around it.
-        start: Index of its first character in the text.
-        end: Index behind its last one.
-        options: By name in capitals: text and place of what stands behind ``:=``; empty text of a switch.
-        behind: Index behind its options.
-    """
-
-    text: str
-    start: int
-    end: int
+    text: str  # As written, without blanks around it
+    start: int  # Index of its first character in the text
+    end: int  # Index behind its last one
+    # By name in capitals: text and place of what stands behind ``:=``; empty text of a switch
     options: dict[str, tuple[str, int, int]]
-    behind: int
+    behind: int  # Index behind its options
 
 
 def arguments(code: str, start: int, end: int) -> list[Argument]:

@@ -35,32 +35,19 @@ _LARGEST_ARRAY: Final = 1_000_000
 
 @dataclass(eq=False)
 class Variable:
-    """Data with a name.
+    """Data with a name."""
 
-    Attributes:
-        name: As declared.
-        kind: Data type.
-        dims: Dimensions of an array.
-        value: A number, truth value, string, list of components or elements, or Unknown.
-        declared: Where it is declared; None of arguments, loop variables and predefined data.
-        module: The module that it belongs to.
-        persistent: It keeps its value from run to run (PERS).
-        assigned: The program has given it a value.
-        volatile: An interrupt may change it at any time.
-        copied: Of an argument by value, the data that it is a copy of.
-        element_of: The array of an element whose index is not known; assigned to, the whole array is unknown.
-    """
-
-    name: str
-    kind: str
-    dims: tuple[int, ...]
-    value: object
-    declared: Declared | None = None
-    module: Module | None = None
-    persistent: bool = False
-    assigned: bool = False
-    volatile: Unknown | None = None
-    copied: Reference | None = None
+    name: str  # As declared
+    kind: str  # Data type
+    dims: tuple[int, ...]  # Dimensions of an array
+    value: object  # A number, truth value, string, list of components or elements, or Unknown
+    declared: Declared | None = None  # Where it is declared; None of arguments, loop variables and predefined data
+    module: Module | None = None  # The module that it belongs to
+    persistent: bool = False  # It keeps its value from run to run (PERS)
+    assigned: bool = False  # The program has given it a value
+    volatile: Unknown | None = None  # An interrupt may change it at any time
+    copied: Reference | None = None  # Of an argument by value, the data that it is a copy of
+    # The array of an element whose index is not known; assigned to, the whole array is unknown
     element_of: Reference | None = None
 
 
@@ -94,23 +81,17 @@ class Frame:
 
 
 class Memory:
-    """Variables of all modules and of the routines that are executed.
-
-    Attributes:
-        types: Data types.
-        frames: Routines that are executed, the innermost last.
-        stamp: Number of changes of data so far.
-        deciding: A condition is evaluated: persistent data that a person or another task may have set is unknown.
-        kept_from: Values with which persistent data begins that the program changes, by the place of its declaration;
-            data without a value there begins as declared. None: all such data is unknown.
-    """
+    """Variables of all modules and of the routines that are executed."""
 
     def __init__(self, source: Source, modules: Modules) -> None:
         self.source, self.modules = source, modules
-        self.types = Types()
-        self.frames: list[Frame] = []
-        self.stamp = 0
+        self.types = Types()  # Data types
+        self.frames: list[Frame] = []  # Routines that are executed, the innermost last
+        self.stamp = 0  # Number of changes of data so far
+        # A condition is evaluated: persistent data that a person or another task may have set is unknown
         self.deciding = False
+        # Values with which persistent data begins that the program changes, by the place of its declaration; data
+        # without a value there begins as declared. None: all such data is unknown.
         self.kept_from: Mapping[int, object] | None = None
         self.evaluator: ScopeOfReferences | None = None
         self._nodes: dict[str, Node] = {}

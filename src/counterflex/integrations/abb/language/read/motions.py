@@ -47,12 +47,8 @@ class Motions(Execution):
     """Makes motions; mixed into the interpreter.
 
     Attributes:
-        moves: What stands behind each motion in the text.
-        calls: Executions of routines.
         override: Factor of VelSet on the speed.
         largest_m_s: Largest speed of VelSet.
-        guard: Compact IF that the statement stands in, or None.
-        now: The statement that is executed.
     """
 
     source: Source
@@ -66,11 +62,11 @@ class Motions(Execution):
 
     def __init__(self, in_spindle: Frames) -> None:
         super().__init__(in_spindle)
-        self.moves: list[RapidMotion] = []
-        self.calls: list[RoutineCall] = []
+        self.moves: list[RapidMotion] = []  # What stands behind each motion in the text
+        self.calls: list[RoutineCall] = []  # Executions of routines
         self.override, self.largest_m_s = 1.0, math.inf
-        self.guard: Statement | None = None
-        self.now = Statement(0, 0, "", 1, False)
+        self.guard: Statement | None = None  # Compact IF that the statement stands in, or None
+        self.now = Statement(0, 0, "", 1, False)  # The statement that is executed
         self._call = -1
         self._displacement: list[list[float]] | None = None
         self._away: list[tuple[Statement, Float | None, int, list[float], object]] = []

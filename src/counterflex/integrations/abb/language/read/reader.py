@@ -69,11 +69,9 @@ def read_rapid(
 
 
 def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Interpreter:
-    """Return the program as executed.
-
-    Persistent data that it changes begins with what the last run left. If that matters, the program is executed from
-    the declared values, and again from what this run leaves: it is known if both runs do the same and leave the same.
-    """
+    """Return the program as executed."""
+    # Persistent data that it changes begins with what the last run left. If that matters, the program is executed from
+    # the declared values, and again from what this run leaves: it is known if both runs do the same and leave the same.
     try:
         return _run(source, modules, cell, None)
     except ProgramError as fault:

@@ -25,74 +25,43 @@ _WORDS: Final = re.compile(r"[A-Za-z]\w*")
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a routine.
+    """A parameter of a routine."""
 
-    Attributes:
-        name: In capitals.
-        kind: Data type, lower case; ``switch`` of one without a value.
-        reference: INOUT, VAR or PERS: it stands for data of the caller.
-        optional: It has a backslash.
-    """
-
-    name: str
-    kind: str
-    reference: bool
-    optional: bool
+    name: str  # In capitals
+    kind: str  # Data type, lower case; ``switch`` of one without a value
+    reference: bool  # INOUT, VAR or PERS: it stands for data of the caller
+    optional: bool  # It has a backslash
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """A declaration of data.
+    """A declaration of data."""
 
-    Attributes:
-        kind: Data type, in lower case.
-        name: As declared.
-        storage: CONST, PERS or VAR.
-        start: Index of the statement.
-        value: Index of the value; -1 where none is given.
-        end: Index of the semicolon.
-        dims: Text of its dimensions; empty where it is no array.
-        local: It is seen in its module alone.
-    """
-
-    kind: str
-    name: str
-    storage: str
-    start: int
-    value: int
-    end: int
-    dims: str
-    local: bool
+    kind: str  # Data type, in lower case
+    name: str  # As declared
+    storage: str  # CONST, PERS or VAR
+    start: int  # Index of the statement
+    value: int  # Index of the value; -1 where none is given
+    end: int  # Index of the semicolon
+    dims: str  # Text of its dimensions; empty where it is no array
+    local: bool  # It is seen in its module alone
 
 
 @dataclass(eq=False)
 class Routine:
-    """A PROC, FUNC or TRAP.
+    """A PROC, FUNC or TRAP."""
 
-    Attributes:
-        name: As declared.
-        kind: ``PROC FUNC TRAP``.
-        start: Index of its first character.
-        end: Index behind ENDPROC.
-        place: Where its name stands.
-        module: The module that it stands in.
-        parameters: In order.
-        local: It is seen in its module alone.
-        statements: Between its head and ENDPROC, declarations left out.
-        declared: Data that it declares.
-    """
-
-    name: str
-    kind: str
-    start: int
-    end: int
-    place: tuple[int, int]
-    module: Module
-    parameters: tuple[Parameter, ...]
-    local: bool
+    name: str  # As declared
+    kind: str  # ``PROC FUNC TRAP``
+    start: int  # Index of its first character
+    end: int  # Index behind ENDPROC
+    place: tuple[int, int]  # Where its name stands
+    module: Module  # The module that it stands in
+    parameters: tuple[Parameter, ...]  # In order
+    local: bool  # It is seen in its module alone
     source: Source
-    statements: list[Statement] = field(default_factory=list)
-    declared: dict[str, Declared] = field(default_factory=dict)
+    statements: list[Statement] = field(default_factory=list)  # Between its head and ENDPROC, declarations left out
+    declared: dict[str, Declared] = field(default_factory=dict)  # Data that it declares
 
     @cached_property
     def tree(self) -> list[Tree]:
@@ -107,23 +76,15 @@ class Routine:
 
 @dataclass(eq=False)
 class Module:
-    """A module.
+    """A module."""
 
-    Attributes:
-        name: As declared.
-        declarations: Index behind its head.
-        routines: By name in capitals.
-        data: The same.
-        records: Components, name and type, of each record by its name in lower case.
-        aliases: Type behind an alias.
-    """
-
-    name: str
-    declarations: int
-    routines: dict[str, Routine] = field(default_factory=dict)
-    data: dict[str, Declared] = field(default_factory=dict)
+    name: str  # As declared
+    declarations: int  # Index behind its head
+    routines: dict[str, Routine] = field(default_factory=dict)  # By name in capitals
+    data: dict[str, Declared] = field(default_factory=dict)  # The same
+    # Components, name and type, of each record by its name in lower case
     records: dict[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
-    aliases: dict[str, str] = field(default_factory=dict)
+    aliases: dict[str, str] = field(default_factory=dict)  # Type behind an alias
 
 
 class Modules:
@@ -158,11 +119,10 @@ class Modules:
         source = self.source
         word = "ENDMODULE" if self._opened is None else _END_OF[self._opened[0]]
         raise ProgramError(
-            f"the module stops without {word}: it may be cut off",
-            where=source.where(max(0, len(source.text) - 1)),
+            f"the module stops without {word}: it may be cut off", where=source.where(max(0, len(source.text) - 1)),
             value=source.text.strip().splitlines()[-1].strip()[:60],
             hint="Post it again, or say --without-end if it is complete",
-        )
+        )  # fmt: skip
 
     def _head(self, statement: Statement) -> None:
         match = _MODULE.match(statement.code) if statement.structure else None

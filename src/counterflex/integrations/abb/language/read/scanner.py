@@ -28,40 +28,24 @@ _STRUCTURE: Final = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A statement, or a word that opens or closes a part of the program.
+    """A statement, or a word that opens or closes a part of the program."""
 
-    Attributes:
-        start: Index of its first character in the text.
-        end: Index behind its last one; of a statement that ends in a semicolon that of the semicolon.
-        code: The text between, comments as blanks.
-        line: 1-based line of its first character, in its file.
-        structure: It opens or closes a part and has no semicolon.
-        word: Its first word, in capitals.
-    """
-
-    start: int
-    end: int
-    code: str
-    line: int
-    structure: bool
-    word: str = ""
+    start: int  # Index of its first character in the text
+    end: int  # Index behind its last one; of a statement that ends in a semicolon that of the semicolon
+    code: str  # The text between, comments as blanks
+    line: int  # 1-based line of its first character, in its file
+    structure: bool  # It opens or closes a part and has no semicolon
+    word: str = ""  # Its first word, in capitals
 
 
 @dataclass(frozen=True, slots=True)
 class FilePart:
-    """Place of a file in the joined text of a program.
+    """Place of a file in the joined text of a program."""
 
-    Attributes:
-        name: Of the file.
-        start: Index of its first character.
-        end: Index behind its last one.
-        first_line: Number of lines before it.
-    """
-
-    name: str
-    start: int
-    end: int
-    first_line: int = 0
+    name: str  # Of the file
+    start: int  # Index of its first character
+    end: int  # Index behind its last one
+    first_line: int = 0  # Number of lines before it
 
 
 class Source:
@@ -71,16 +55,12 @@ class Source:
         text: As read.
         name: Of the file, for errors.
         parts: Where each file stands in the text; none: it is one file.
-
-    Attributes:
-        code: The text with comments as blanks, as long as the text.
-        parts: As given.
     """
 
     def __init__(self, text: str, name: str, parts: Sequence[FilePart] = ()) -> None:
         self.text, self.name = text, name
-        self.parts = tuple(parts) or (FilePart(name, 0, len(text)),)
-        self.code = _COMMENT.sub(_blanked, text)
+        self.parts = tuple(parts) or (FilePart(name, 0, len(text)),)  # As given
+        self.code = _COMMENT.sub(_blanked, text)  # The text with comments as blanks, as long as the text
         self._bare = _STRING.sub(lambda match: f'"{"x" * (len(match[0]) - 2)}"', self.code)
         self._ends = [match.start() for match in re.finditer(r"\r\n|\n|\r", text)]
 

@@ -13,15 +13,7 @@ from typing import Any, Final
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
 from counterflex.integrations.abb.language.program import RapidTarget
-from counterflex.integrations.abb.language.read.literals import (
-    Aggregate,
-    Argument,
-    RobtargetLiteral,
-    aggregate,
-    arguments,
-    numbers_of,
-    robtarget_literal,
-)
+from counterflex.integrations.abb.language.read import literals
 from counterflex.integrations.abb.language.read.memory import Memory, Reference
 from counterflex.programs.expression import Name, is_number
 from counterflex.programs.robot_text.cell import ExternalAxes, RobotTextCell
@@ -42,19 +34,12 @@ _KEPT: Final = 1000
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """Speed of an instruction.
+    """Speed of an instruction."""
 
-    Attributes:
-        m_s: Of the tool tip; NaN where the time of the motion is given.
-        value: Where the number of the option V stands; None where there is none.
-        time: Where the option T stands, from its backslash; None where there is none.
-        time_s: Its value.
-    """
-
-    m_s: float
-    value: tuple[int, int] | None = None
-    time: tuple[int, int] | None = None
-    time_s: float = 0.0
+    m_s: float  # Of the tool tip; NaN where the time of the motion is given
+    value: tuple[int, int] | None = None  # Where the number of the option V stands; None where there is none
+    time: tuple[int, int] | None = None  # Where the option T stands, from its backslash; None where there is none
+    time_s: float = 0.0  # Its value
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,33 +57,30 @@ class Targets:
         memory: Data of the program.
         cell: What the program is held against.
         made: Returns the number of motions made so far.
-
-    Attributes:
-        external: External axes along the program.
     """
 
     def __init__(self, memory: Memory, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self.memory, self.source = memory, memory.source
-        self.external = ExternalAxes(cell, made)
+        self.external = ExternalAxes(cell, made)  # External axes along the program
         self._checked = ""
         self._uses: dict[tuple[int, tuple[int, ...]], int] = {}
         self._spans: dict[int, set[int]] = {}
         self._names: dict[int, str] = {}
-        self._arrays: dict[int, Aggregate | None] = {}
+        self._arrays: dict[int, literals.Aggregate | None] = {}
         self._speeds: dict[tuple[str, int], Speed] = {}
         self._zones: dict[str, Zone] = {}
         self._stamp = -1
 
     # ---- targets ---------------------------------------------------------------------------------------------
 
-    def target(self, argument: Argument) -> RapidTarget:
+    def target(self, argument: literals.Argument) -> RapidTarget:
         """Return the robtarget of an argument.
 
         Raises:
             ProgramError: It is not known.
         """
         code = self.source.code
-        literal = robtarget_literal(code, argument.start) if argument.text.startswith("[") else None
+        literal = literals.robtarget_literal(code, argument.start) if argument.text.startswith("[") else None
         if literal is not None and literal.end == argument.end:
             return self._written(literal, argument)
         if argument.text == "*":
@@ -108,7 +90,7 @@ class Targets:
             )  # fmt: skip
         match = _OFFS.match(argument.text)
         if match is not None and argument.text.endswith(")"):
-            parts = arguments(code, argument.start + match.end(), argument.end - 1)
+            parts = literals.arguments(code, argument.start + match.end(), argument.end - 1)
             if len(parts) == 4 and not any(part.options for part in parts):
                 return self._displaced(parts, argument)
         node = self.memory.node(argument.text, argument.start)
@@ -123,7 +105,7 @@ class Targets:
             return self._named(reference, argument)
         return self._computed(self.memory.value(node, argument.text, argument.start), argument)
 
-    def _displaced(self, parts: list[Argument], argument: Argument) -> RapidTarget:
+    def _displaced(self, parts: list[literals.Argument], argument: literals.Argument) -> RapidTarget:
         """``Offs``: its numbers are changed themselves where they are numbers."""
         base = self.target(parts[0])
         shift = [self._number(part, "a displacement of Offs") for part in parts[1:]]
@@ -135,7 +117,7 @@ class Targets:
             offsets_mm=(shift[0], shift[1], shift[2]) if plain else (0.0, 0.0, 0.0), place=None,
         )  # fmt: skip
 
-    def _named(self, reference: Reference, argument: Argument) -> RapidTarget:
+    def _named(self, reference: Reference, argument: literals.Argument) -> RapidTarget:
         argument_copy = reference.variable.copied if not reference.variable.assigned else None
         reference = argument_copy or reference
         variable = reference.variable
@@ -158,18 +140,18 @@ class Targets:
         variable = reference.variable
         return reference.value() if variable.volatile is None else variable.volatile
 
-    def _literal_of(self, start: int, end: int, path: tuple[int, ...]) -> RobtargetLiteral | None:
+    def _literal_of(self, start: int, end: int, path: tuple[int, ...]) -> literals.RobtargetLiteral | None:
         """The literal of data, or of an element of an array."""
         code = self.source.code
         if not path:
-            literal = robtarget_literal(code, start)
+            literal = literals.robtarget_literal(code, start)
             return literal if literal is not None and literal.end <= end else None
         if start not in self._arrays:
-            self._arrays[start] = aggregate(code, start, end)
+            self._arrays[start] = literals.aggregate(code, start, end)
         part: object = self._arrays[start]
         for index in path:
-            part = part.items[index] if isinstance(part, Aggregate) and index < len(part.items) else None
-        return robtarget_literal(code, part.start) if isinstance(part, Aggregate) else None
+            part = part.items[index] if isinstance(part, literals.Aggregate) and index < len(part.items) else None
+        return literals.robtarget_literal(code, part.start) if isinstance(part, literals.Aggregate) else None
 
     def shared(self, target: RapidTarget) -> bool:
         """Return whether other places of the program use the data of a target too."""
@@ -185,17 +167,17 @@ class Targets:
         """Return the number of mentions of each name in the code, without its size (Dim)."""
         return Counter(word.upper() for word in re.findall(r"[A-Za-z]\w*", _SIZE.sub(" ", self.source.code)))
 
-    def _written(self, literal: RobtargetLiteral, argument: Argument) -> RapidTarget:
+    def _written(self, literal: literals.RobtargetLiteral, argument: literals.Argument) -> RapidTarget:
         x, y, z, *q = literal.values
         if not max(abs(x), abs(y), abs(z)) <= _LARGEST_MM or not abs(math.hypot(*q) - 1.0) <= _UNIT:
             self._refuse([x, y, z], q, argument)
         self.check_external(literal.rest[1], literal.start)
         return RapidTarget(
             argument.start, argument.end, "", (literal.start, literal.end), literal.numbers, (x, y, z),
-            (q[0], q[1], q[2], q[3]), **_configuration(numbers_of(literal.rest[0])),
+            (q[0], q[1], q[2], q[3]), **_configuration(literals.numbers_of(literal.rest[0])),
         )  # fmt: skip
 
-    def _computed(self, value: object, argument: Argument) -> RapidTarget:
+    def _computed(self, value: object, argument: literals.Argument) -> RapidTarget:
         """A target by its value."""
         place = self.source.place(argument.start)
         if isinstance(value, Unknown) or (isinstance(value, list) and first_unknown(value[:2]) is not None):
@@ -219,7 +201,7 @@ class Targets:
             **_configuration(conf),
         )  # fmt: skip
 
-    def _refuse(self, p: list[float], q: list[float], argument: Argument) -> None:
+    def _refuse(self, p: list[float], q: list[float], argument: literals.Argument) -> None:
         if not all(map(is_number, [*p, *q])):
             raise self._fault("a robtarget has seven numbers and two groups", argument, hint="Write the numbers")
         if not max(map(abs, p)) <= _LARGEST_MM:
@@ -238,7 +220,7 @@ class Targets:
         if isinstance(item, str):
             if item == self._checked:
                 return
-            numbers = numbers_of(item)
+            numbers = literals.numbers_of(item)
             self._checked = item if numbers is not None else ""
             item = numbers or self.memory.evaluated(item, at)
         place = self.source.place(at)
@@ -259,7 +241,7 @@ class Targets:
             self._stamp = self.memory.stamp
             self._speeds, self._zones = {}, {}
 
-    def speed(self, argument: Argument) -> Speed:
+    def speed(self, argument: literals.Argument) -> Speed:
         """Return the speed of an argument with its options V and T.
 
         Raises:
@@ -290,7 +272,7 @@ class Targets:
             speed = self._speeds[key] = Speed(self._in_range(float(first), argument))
         return speed
 
-    def _in_range(self, value: float, argument: Argument) -> float:
+    def _in_range(self, value: float, argument: literals.Argument) -> float:
         if not 0.0 < value <= _LARGEST_MM_S:
             raise self._fault(
                 "the speed is out of range", argument, limit=f"above 0, at most {_LARGEST_MM_S:g} mm/s",
@@ -298,7 +280,7 @@ class Targets:
             )  # fmt: skip
         return value * MM_PER_S
 
-    def zone(self, argument: Argument) -> Zone:
+    def zone(self, argument: literals.Argument) -> Zone:
         """Return the zone of an argument.
 
         Raises:
@@ -313,7 +295,7 @@ class Targets:
             return Zone(exact, 0.0 if exact or not is_number(distance) else float(distance) * MM)  # type: ignore[arg-type]
         return self._plain_zone(argument)
 
-    def _plain_zone(self, argument: Argument) -> Zone:
+    def _plain_zone(self, argument: literals.Argument) -> Zone:
         self._forget_old()
         zone = self._zones.get(argument.text)
         if zone is None:
@@ -334,14 +316,14 @@ class Targets:
 
     # ---- numbers, faults -------------------------------------------------------------------------------------
 
-    def _number(self, argument: Argument, what: str) -> float:
+    def _number(self, argument: literals.Argument, what: str) -> float:
         place = self.source.place(argument.start)
         value = known(self.memory.evaluated(argument.text, argument.start), what, place, text=argument.text)
         if not is_number(value) or not abs(value) <= _LARGEST_MM:  # type: ignore[arg-type]
             raise self._fault(f"{what} is no number", argument, limit=f"{_LARGEST_MM:g} mm", hint="Write the number")
         return float(value)  # type: ignore[arg-type]
 
-    def _fault(self, what: str, argument: Argument, **more: str) -> ProgramError:
+    def _fault(self, what: str, argument: literals.Argument, **more: str) -> ProgramError:
         return ProgramError(
             what, where=self.source.place(argument.start), value=" ".join(argument.text.split())[:60], **more
         )

@@ -56,19 +56,15 @@ PREDEFINED: Final[dict[str, tuple[str, object]]] = {
 
 
 class Types:
-    """Record and alias types of a program.
-
-    Attributes:
-        records: Components of each record, name and type, by the type's name; lower case.
-        aliases: Type that another name stands for.
-    """
+    """Record and alias types of a program."""
 
     def __init__(self) -> None:
+        # Components of each record, name and type, by the type's name; lower case
         self.records: dict[str, tuple[tuple[str, str], ...]] = {
             name: tuple((part.split()[0], part.split()[1]) for part in text.split(","))
             for name, text in _RECORDS.items()
         }
-        self.aliases: dict[str, str] = {}
+        self.aliases: dict[str, str] = {}  # Type that another name stands for
 
     def real(self, kind: str) -> str:
         """Return the type behind an alias."""

@@ -28,19 +28,12 @@ _DEEPEST: Final = 20
 
 
 class Step(NamedTuple):
-    """A statement that runs.
+    """A statement that runs."""
 
-    Attributes:
-        routine: Its listing.
-        at: Its index there.
-        statement: Itself.
-        text: Its code, or what stands behind the condition.
-    """
-
-    routine: Routine
-    at: int
-    statement: Statement
-    text: str
+    routine: Routine  # Its listing
+    at: int  # Its index there
+    statement: Statement  # Itself
+    text: str  # Its code, or what stands behind the condition
 
     @property
     def where(self) -> str:
@@ -66,18 +59,12 @@ class Step(NamedTuple):
 
 
 class Branches(MotionExecution):
-    """Passes statements that may run or not.
+    """Passes statements that may run or not."""
 
-    Attributes:
-        folder: Programs that can be called.
-        depth: Number of programs that run, one calling the other.
-        call_line: Line of the main program that runs.
-    """
-
-    folder: Folder
+    folder: Folder  # Programs that can be called
     process: ProcessWords | None
-    depth: int
-    call_line: int = 1
+    depth: int  # Number of programs that run, one calling the other
+    call_line: int = 1  # Line of the main program that runs
 
     def pass_over(
         self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
@@ -176,7 +163,7 @@ class Branches(MotionExecution):
         return at + 1
 
     def gives_up(self, routine: Routine, number: int) -> bool:
-        """Whether a label leads to an alarm and the end of the job, with nothing but signals and waits on the way."""
+        """Return whether a label leads to an alarm and the end of the job, over signals and waits only."""
         at, seen, alarm = routine.labels.get(number), set[int](), False
         while at is not None and at not in seen and at < len(routine.texts):
             seen.add(at)

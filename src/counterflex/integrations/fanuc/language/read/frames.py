@@ -31,14 +31,13 @@ class Frames(NumberedFrames):
     Attributes:
         user_frame: Number of the active one; -1 where nothing says it.
         user_tool: The same of the tool frame.
-        T_part_user: (4, 4) m, active user frame in the part frame.
     """
 
     def __init__(self, cell: NumberedCell | None, values: Values) -> None:
         super().__init__(cell, "UTOOL_NUM={}", "UFRAME_NUM={}")
         self.values = values
         self.user_frame = self.user_tool = -1
-        self.T_part_user: Float = np.eye(4)
+        self.T_part_user: Float = np.eye(4)  # (4, 4) m, active user frame in the part frame
         self._part: tuple[int, Float | None] | None = None  # of a program without a cell: its first user frame
         self._settled: tuple[int, int, int] | None = None
 

@@ -163,7 +163,7 @@ class Interpreter(Flow):
         return step.at + 1 if handler is None else handler(self, step)
 
     def _at_time(self, step: Step, text: str) -> None:
-        """What runs before or behind the end of a motion (TA, TB, DB) leaves registers that are not known."""
+        """Make registers unknown that a call before or behind the end of a motion (TA, TB, DB) leaves open."""
         if not text:
             return
         self.act(step)

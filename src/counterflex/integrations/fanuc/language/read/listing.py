@@ -28,31 +28,17 @@ _LARGEST: Final = 100_000.0
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A statement of ``/MN``.
+    """A statement of ``/MN``."""
 
-    Attributes:
-        head: Index at which its line begins, or behind the statement before it on that line.
-        start: Index of its first character behind the line number.
-        end: Index of its semicolon.
-        code: The text between, colons of continued lines as blanks, without blanks around it.
-        line: 1-based line of ``start``.
-    """
-
-    head: int
-    start: int
-    end: int
-    code: str
-    line: int
+    head: int  # Index at which its line begins, or behind the statement before it on that line
+    start: int  # Index of its first character behind the line number
+    end: int  # Index of its semicolon
+    code: str  # The text between, colons of continued lines as blanks, without blanks around it
+    line: int  # 1-based line of ``start``
 
 
 class Listing:
     """A listing divided into parts.
-
-    Attributes:
-        main: Index behind the line ``/MN``.
-        behind: Index behind the last position.
-        has_positions: There is a part /POS.
-        moves_arm: It may move group 1 (DEFAULT_GROUP).
 
     Raises:
         ProgramError: A part is missing, or twice there.
@@ -86,15 +72,16 @@ class Listing:
                 )  # fmt: skip
         order = sorted(parts.values(), key=lambda match: match.start())
         stop = {match[1].upper(): n.start() for match, n in itertools.pairwise(order)}
-        self.main = parts["MN"].end()
+        self.main = parts["MN"].end()  # Index behind the line ``/MN``
         self._main_end = stop.get("MN", len(text))
         self._positions = (parts["POS"].end(), stop.get("POS", len(text))) if "POS" in parts else (len(text),) * 2
+        # Index behind the last position
         self.behind = self._positions[0] if "POS" in parts or "END" not in parts else parts["END"].start()
-        self.has_positions = "POS" in parts
+        self.has_positions = "POS" in parts  # There is a part /POS
         self.ended = "END" in parts
         about = text[parts["PROG"].end() : parts["MN"].start()]
         group = _DEFAULT_GROUP.search(about)
-        self.moves_arm = group is None or group[1] != "*"
+        self.moves_arm = group is None or group[1] != "*"  # It may move group 1 (DEFAULT_GROUP)
 
     def line(self, at: int) -> int:
         """1-based line of an index."""

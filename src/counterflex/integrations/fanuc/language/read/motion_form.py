@@ -49,46 +49,27 @@ EXACT: Final = re.compile(r"FINE|CNT\s*0+", _I)
 
 @dataclass(frozen=True, slots=True)
 class TargetForm:
-    """A target as written.
+    """A target as written."""
 
-    Attributes:
-        word: ``P`` or ``PR``.
-        index: Text of its number; digits of a literal one.
-        span: Where it stands in the statement.
-    """
-
-    word: str
-    index: str
-    span: Span
+    word: str  # ``P`` or ``PR``
+    index: str  # Text of its number; digits of a literal one
+    span: Span  # Where it stands in the statement
 
 
 @dataclass(frozen=True, slots=True)
 class MotionForm:
-    """A motion as written; places are those in the statement.
+    """A motion as written; places are those in the statement."""
 
-    Attributes:
-        word: ``J L C A S``.
-        targets: Its targets, that on a circle first.
-        speed: Text of its number, a register, or empty of max_speed.
-        unit: Lower case; empty of max_speed.
-        speed_span: Where number and unit stand.
-        number_span: Where the number stands.
-        termination: FINE, CNT100.
-        options: By name ``inc offset tool``: the position register, or empty.
-        option_spans: Where those stand.
-        at_time: Statement that runs before or behind the end.
-    """
-
-    word: str
-    targets: tuple[TargetForm, ...]
-    speed: str
-    unit: str
-    speed_span: Span
-    number_span: Span
-    termination: str
-    options: tuple[tuple[str, str], ...] = ()
-    option_spans: tuple[Span, ...] = ()
-    at_time: str = ""
+    word: str  # ``J L C A S``
+    targets: tuple[TargetForm, ...]  # Its targets, that on a circle first
+    speed: str  # Text of its number, a register, or empty of max_speed
+    unit: str  # Lower case; empty of max_speed
+    speed_span: Span  # Where number and unit stand
+    number_span: Span  # Where the number stands
+    termination: str  # FINE, CNT100
+    options: tuple[tuple[str, str], ...] = ()  # By name ``inc offset tool``: the position register, or empty
+    option_spans: tuple[Span, ...] = ()  # Where those stand
+    at_time: str = ""  # Statement that runs before or behind the end
 
     @property
     def exact(self) -> bool:

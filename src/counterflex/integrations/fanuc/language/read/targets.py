@@ -29,27 +29,17 @@ _AXES: Final = 6
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """An end of a motion.
+    """An end of a motion."""
 
-    Attributes:
-        T_user_tool: (4, 4) m in the active user frame; None of one by axes, or of one that is not known.
-        literal: Its entry of /POS, where it is nothing else.
-        computed: Why it is none, as a clause.
-        config: CONFIG.
-        axes: Axes in deg of one that is given by them.
-        unknown: Why it is not known.
-        external_axes: External axes, E1 to E3 (J7 to J9), by number: mm or deg.
-        others: Text of further motion groups.
-    """
-
-    T_user_tool: Float | None
-    literal: FanucPosition | None = None
-    computed: str = ""
-    config: str = ""
-    axes: tuple[float, ...] = ()
-    unknown: Unknown | None = None
+    T_user_tool: Float | None  # (4, 4) m in the active user frame; None of one by axes, or of one that is not known
+    literal: FanucPosition | None = None  # Its entry of /POS, where it is nothing else
+    computed: str = ""  # Why it is none, as a clause
+    config: str = ""  # CONFIG
+    axes: tuple[float, ...] = ()  # Axes in deg of one that is given by them
+    unknown: Unknown | None = None  # Why it is not known
+    # External axes, E1 to E3 (J7 to J9), by number: mm or deg
     external_axes: Mapping[int, float] = field(default_factory=dict)
-    others: str = ""
+    others: str = ""  # Text of further motion groups
 
 
 class Targets:
@@ -60,21 +50,16 @@ class Targets:
         values: Registers.
         frames: Active frames.
         made: Returns the number of motions made so far.
-
-    Attributes:
-        external: External axes along the program.
-        override: Factor of all speeds.
-        linear_max_m_s: Largest speed along the path that the program sets; inf where it sets none.
-        conditions: Position register and frame of OFFSET CONDITION and TOOL_OFFSET CONDITION, by ``offset`` and
-            ``tool``.
     """
 
     def __init__(self, cell: NumberedCell | None, values: Values, frames: Frames, made: Callable[[], int]) -> None:
         self.cell, self.values, self.frames = cell, values, frames
-        self.override: Value = 1.0
+        self.override: Value = 1.0  # Factor of all speeds
+        # Largest speed along the path that the program sets; inf where it sets none
         self.linear_max_m_s: Value = float("inf")
+        # Position register and frame of OFFSET CONDITION and TOOL_OFFSET CONDITION, by ``offset`` and ``tool``
         self.conditions: dict[str, tuple[Value, int | None]] = {}
-        self.external = ExternalAxes(cell, made)
+        self.external = ExternalAxes(cell, made)  # External axes along the program
         self._others: str | None = None
 
     # ---- targets -------------------------------------------------------------------------------------------
@@ -326,10 +311,8 @@ def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) 
 
 
 def _added(T: Float, value: Value, name: str, where: str) -> Float:
-    """The sum of two positions, component by component.
-
-    Source: Offset,PR adds X Y Z W P R each in the active user frame (measured in ROBOGUIDE, R-2000iC, by others).
-    """
+    """The sum of two positions, component by component."""
+    # Source: Offset,PR adds X Y Z W P R each in the active user frame (measured in ROBOGUIDE, R-2000iC, by others).
     matrix_of(value, name, where)
     components = position_of(T)
     added = {letter: float(cast("float", components[letter])) + float(cast("Mapping[str, float]", value)[letter])

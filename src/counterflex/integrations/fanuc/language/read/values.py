@@ -26,10 +26,8 @@ def _numbers(*values: Value) -> None:
 
 
 def _both(operation: str, a: Value, b: Value) -> Value:
-    """A sum or difference of numbers, or of positions component by component.
-
-    Source: PR[a]=PR[b]+PR[c] adds X Y Z W P R each (measured in ROBOGUIDE, R-2000iC, by others).
-    """
+    """A sum or difference of numbers, or of positions component by component."""
+    # Source: PR[a]=PR[b]+PR[c] adds X Y Z W P R each (measured in ROBOGUIDE, R-2000iC, by others).
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         if "J1" in a or "J1" in b:
             raise TypeError
@@ -147,25 +145,18 @@ def element_key(value: Mapping[str, Value], index: int) -> str:
 
 @dataclass
 class Values:
-    """Values of the registers.
+    """Values of the registers."""
 
-    Attributes:
-        where: ``file:line`` of the statement that runs.
-        registers: By their kind and number: R, PR, SR, F, M, P.
-        arguments: AR of the program that runs.
-        frames: UFRAME and UTOOL by kind and number, as positions.
-        here: Where the robot stands in the active frames, or why that is not known.
-        positions: /POS of the program that runs.
-        version: Number of changes so far.
-    """
-
-    where: str = ""
+    where: str = ""  # ``file:line`` of the statement that runs
+    # By their kind and number: R, PR, SR, F, M, P
     registers: dict[tuple[str, int], Value] = field(default_factory=dict)
-    arguments: Sequence[Value] = ()
+    arguments: Sequence[Value] = ()  # AR of the program that runs
+    # UFRAME and UTOOL by kind and number, as positions
     frames: dict[tuple[str, int], Value] = field(default_factory=dict)
+    # Where the robot stands in the active frames, or why that is not known
     here: Value = field(default_factory=lambda: Unknown("the robot has not moved yet"))
-    positions: Mapping[int, FanucPosition] = field(default_factory=dict)
-    version: int = 0
+    positions: Mapping[int, FanucPosition] = field(default_factory=dict)  # /POS of the program that runs
+    version: int = 0  # Number of changes so far
 
     # ---- read ----------------------------------------------------------------------------------------------
 

@@ -17,33 +17,22 @@ Fault = Callable[[str, int, str], ProgramError]
 
 @dataclass
 class Block:
-    """A block.
+    """A block."""
 
-    Attributes:
-        word: ``IF`` and so on.
-        start: Its line.
-        end: Line of ENDIF and so on.
-        branches: Lines of ELSE, CASE and DEFAULT.
-    """
-
-    word: str
-    start: int
-    end: int = 0
-    branches: list[int] = field(default_factory=list)
+    word: str  # ``IF`` and so on
+    start: int  # Its line
+    end: int = 0  # Line of ENDIF and so on
+    branches: list[int] = field(default_factory=list)  # Lines of ELSE, CASE and DEFAULT
 
 
 @dataclass
 class Blocks:
-    """The blocks of a routine.
+    """The blocks of a routine."""
 
-    Attributes:
-        of: The block of each line that begins, divides or ends one, and of EXIT the loop that it leaves.
-        labels: Line of each label, in capitals.
-        leaves: Lines of the loops that an EXIT, RETURN or GOTO within them may leave.
-    """
-
+    # The block of each line that begins, divides or ends one, and of EXIT the loop that it leaves
     of: dict[int, Block] = field(default_factory=dict)
-    labels: dict[str, int] = field(default_factory=dict)
+    labels: dict[str, int] = field(default_factory=dict)  # Line of each label, in capitals
+    # Lines of the loops that an EXIT, RETURN or GOTO within them may leave
     leaves: set[int] = field(default_factory=set)
 
 

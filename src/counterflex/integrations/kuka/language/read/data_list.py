@@ -26,19 +26,12 @@ IMPORT: Final = re.compile(r"\s*IMPORT\s+(?:\w+\s+)?(\w+)(?:\s*\[[\s,]*\])?\s+IS
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """An initial value of a data list.
+    """An initial value of a data list."""
 
-    Attributes:
-        file: Name of the file.
-        line: 1-based.
-        text: The line.
-        start: Index of the first character of the value.
-    """
-
-    file: str
-    line: int
-    text: str
-    start: int
+    file: str  # Name of the file
+    line: int  # 1-based
+    text: str  # The line
+    start: int  # Index of the first character of the value
 
     @property
     def where(self) -> str:
@@ -52,23 +45,14 @@ class Named:
 
 @dataclass(frozen=True)
 class DataList:
-    """A data list.
+    """A data list."""
 
-    Attributes:
-        file: The file.
-        stem: Its name in DEFDAT, in capitals.
-        initial: Initial values by name and, of arrays, index: ``P[2]``.
-        types: Type of each declared name.
-        public_names: Names that every program may use.
-        imports: Module and name in it of each imported name.
-    """
-
-    file: KrlFile
-    stem: str
-    initial: dict[str, Named] = field(default_factory=dict)
-    types: dict[str, str] = field(default_factory=dict)
-    public_names: set[str] = field(default_factory=set)
-    imports: dict[str, tuple[str, str]] = field(default_factory=dict)
+    file: KrlFile  # The file
+    stem: str  # Its name in DEFDAT, in capitals
+    initial: dict[str, Named] = field(default_factory=dict)  # Initial values by name and, of arrays, index: ``P[2]``
+    types: dict[str, str] = field(default_factory=dict)  # Type of each declared name
+    public_names: set[str] = field(default_factory=set)  # Names that every program may use
+    imports: dict[str, tuple[str, str]] = field(default_factory=dict)  # Module and name in it of each imported name
 
 
 def key_of(name: str) -> str:

@@ -233,7 +233,7 @@ class Flow(Routines):
         )
 
     def _left(self, blocks: Blocks, left: set[int], behind: int, cause: Unknown, routine: Routine) -> None:
-        """What follows where a branch in doubt may have left a loop or the routine: it is in doubt too."""
+        """Put in doubt what follows where a branch in doubt may have left a loop or the routine."""
         after = self._next
         for line in sorted(left):
             word = self._word(line)

@@ -16,7 +16,7 @@ from counterflex.programs.unknown import first_unknown, known
 
 @dataclass(frozen=True, kw_only=True)
 class KrlCell(NumberedCell):
-    """What must be known of a cell to read a KRL program for it."""
+    """Facts of a cell that the reader of KRL needs."""
 
     def is_part_frame(self, T_base: Float) -> bool:
         """Return whether a base is the part frame, within the decimals of posts."""
@@ -43,9 +43,6 @@ class Frames(NumberedFrames):
 
     Args:
         cell: What they are checked against; None takes every frame.
-
-    Attributes:
-        T_part_base: (4, 4) m, $BASE in the part of the motion that was required last; None where both are the same.
     """
 
     def __init__(self, cell: KrlCell | None) -> None:
@@ -54,6 +51,7 @@ class Frames(NumberedFrames):
         self._taken = {"TOOL": _Taken(), "BASE": _Taken()}
         self._reference: _Taken | None = None
         self._first_motion = ""
+        # (4, 4) m, $BASE in the part of the motion that was required last; None where both are the same
         self.T_part_base: Float | None = None
 
     def take(self, word: str, value: Value, where: str) -> None:
@@ -90,7 +88,7 @@ class Frames(NumberedFrames):
         return self._taken["TOOL"].value, self._taken["BASE"].value
 
     def state(self) -> tuple[object, ...]:
-        """What :meth:`restore` takes."""
+        """State for :meth:`restore`."""
         return dict(self._taken), self.tool, self.R_tcp_tool, self.tool_known, self.base_known
 
     def restore(self, state: tuple[object, ...]) -> None:
@@ -111,11 +109,10 @@ class Frames(NumberedFrames):
                 raise taken.fault
             if taken.value is None and self.cell is not None:
                 raise ProgramError(
-                    f"the program moves before it says which ${word} it is written for",
-                    where=where,
+                    f"the program moves before it says which ${word} it is written for", where=where,
                     limit=f"${word}={word}_DATA[{number}]",
                     hint="Write it before the first motion, as the calling program sets it",
-                )
+                )  # fmt: skip
         self.T_part_base = self._relative(where)
 
     # ---- checks ----------------------------------------------------------------------------------------------

@@ -247,7 +247,7 @@ class Interpreter(Motions):
             self.memory.interrupts = False
 
     def _later(self, statement: str, cause: Unknown) -> None:
-        """What a TRIGGER or INTERRUPT does: an output, an assignment, or a subprogram that must not move the robot."""
+        """Execute the statement of a TRIGGER or INTERRUPT: output, assignment, or subprogram without motions."""
         call = form.CALL.fullmatch(statement)
         doubt, self.memory.doubt = self.memory.doubt, cause
         in_spline, self._in_spline = self._in_spline, False

@@ -29,38 +29,23 @@ _PUBLIC: Final = re.compile(r"^[ \t]*DEFDAT\s+(?:\$CONFIG|\$?\w+\s+PUBLIC)\b", _
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a routine.
+    """A parameter of a routine."""
 
-    Attributes:
-        name: In capitals.
-        passing: ``IN`` by value, ``OUT`` by reference, empty where the program does not say it.
-    """
-
-    name: str
-    passing: str
+    name: str  # In capitals
+    passing: str  # ``IN`` by value, ``OUT`` by reference, empty where the program does not say it
 
 
 @dataclass(frozen=True)
 class Routine:
-    """A routine of a file: lines ``first`` to ``end``, 1-based, head and END included.
+    """A routine of a file: lines ``first`` to ``end``, 1-based, head and END included."""
 
-    Attributes:
-        module: Its file.
-        name: In capitals.
-        first: Line of DEF.
-        end: Line of END; one behind the last line where END is missing.
-        parameters: In order.
-        result: Type of a function; empty for a subprogram.
-        closed: END is there.
-    """
-
-    module: Module
-    name: str
-    first: int
-    end: int
-    parameters: tuple[Parameter, ...]
-    result: str
-    closed: bool
+    module: Module  # Its file
+    name: str  # In capitals
+    first: int  # Line of DEF
+    end: int  # Line of END; one behind the last line where END is missing
+    parameters: tuple[Parameter, ...]  # In order
+    result: str  # Type of a function; empty for a subprogram
+    closed: bool  # END is there
 
     @property
     def key(self) -> tuple[str, int]:

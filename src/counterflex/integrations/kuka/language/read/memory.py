@@ -9,29 +9,11 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.program import LETTERS
+from counterflex.integrations.kuka.language.read import values, variables
 from counterflex.integrations.kuka.language.read.data_list import DataList, Named
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Job
 from counterflex.integrations.kuka.language.read.literals import simple_record
-from counterflex.integrations.kuka.language.read.values import (
-    FUNCTIONS,
-    GRAMMAR,
-    StoredFrame,
-    Value,
-    assigned_number,
-    is_frame,
-    matrix_of,
-    tree,
-)  # fmt: skip
-from counterflex.integrations.kuka.language.read.variables import (
-    Activation,
-    Kept,
-    Path,
-    Variable,
-    same_value,
-    split,
-    variables_of,
-)  # fmt: skip
 from counterflex.programs.expression import ExpressionError, Node, evaluate
 from counterflex.programs.unknown import Unknown, first_unknown
 
@@ -51,69 +33,64 @@ class Memory:
         job: Its files.
         cell: What the stored frames of the controller are, as far as it says it.
         where: Returns file and line of the statement that runs.
-
-    Attributes:
-        here: The routine that runs.
-        system: Values of system variables that the program has set, by name in capitals.
-        doubt: Why it is not known whether the statement that runs is executed; None where it is.
-        changes: Number of values that were changed.
-        interrupts: The statements that run are those of an interrupt: what they set is not known from then on.
-        volatile: Why the value of a name is not known, whatever the program gives it.
-        lists: Variables of data lists by file, which begin with ``kept_from``: what the last run left of them.
-        position: Returns the place of the robot for ``$POS_ACT`` and the like; an unknown value where it is not known.
     """
 
     def __init__(self, job: Job, cell: KrlCell | None, where: Callable[[], str]) -> None:
         self.job, self.cell, self.where = job, cell, where
-        self.system: dict[str, Value] = {}
+        # Values of system variables that the program has set, by name in capitals
+        self.system: dict[str, values.Value] = {}
+        # Why it is not known whether the statement that runs is executed; None where it is
         self.doubt: Unknown | None = None
-        self.changes = 0
+        self.changes = 0  # Number of values that were changed
+        # The statements that run are those of an interrupt: what they set is not known from then on
         self.interrupts = False
-        self.volatile: dict[str, Unknown] = {}
-        self.position: Callable[[str], Value] = lambda _: Unknown("the place of the robot is not known", where())
-        self.kept_from: Kept = {}
-        self.lists: dict[str, dict[str, Variable]] = {}
-        self._stored: dict[tuple[str, int], Value] = {}
+        self.volatile: dict[str, Unknown] = {}  # Why the value of a name is not known, whatever the program gives it
+        # Returns the place of the robot for ``$POS_ACT`` and the like; an unknown value where it is not known
+        self.position: Callable[[str], values.Value] = lambda _: Unknown("the place of the robot is not known", where())
+        self.kept_from: variables.Kept = {}
+        # Variables of data lists by file, which begin with ``kept_from``: what the last run left of them
+        self.lists: dict[str, dict[str, variables.Variable]] = {}
+        self._stored: dict[tuple[str, int], values.Value] = {}
         self._given: set[tuple[str, int]] = set()
-        self._global: dict[str, Variable] = {}
-        self.functions: Callable[[str, Sequence[Value]], Value] = lambda name, _: Unknown(name, where())
+        self._global: dict[str, variables.Variable] = {}
+        self.functions: Callable[[str, Sequence[values.Value]], values.Value] = lambda name, _: Unknown(name, where())
         routine = next(iter(job.main.routines.values()), None)
         if routine is None:
             raise ProgramError(
                 "the program does not begin with DEF", where=f"{job.main.file.name}:1:1",
                 limit="DEF NAME ( )", hint="Give the whole .src file",
             )  # fmt: skip
-        self.here = Activation(routine)
+        self.here = variables.Activation(routine)  # The routine that runs
 
     # ---- values ----------------------------------------------------------------------------------------------
 
-    def evaluate(self, node: Node) -> Value:
+    def evaluate(self, node: Node) -> values.Value:
         """Return the value of an expression.
 
         Raises:
             ExpressionError: An operator does not fit its operands.
         """
-        return evaluate(node, GRAMMAR, self)
+        return evaluate(node, values.GRAMMAR, self)
 
-    def value_of(self, name: str, path: Path) -> Value:
+    def value_of(self, name: str, path: variables.Path) -> values.Value:
         """Return the value of a name; an unknown value where the job does not determine it."""
         return self._value(self.here, name.upper(), path)
 
-    def call(self, name: str, arguments: Sequence[Value], options: object) -> Value:
+    def call(self, name: str, arguments: Sequence[values.Value], options: object) -> values.Value:
         """Return the value of a function: a standard one, one of the inline forms, or one of the job."""
         del options
         key = name.upper()
-        if key in FUNCTIONS:
+        if key in values.FUNCTIONS:
             unknown = first_unknown(list(arguments))
             try:
-                return FUNCTIONS[key](*arguments) if unknown is None else unknown
+                return values.FUNCTIONS[key](*arguments) if unknown is None else unknown
             except (TypeError, ValueError) as error:
                 raise ExpressionError(f"{name} does not fit its arguments") from error
         if key in _OF_FORMS and len(arguments) >= 1:
             return self._of_form(key, arguments[0])
         return self.functions(name, arguments)
 
-    def _of_form(self, name: str, value: Value) -> Value:
+    def _of_form(self, name: str, value: values.Value) -> values.Value:
         """A function of the inline forms of KSS 8.3: ``STOOL2( FP2)``, ``SBASE( FP2.BASE_NO)``."""
         component, stored = _OF_FORMS[name]
         value = self._walk(name, value, [component]) if isinstance(value, dict) else value
@@ -123,13 +100,13 @@ class Memory:
             raise ExpressionError(f"{name} needs frame data or a number")
         return self.numbered(stored, round(value))
 
-    def numbered(self, stored: str, number: int) -> Value:
+    def numbered(self, stored: str, number: int) -> values.Value:
         """The tool or base with a number, as bas.src sets it: 0 is the flange or the world, below nothing is said."""
         if number < 0:
             return Unknown(f"{stored} of number {number} is no frame", self.where())
         return dict.fromkeys(LETTERS, 0.0) if number == 0 else self.stored_frame(stored, number)
 
-    def _value(self, at: Activation, name: str, path: Path) -> Value:
+    def _value(self, at: variables.Activation, name: str, path: variables.Path) -> values.Value:
         if name in at.references:
             other, target, before = at.references[name]
             return self._value(other, target, [*before, *path])
@@ -142,12 +119,12 @@ class Memory:
             return Unknown(f"{name} is not declared in the files of the job", self.where())
         if variable.kind == "SIGNAL":
             return Unknown(f"{name} is an input or output", self.where())
-        index, rest = split(path)
+        index, rest = variables.split(path)
         if isinstance(index, Unknown):
             return index
         return self._walk(name, self._element(variable, name, index), rest)
 
-    def _element(self, variable: Variable, name: str, index: tuple[int, ...]) -> Value:
+    def _element(self, variable: variables.Variable, name: str, index: tuple[int, ...]) -> values.Value:
         if index in variable.values:
             return variable.values[index]
         named = variable.initial.get(index)
@@ -157,7 +134,7 @@ class Memory:
         value = variable.values[index] = self.initial(named)
         return value
 
-    def initial(self, named: Named) -> Value:
+    def initial(self, named: Named) -> values.Value:
         """Value of an initial value of a data list.
 
         Raises:
@@ -168,7 +145,7 @@ class Memory:
             return simple
         text = named.text[named.start :].split(";")[0] if '"' not in named.text else named.text[named.start :]
         try:
-            return self.evaluate(tree(text))
+            return self.evaluate(values.tree(text))
         except ExpressionError as error:
             raise ProgramError(
                 f"a value of the data list is not understood: {error}",
@@ -176,9 +153,9 @@ class Memory:
                 hint="The file may be cut off: post the program again",
             ) from error  # fmt: skip
 
-    def _walk(self, name: str, value: Value, path: Path) -> Value:
+    def _walk(self, name: str, value: values.Value, path: variables.Path) -> values.Value:
         for step in path:
-            if isinstance(value, StoredFrame):
+            if isinstance(value, values.StoredFrame):
                 value = value.record()
             if isinstance(value, Unknown):
                 return value
@@ -189,51 +166,51 @@ class Memory:
             value = value[key]
         return value
 
-    def _system(self, name: str, path: Path) -> Value:
+    def _system(self, name: str, path: variables.Path) -> values.Value:
         if name in ("$POS_ACT", "$POS_FOR", "$POS_INT", "$AXIS_ACT", "$AXIS_FOR", "$POS_ACT_MES", "$AXIS_ACT_MEAS"):
             return self._walk(name, self.position(name), path)
         if name in self.system:
             return self._walk(name, self.system[name], path)
         variable = self._public(name)
         if variable is not None:
-            index, rest = split(path)
+            index, rest = variables.split(path)
             return index if isinstance(index, Unknown) else self._walk(name, self._element(variable, name, index), rest)
         return Unknown(f"{name} is a value of the controller", self.where())
 
     # ---- frames of the controller ----------------------------------------------------------------------------
 
-    def stored_frame(self, name: str, number: int) -> Value:
+    def stored_frame(self, name: str, number: int) -> values.Value:
         """``BASE_DATA[n]`` or ``TOOL_DATA[n]``: as the program or a data list gives it, or as the cell knows it."""
         if (name, number) not in self._stored:
             self._stored[name, number] = self._as_stored(name, number)
         return self._stored[name, number]
 
-    def _stored_frame(self, name: str, path: Path) -> Value:
-        index, _ = split(path)
+    def _stored_frame(self, name: str, path: variables.Path) -> values.Value:
+        index, _ = variables.split(path)
         if isinstance(index, Unknown):
             return index
         return self.stored_frame(name, index[0]) if len(index) == 1 else Unknown(f"{name} has one index", self.where())
 
-    def _as_stored(self, name: str, number: int) -> Value:
+    def _as_stored(self, name: str, number: int) -> values.Value:
         variable, cell = self._public(name), self.cell
         named = None if variable is None else variable.initial.get((number,))
         listed = None if named is None else self.initial(named)
         if cell is None:
-            return StoredFrame(name, number) if listed is None else listed
+            return values.StoredFrame(name, number) if listed is None else listed
         T_own = cell.T_part if name == "BASE_DATA" else cell.T_tcp
         own = cell.base_number if name == "BASE_DATA" else cell.tool_number
-        if name == "TOOL_DATA" or listed is None or not is_frame(listed):
-            T = matrix_of(listed) if is_frame(listed) else None  # type: ignore[arg-type]
+        if name == "TOOL_DATA" or listed is None or not values.is_frame(listed):
+            T = values.matrix_of(listed) if values.is_frame(listed) else None  # type: ignore[arg-type]
             known = T_own if number == own and (name == "BASE_DATA" or len(cell.tools) == 1) else None
-            return StoredFrame(name, number, known if T is None else T)
-        T_listed = matrix_of(listed)  # type: ignore[arg-type]
+            return values.StoredFrame(name, number, known if T is None else T)
+        T_listed = values.matrix_of(listed)  # type: ignore[arg-type]
         if number == own:
-            return StoredFrame(name, own, T_own) if cell.is_part_frame(T_listed) else listed
+            return values.StoredFrame(name, own, T_own) if cell.is_part_frame(T_listed) else listed
         first = self.stored_frame(name, own)
-        if isinstance(first, StoredFrame) and variable is not None and (own,) in variable.initial:
-            T_first = matrix_of(self.initial(variable.initial[own,]))  # type: ignore[arg-type]
-            return StoredFrame(name, own, T_own, pose.inverse(T_first) @ T_listed)
-        return StoredFrame(name, number)
+        if isinstance(first, values.StoredFrame) and variable is not None and (own,) in variable.initial:
+            T_first = values.matrix_of(self.initial(variable.initial[own,]))  # type: ignore[arg-type]
+            return values.StoredFrame(name, own, T_own, pose.inverse(T_first) @ T_listed)
+        return values.StoredFrame(name, number)
 
     # ---- names -----------------------------------------------------------------------------------------------
 
@@ -260,7 +237,7 @@ class Memory:
         variable = self._declared(self.here, key)
         return None if variable is None else variable.initial.get(index)
 
-    def _declared(self, at: Activation, name: str) -> Variable | None:
+    def _declared(self, at: variables.Activation, name: str) -> variables.Variable | None:
         if name in at.local:
             return at.local[name]
         data = at.module.data
@@ -274,7 +251,7 @@ class Memory:
             return self._global[name]
         return self._public(name)
 
-    def _public(self, name: str) -> Variable | None:
+    def _public(self, name: str) -> variables.Variable | None:
         lists, _ = self.job.public(name)
         if len(lists) > 1:
             raise ProgramError(
@@ -287,7 +264,7 @@ class Memory:
         self.job.take(lists[0])
         return self._listed(lists[0]).get(name)
 
-    def _imported(self, place: tuple[str, str]) -> Variable | None:
+    def _imported(self, place: tuple[str, str]) -> variables.Variable | None:
         listed = self.job.data_of(place[0])
         return None if listed is None else self._listed(listed).get(place[1])
 
@@ -297,9 +274,9 @@ class Memory:
         if variable is not None:
             self.here.local[name] = variable
 
-    def _listed(self, data: DataList) -> dict[str, Variable]:
+    def _listed(self, data: DataList) -> dict[str, variables.Variable]:
         if data.file.name not in self.lists:
-            self.lists[data.file.name] = variables_of(data, self.kept_from)
+            self.lists[data.file.name] = variables.variables_of(data, self.kept_from)
         return self.lists[data.file.name]
 
     def declare(self, name: str, kind: str) -> None:
@@ -307,15 +284,15 @@ class Memory:
         key = name.upper()
         if key in self.here.references:
             return
-        self.here.local.setdefault(key, Variable(kind)).kind = kind
+        self.here.local.setdefault(key, variables.Variable(kind)).kind = kind
 
     # ---- assignments -----------------------------------------------------------------------------------------
 
-    def assign(self, name: str, path: Path, value: Value) -> None:
+    def assign(self, name: str, path: variables.Path, value: values.Value) -> None:
         """Give a variable, a component or an element a value; in doubt it becomes unknown, unless it has it already."""
         self._assign(self.here, name.upper(), path, value)
 
-    def _assign(self, at: Activation, name: str, path: Path, value: Value) -> None:
+    def _assign(self, at: variables.Activation, name: str, path: variables.Path, value: values.Value) -> None:
         if name in at.references:
             other, target, before = at.references[name]
             self._assign(other, target, [*before, *path], value)
@@ -325,7 +302,7 @@ class Memory:
         if self.doubt is not None:
             if self.interrupts:
                 self.volatile[name] = self.doubt
-            elif same_value(self._value(at, name, path), value):
+            elif variables.same_value(self._value(at, name, path), value):
                 return
             value = Unknown(f"whether it is set is not known: {self.doubt}", self.where())
         self.changes += 1
@@ -338,8 +315,8 @@ class Memory:
             return
         variable = self._declared(at, name)
         if variable is None:
-            variable = self._global[name] = Variable()
-        index, rest = split(path)
+            variable = self._global[name] = variables.Variable()
+        index, rest = variables.split(path)
         if isinstance(index, Unknown):
             variable.initial.clear()
             variable.values = dict.fromkeys(variable.values, index)
@@ -348,9 +325,9 @@ class Memory:
             begun = index in variable.values or index in variable.initial
             value = self._with_component(self._element(variable, name, index) if begun else None, rest, value)
         variable.initial.pop(index, None)
-        variable.values[index] = assigned_number(variable.kind, value)
+        variable.values[index] = values.assigned_number(variable.kind, value)
 
-    def _assign_system(self, name: str, path: Path, value: Value) -> None:
+    def _assign_system(self, name: str, path: variables.Path, value: values.Value) -> None:
         before = self.system.get(name)
         if path:
             value = self._with_component(before, path, value)
@@ -358,8 +335,8 @@ class Memory:
             value = before | value  # components that are not written stay as they are
         self.system[name] = value
 
-    def _assign_stored(self, name: str, path: Path, value: Value) -> None:
-        index, rest = split(path)
+    def _assign_stored(self, name: str, path: variables.Path, value: values.Value) -> None:
+        index, rest = variables.split(path)
         if isinstance(index, Unknown) or len(index) != 1:
             self._stored = {key: Unknown(f"which {name} is set is not known", self.where()) for key in self._stored}
             return
@@ -376,12 +353,12 @@ class Memory:
             self._given.add((name, index[0]))
         self._stored[name, index[0]] = value
 
-    def _with_component(self, before: Value, path: Path, value: Value) -> Value:
+    def _with_component(self, before: values.Value, path: variables.Path, value: values.Value) -> values.Value:
         """A value with another component or element."""
         step, rest = path[0], path[1:]
         if isinstance(before, Unknown):
             return before
-        if isinstance(before, StoredFrame):
+        if isinstance(before, values.StoredFrame):
             record = before.record()
             if isinstance(record, Unknown):
                 return Unknown(f"the program changes a part of it, and {record}", self.where())
@@ -393,7 +370,7 @@ class Memory:
         record[key] = self._with_component(record.get(key), rest, value) if rest else value  # type: ignore[index,call-overload]
         return record
 
-    def forget(self, name: str, path: Path, unknown: Unknown) -> None:
+    def forget(self, name: str, path: variables.Path, unknown: Unknown) -> None:
         """A statement gives a variable a value that the job does not determine."""
         doubt, self.doubt = self.doubt, None
         self.assign(name, path, unknown)

@@ -21,7 +21,7 @@ _FRAMES: Final = {"$TOOL": "TOOL", "$BASE": "BASE"}
 
 
 class Modes(Flow):
-    """What is active while a program runs, and the statements that set it."""
+    """Modes that are active while a program runs, and the statements that set them."""
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         self.frames = Frames(cell)

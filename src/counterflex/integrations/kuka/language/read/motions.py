@@ -34,39 +34,25 @@ Held = tuple[dict[str, Value], tuple[object, ...]]
 
 @dataclass
 class _Active:
-    """Frames and modes while no value changes: ``changes`` of the memory, see :class:`KrlMotion` for the others.
+    """Frames and modes while no value changes: ``changes`` of the memory, see :class:`KrlMotion` for the others."""
 
-    Attributes:
-        changes: Number of changed values for which it holds.
-        T_part_base: (4, 4) m; None where the base is the part frame.
-        holds: $ORI_TYPE may be another than #VAR.
-        distance_m: $APO.CDIS.
-        feed_m_s: Path speed; None until a motion needs it.
-        override: Share of it; None until a motion needs it.
-    """
-
-    changes: int
-    T_part_base: Float | None
-    holds: bool
-    distance_m: float
-    feed_m_s: float | None = None
-    override: float | None = None
+    changes: int  # Number of changed values for which it holds
+    T_part_base: Float | None  # (4, 4) m; None where the base is the part frame
+    holds: bool  # $ORI_TYPE may be another than #VAR
+    distance_m: float  # $APO.CDIS
+    feed_m_s: float | None = None  # Path speed; None until a motion needs it
+    override: float | None = None  # Share of it; None until a motion needs it
 
 
 class Motions(Modes):
-    """Motions that a job makes.
-
-    Attributes:
-        moves: What stands behind each motion in the text.
-        loose: See :class:`~counterflex.integrations.kuka.language.program.KrlProgram`.
-        reads_position: See there.
-    """
+    """Motions that a job makes."""
 
     def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)
         self.cell = cell
         self.targets = Targets(self.memory, self.value, cell, lambda: len(self.motions))
-        self.moves: list[KrlMotion] = []
+        self.moves: list[KrlMotion] = []  # What stands behind each motion in the text
+        # See :class:`~counterflex.integrations.kuka.language.program.KrlProgram`
         self.loose: dict[tuple[str, int], int] = {}
         self.memory.position = self._position
         self._away: Unknown | None = None

@@ -193,10 +193,8 @@ class Folder(Mapping[str, str]):
 
 
 def _of_archive(program: Path) -> Iterator[Path]:
-    """Files that a program in ``R1/Program`` of an archive of the controller may use, in other folders of it.
-
-    The controller finds programs by name in all folders of ``R1/Program``, and its own data in ``R1/System``.
-    """
+    """Files that a program in ``R1/Program`` of an archive of the controller may use, in other folders of it."""
+    # The controller finds programs by name in all folders of ``R1/Program``, and its own data in ``R1/System``.
     root = next((folder for folder in program.parents if folder.name.upper() == "R1"), None)
     if root is None:
         return

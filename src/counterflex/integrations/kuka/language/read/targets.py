@@ -38,19 +38,12 @@ _STAYS: Final = re.compile(r"\$(?:AXIS|POS)_ACT", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Place:
-    """Target of a motion.
+    """Target of a motion."""
 
-    Attributes:
-        target: A Cartesian target; None otherwise.
-        axes: Axis angles, deg; None otherwise.
-        stays: It is where the robot is.
-        unknown: Why the place is not known; None where it is.
-    """
-
-    target: Target | None = None
-    axes: Mapping[str, float] | None = None
-    stays: bool = False
-    unknown: Unknown | None = None
+    target: Target | None = None  # A Cartesian target; None otherwise
+    axes: Mapping[str, float] | None = None  # Axis angles, deg; None otherwise
+    stays: bool = False  # It is where the robot is
+    unknown: Unknown | None = None  # Why the place is not known; None where it is
 
 
 class Targets:
@@ -61,11 +54,6 @@ class Targets:
         evaluate: Returns the value of an expression of a statement.
         cell: See :class:`KrlCell`.
         made: Returns the number of motions made so far.
-
-    Attributes:
-        external: External axes along the program.
-        module: File of the statement that runs.
-        line: Of it.
     """
 
     def __init__(
@@ -73,10 +61,10 @@ class Targets:
         made: Callable[[], int] = lambda: 0,
     ) -> None:  # fmt: skip
         self.memory, self._evaluate = memory, evaluate
-        self.module: Module = memory.job.main
-        self.line = 0
+        self.module: Module = memory.job.main  # File of the statement that runs
+        self.line = 0  # Of it
         self._external: dict[str, Component] = {}
-        self.external = ExternalAxes(cell, made)
+        self.external = ExternalAxes(cell, made)  # External axes along the program
         self._angles: list[float] | None = None
         self._base: Float | None = None
         self._R_part_tool: Float = np.eye(3)

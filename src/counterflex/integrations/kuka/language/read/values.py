@@ -34,18 +34,12 @@ _NUMERAL: Final = r"(?:(?:\d+\.?\d*|\.\d+)(?:[Ee][-+]?\d+)?|'\s*(?:[Bb]\s*[01]+|
 
 @dataclass(frozen=True, eq=False)
 class StoredFrame:
-    """A frame that the controller stores, and where a program shifts it to.
+    """A frame that the controller stores, and where a program shifts it to."""
 
-    Attributes:
-        name: ``BASE_DATA`` or ``TOOL_DATA``.
-        number: Of the entry.
-        T_stored: (4, 4) m, its value; None where it is not known.
-        T_shift: (4, 4) m, what the geometric operator composed behind it.
-    """
-
-    name: str
-    number: int
-    T_stored: Float | None = None
+    name: str  # ``BASE_DATA`` or ``TOOL_DATA``
+    number: int  # Of the entry
+    T_stored: Float | None = None  # (4, 4) m, its value; None where it is not known
+    # (4, 4) m, what the geometric operator composed behind it
     T_shift: Float = field(default_factory=lambda: np.eye(4))
 
     @property

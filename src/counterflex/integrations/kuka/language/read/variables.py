@@ -23,36 +23,25 @@ Kept = dict[tuple[str, str, tuple[int, ...]], Value]
 
 @dataclass
 class Variable:
-    """A variable.
+    """A variable."""
 
-    Attributes:
-        kind: Its type in capitals; empty where it is not declared.
-        initial: Initial values of a data list that are still there, by index; ``()`` of one that is no array.
-        values: Values by index.
-    """
-
-    kind: str = ""
+    kind: str = ""  # Its type in capitals; empty where it is not declared
+    # Initial values of a data list that are still there, by index; ``()`` of one that is no array
     initial: dict[tuple[int, ...], Named] = field(default_factory=dict)
-    values: dict[tuple[int, ...], Value] = field(default_factory=dict)
+    values: dict[tuple[int, ...], Value] = field(default_factory=dict)  # Values by index
 
 
 @dataclass
 class Activation:
-    """A routine that runs.
+    """A routine that runs."""
 
-    Attributes:
-        routine: It.
-        local: Its variables by name in capitals.
-        references: Parameters by reference: the activation, name and path that they stand for.
-        passes: Number of changed values when a pass of a loop began, by its line; of a GOTO by its negative line.
-        counters: Last value and step of FOR loops, by line.
-    """
-
-    routine: Routine
-    local: dict[str, Variable] = field(default_factory=dict)
+    routine: Routine  # It
+    local: dict[str, Variable] = field(default_factory=dict)  # Its variables by name in capitals
+    # Parameters by reference: the activation, name and path that they stand for
     references: dict[str, tuple[Activation, str, Path]] = field(default_factory=dict)
+    # Number of changed values when a pass of a loop began, by its line; of a GOTO by its negative line
     passes: dict[int, int] = field(default_factory=dict)
-    counters: dict[int, tuple[float, float]] = field(default_factory=dict)
+    counters: dict[int, tuple[float, float]] = field(default_factory=dict)  # Last value and step of FOR loops, by line
 
     @property
     def module(self) -> Module:

@@ -33,27 +33,17 @@ def ethernet_object(setup: Setup) -> Iterator[Finding]:
     objects = setup.context.of_kind("ETHERNET")
     if len(objects) != 1:
         yield Finding(
-            "ethernet-object",
-            "error",
-            setup.context.where,
-            "the context needs one ETHERNET object",
-            f"{len(objects)}",
-            "1",
-            "Correct the context",
-        )
+            "ethernet-object", "error", setup.context.where, "the context needs one ETHERNET object", f"{len(objects)}",
+            "1", "Correct the context",
+        )  # fmt: skip
         return
     named = PureWindowsPath(objects[0].parameters.get("ConfigFile", "")).name
     file_name = PureWindowsPath(setup.config.where).name
     if named.lower() != file_name.lower():
         yield Finding(
-            "config-file",
-            "error",
-            setup.within(objects[0], "ConfigFile"),
-            "the context reads another file",
-            named or "none",
-            file_name,
-            "Give the file that it names, or change ConfigFile",
-        )
+            "config-file", "error", setup.within(objects[0], "ConfigFile"), "the context reads another file",
+            named or "none", file_name, "Give the file that it names, or change ConfigFile",
+        )  # fmt: skip
 
 
 def precision(setup: Setup) -> Iterator[Finding]:
@@ -64,14 +54,10 @@ def precision(setup: Setup) -> Iterator[Finding]:
     value = setup.parameter(item, "Precision", PRECISION_DEFAULT)
     if value < 4:
         yield Finding(
-            "precision",
-            "error",
-            setup.within(item, "Precision"),
-            "poses come rounded" if value < 0 else f"poses come in steps of {10.0**-value:g} mm and deg",
-            f"{value:g}",
-            ">= 4",
-            "Set Precision to 4",
-        )
+            "precision", "error", setup.within(item, "Precision"),
+            "poses come rounded" if value < 0 else f"poses come in steps of {10.0**-value:g} mm and deg", f"{value:g}",
+            ">= 4", "Set Precision to 4",
+        )  # fmt: skip
 
 
 def timeout(setup: Setup) -> Iterator[Finding]:
@@ -86,24 +72,15 @@ def timeout(setup: Setup) -> Iterator[Finding]:
     safe = f"{_TIMEOUT_LEAST} .. {max(most[0], 10)} cycles of {cycle_ms} ms"
     if value < _TIMEOUT_LEAST:
         yield Finding(
-            "timeout",
-            "error" if value < 1 else "warning",
-            where,
-            "a short stall stops the robot in the cut",
-            f"{value:g}",
-            safe,
-            f"Set Timeout to {TIMEOUT_DEFAULT}",
-        )
+            "timeout", "error" if value < 1 else "warning", where, "a short stall stops the robot in the cut",
+            f"{value:g}", safe, f"Set Timeout to {TIMEOUT_DEFAULT}",
+        )  # fmt: skip
     elif value > max(most[0], 10):
         yield Finding(
-            "timeout",
-            "error" if value > max(most[1], 10) else "warning",
-            where,
+            "timeout", "error" if value > max(most[1], 10) else "warning", where,
             f"the robot mills on for {value * cycle_ms:g} ms with a frozen correction after the last answer",
-            f"{value:g}",
-            safe,
-            f"Set Timeout to {TIMEOUT_DEFAULT}",
-        )
+            f"{value:g}", safe, f"Set Timeout to {TIMEOUT_DEFAULT}",
+        )  # fmt: skip
 
 
 def correction_limits(setup: Setup) -> Iterator[Finding]:
@@ -123,14 +100,9 @@ def correction_limits(setup: Setup) -> Iterator[Finding]:
         system = setup.parameter(item, "RefCorrSys", _BASE)
         if system != _BASE:
             yield Finding(
-                "reference-system",
-                "error",
-                setup.within(item, "RefCorrSys"),
-                "corrections are sent in BASE (part) axes",
-                f"{system:g}",
-                "1 (Base)",
-                "Set RefCorrSys to Base",
-            )
+                "reference-system", "error", setup.within(item, "RefCorrSys"),
+                "corrections are sent in BASE (part) axes", f"{system:g}", "1 (Base)", "Set RefCorrSys to Base",
+            )  # fmt: skip
     monitor = next(iter(setup.context.of_kind("AXISCORRMON")), None)
     for item in setup.context.of_kind("AXISCORR"):
         rows = []
@@ -140,14 +112,9 @@ def correction_limits(setup: Setup) -> Iterator[Finding]:
         yield from _inside(setup, item, rows, "AXISCORRMON")
     for item in setup.context.of_kind("AXISCORREXT"):
         yield Finding(
-            "external-axes",
-            "warning",
-            setup.within(item),
-            "RSI_ON ends with RSIBad on a robot without external axes",
-            "AXISCORREXT",
-            "only with external axes",
-            "Take it out where the robot has none",
-        )
+            "external-axes", "warning", setup.within(item), "RSI_ON ends with RSIBad on a robot without external axes",
+            "AXISCORREXT", "only with external axes", "Take it out where the robot has none",
+        )  # fmt: skip
 
 
 def _inside(setup: Setup, item: ContextObject, rows: list[tuple[str, str, float, str]], name: str) -> Iterator[Finding]:
@@ -155,14 +122,10 @@ def _inside(setup: Setup, item: ContextObject, rows: list[tuple[str, str, float,
         low, high = setup.parameter(item, lower, -LIMIT_DEFAULT), setup.parameter(item, upper, LIMIT_DEFAULT)
         if low > 0.0 or high < 0.0:
             yield Finding(
-                "limit-sign",
-                "error",
-                setup.within(item, f"{lower} {upper}"),
-                "no correction at all is outside these limits",
-                f"{low:g} .. {high:g} {unit}",
-                "lower <= 0 <= upper",
+                "limit-sign", "error", setup.within(item, f"{lower} {upper}"),
+                "no correction at all is outside these limits", f"{low:g} .. {high:g} {unit}", "lower <= 0 <= upper",
                 "Correct the signs",
-            )
+            )  # fmt: skip
         elif max(-low, high) > top:
             yield _above(setup, item, upper if high >= -low else lower, max(-low, high), top, unit, name)
 
@@ -184,7 +147,7 @@ def _above(
 
 
 def own_limits(setup: Setup) -> Iterator[Finding]:
-    """What the loop may send lies inside the limits of the controller."""
+    """Check that what the loop may send lies inside the limits of the controller."""
     limits = setup.limits
     if limits is None or setup.context is None or limits.axes:
         return
@@ -216,14 +179,11 @@ def own_limits(setup: Setup) -> Iterator[Finding]:
     most = MONITOR_DEFAULT if monitor is None else setup.parameter(monitor, "MaxTrans", MONITOR_DEFAULT)
     if setup.pose_values and limits.correction_mm >= most:
         yield Finding(
-            "own-limit",
-            "error",
+            "own-limit", "error",
             setup.within(monitor, "MaxTrans") if monitor else f"{setup.context.where}: POSCORRMON (default)",
-            f"the cell may send {limits.correction_mm:g} mm, at which the robot stops in the cut",
-            f"{most:g} mm",
-            f"> {limits.correction_mm * limits.hard_factor:g} mm",
-            "Raise it, or lower [online] in the cell file",
-        )
+            f"the cell may send {limits.correction_mm:g} mm, at which the robot stops in the cut", f"{most:g} mm",
+            f"> {limits.correction_mm * limits.hard_factor:g} mm", "Raise it, or lower [online] in the cell file",
+        )  # fmt: skip
 
 
 def wide_limits(setup: Setup) -> Iterator[Finding]:
@@ -283,24 +243,16 @@ def stop_mode(setup: Setup) -> Iterator[Finding]:
         mode = setup.parameter(item, "Mode", _EXIT_MOVECORR)
         if mode not in _STOP_MODES:
             yield Finding(
-                "stop-mode",
-                "error",
-                setup.within(item, "Mode"),
-                "there is no such stop",
-                f"{mode:g}",
-                "1 (PathNormal), 2 (Velocity) or 3 (PathFast)",
-                "Set Mode to 1",
-            )
+                "stop-mode", "error", setup.within(item, "Mode"), "there is no such stop", f"{mode:g}",
+                "1 (PathNormal), 2 (Velocity) or 3 (PathFast)", "Set Mode to 1",
+            )  # fmt: skip
         elif mode == 0 or (mode == _EXIT_MOVECORR and not moved):
             yield Finding(
-                "stop-mode",
-                "error" if mode == 0 or setup.program is not None else "warning",
+                "stop-mode", "error" if mode == 0 or setup.program is not None else "warning",
                 setup.within(item, "Mode"),
                 "only shows a message" if mode == 0 else "ends RSI_MOVECORR, but does not stop a programmed path",
-                f"{mode:g}",
-                "1 (PathNormal), 2 (Velocity) or 3 (PathFast)",
-                "Set Mode to 1",
-            )
+                f"{mode:g}", "1 (PathNormal), 2 (Velocity) or 3 (PathFast)", "Set Mode to 1",
+            )  # fmt: skip
 
 
 def context_name(setup: Setup) -> Iterator[Finding]:
@@ -312,25 +264,16 @@ def context_name(setup: Setup) -> Iterator[Finding]:
     name = re.sub(r"\.(rsi\.xml|rsix)$", "", PureWindowsPath(setup.context.where).name, flags=re.IGNORECASE)
     if named.lower() != name.lower():
         yield Finding(
-            "context-name",
-            "error",
-            setup.on_line(create.line),
-            "RSI_CREATE loads another context",
-            named,
-            name,
+            "context-name", "error", setup.on_line(create.line), "RSI_CREATE loads another context", named, name,
             "Give the context that the program loads, or change the name",
-        )
+        )  # fmt: skip
     ending = re.search(r"\.rsix?$", create.arguments[0].strip('"'), re.IGNORECASE)
     if ending is not None and setup.context.where.lower().endswith(".rsix"):
         yield Finding(
-            "context-name",
-            "error",
-            setup.on_line(create.line),
+            "context-name", "error", setup.on_line(create.line),
             f"RSI 4 and later add .rsix themselves and look for {create.arguments[0].strip(chr(34))}.rsix",
-            create.arguments[0],
-            f'"{named}"',
-            "Give RSI_CREATE the name without an ending",
-        )
+            create.arguments[0], f'"{named}"', "Give RSI_CREATE the name without an ending",
+        )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (

@@ -17,7 +17,7 @@ _FORCE_SENSOR_PORT: Final = 49152
 
 
 def tags_sent(setup: Setup) -> Iterator[Finding]:
-    """What the loop needs to be told: commanded pose and axes, late answers, clamping, the program's own enable."""
+    """Check the tags that the loop needs: commanded pose and axes, late answers, clamping, the program's own enable."""
     sent = setup.sent
     needed = (
         ("RSol.X", "error", "the commanded pose is not sent, and RIst contains the correction", "DEF_RSol"),
@@ -31,62 +31,41 @@ def tags_sent(setup: Setup) -> Iterator[Finding]:
             severity, what = "error", "no axis angles are sent"
         if name not in sent:
             yield Finding(
-                "missing-tag",
-                "error" if severity == "error" else "warning",
-                setup.at("SEND"),
-                what,
-                f"no {tag}",
-                f"{tag} declared",
-                f"Add {tag} to SEND",
-            )
+                "missing-tag", "error" if severity == "error" else "warning", setup.at("SEND"), what, f"no {tag}",
+                f"{tag} declared", f"Add {tag} to SEND",
+            )  # fmt: skip
     if setup.corrections and not any(name.endswith(".Stat") for name in sent):
         yield Finding(
-            "missing-stat",
-            "warning",
-            setup.at("SEND"),
-            "the status of the correction object is not sent: it clamps in silence",
-            "no tag NAME.Stat",
+            "missing-stat", "warning", setup.at("SEND"),
+            "the status of the correction object is not sent: it clamps in silence", "no tag NAME.Stat",
             "NAME.Stat wired to output Stat of POSCORR or AXISCORR",
             'Add TAG="Corr.Stat" TYPE="LONG" to SEND and wire it',
-        )
+        )  # fmt: skip
 
 
 def stop_tag(setup: Setup) -> Iterator[Finding]:
     """The loop must be able to stop the robot."""
     if setup.corrections and "Stop" not in setup.received:
         yield Finding(
-            "missing-stop",
-            "error",
-            setup.at("RECEIVE"),
-            "a fault of the loop cannot stop the robot",
-            "no Stop",
-            "Stop declared and wired to a STOP object",
-            'Add TAG="Stop" TYPE="BOOL" to RECEIVE',
-        )
+            "missing-stop", "error", setup.at("RECEIVE"), "a fault of the loop cannot stop the robot", "no Stop",
+            "Stop declared and wired to a STOP object", 'Add TAG="Stop" TYPE="BOOL" to RECEIVE',
+        )  # fmt: skip
 
 
 def only_send(setup: Setup) -> Iterator[Finding]:
     """ONLYSEND means that no answer is read."""
     if setup.config.only_send and setup.corrections:
         yield Finding(
-            "only-send",
-            "error",
-            setup.at("CONFIG ONLYSEND"),
-            "corrections are declared, but the controller reads no answer",
-            "TRUE",
-            "FALSE where corrections are sent",
+            "only-send", "error", setup.at("CONFIG ONLYSEND"),
+            "corrections are declared, but the controller reads no answer", "TRUE", "FALSE where corrections are sent",
             "Set ONLYSEND to FALSE, or take the corrections out to watch only",
-        )
+        )  # fmt: skip
     if setup.config.only_send and not setup.corrections and setup.limits is not None:
         yield Finding(
-            "only-send",
-            "warning",
-            setup.at("CONFIG ONLYSEND"),
-            "the cell wants to correct online, but this file only watches",
-            "TRUE",
-            "FALSE and a correction in RECEIVE",
+            "only-send", "warning", setup.at("CONFIG ONLYSEND"),
+            "the cell wants to correct online, but this file only watches", "TRUE", "FALSE and a correction in RECEIVE",
             "Use another file for counterflex run",
-        )
+        )  # fmt: skip
 
 
 def corrections_declared(setup: Setup) -> Iterator[Finding]:
@@ -94,14 +73,10 @@ def corrections_declared(setup: Setup) -> Iterator[Finding]:
     pose = [value.name for value in setup.pose_values]
     if not setup.corrections and not setup.config.only_send:
         yield Finding(
-            "no-correction",
-            "error",
-            setup.at("RECEIVE"),
-            "there is no correction",
-            "neither RKorr nor AKorr",
+            "no-correction", "error", setup.at("RECEIVE"), "there is no correction", "neither RKorr nor AKorr",
             "RKorr.X to RKorr.C, or AKorr.A1 to AKorr.A6",
             "Add one of them to RECEIVE, or set ONLYSEND to TRUE to watch only",
-        )
+        )  # fmt: skip
     required = [(pose, POSE)]
     for word in AXIS_WORDS:
         declared = [value.name for value in setup.axis_values if value.element == word]
@@ -110,39 +85,26 @@ def corrections_declared(setup: Setup) -> Iterator[Finding]:
         missing = [name for name in whole if name not in declared]
         if declared and missing:
             yield Finding(
-                "partly-declared",
-                "error",
-                setup.at("RECEIVE"),
+                "partly-declared", "error", setup.at("RECEIVE"),
                 "the correction is declared in part: the rest of it would never reach the robot",
-                f"no {', '.join(missing)}",
-                f"all of {whole[0]} to {whole[-1]}",
-                "Add the missing tags",
-            )
+                f"no {', '.join(missing)}", f"all of {whole[0]} to {whole[-1]}", "Add the missing tags",
+            )  # fmt: skip
     for value in setup.corrections:
         if value.kind != "DOUBLE":
             yield Finding(
-                "type",
-                "error",
-                setup.at(value.tag.tag),
-                "the correction would be rounded to whole mm or deg",
-                f"TYPE {value.kind}",
-                "TYPE DOUBLE",
-                "Change the TYPE",
-            )
+                "type", "error", setup.at(value.tag.tag), "the correction would be rounded to whole mm or deg",
+                f"TYPE {value.kind}", "TYPE DOUBLE", "Change the TYPE",
+            )  # fmt: skip
     if setup.limits is not None and setup.corrections:
         other = setup.pose_values if setup.limits.axes else setup.axis_values
         own = setup.axis_values if setup.limits.axes else setup.pose_values
         if other and not own:
             name = "AKorr" if setup.limits.axes else "RKorr"
             yield Finding(
-                "output",
-                "error",
-                setup.at("RECEIVE"),
+                "output", "error", setup.at("RECEIVE"),
                 f"the cell sends {'axis' if setup.limits.axes else 'Cartesian'} corrections, this file takes none",
-                f"no {name}",
-                f"{name} declared",
-                "Change RECEIVE, or online.output in the cell file",
-            )
+                f"no {name}", f"{name} declared", "Change RECEIVE, or online.output in the cell file",
+            )  # fmt: skip
 
 
 def sent_types(setup: Setup) -> Iterator[Finding]:
@@ -151,14 +113,9 @@ def sent_types(setup: Setup) -> Iterator[Finding]:
         word = tag.tag.removeprefix("DEF_")
         if tag.tag.startswith("DEF_") and word in ("RIst", "RSol", "AIPos", "ASPos") and tag.kind != "DOUBLE":
             yield Finding(
-                "type",
-                "error",
-                setup.at(tag.tag),
-                "the value would be rounded to whole mm or deg",
-                f"TYPE {tag.kind}",
-                "TYPE DOUBLE",
-                "Change the TYPE",
-            )
+                "type", "error", setup.at(tag.tag), "the value would be rounded to whole mm or deg", f"TYPE {tag.kind}",
+                "TYPE DOUBLE", "Change the TYPE",
+            )  # fmt: skip
 
 
 def both_corrections(setup: Setup) -> Iterator[Finding]:
@@ -167,28 +124,20 @@ def both_corrections(setup: Setup) -> Iterator[Finding]:
         return
     if setup.context is None:
         yield Finding(
-            "both-corrections",
-            "warning",
-            setup.at("RECEIVE"),
-            "axis and Cartesian corrections are both declared; wired both, they add up",
-            "RKorr and AKorr",
-            "only one of them wired in the context",
-            "Give the context with --context, or take one of them out",
-        )
+            "both-corrections", "warning", setup.at("RECEIVE"),
+            "axis and Cartesian corrections are both declared; wired both, they add up", "RKorr and AKorr",
+            "only one of them wired in the context", "Give the context with --context, or take one of them out",
+        )  # fmt: skip
     elif setup.context.of_kind("POSCORR") and setup.context.of_kind("AXISCORR"):
         yield Finding(
-            "both-corrections",
-            "error",
-            setup.context.where,
-            "axis and Cartesian corrections are both wired: they add up",
-            "POSCORR and AXISCORR",
-            "one of them",
+            "both-corrections", "error", setup.context.where,
+            "axis and Cartesian corrections are both wired: they add up", "POSCORR and AXISCORR", "one of them",
             "Take one object out of the context",
-        )
+        )  # fmt: skip
 
 
 def hold_on(setup: Setup) -> Iterator[Finding]:
-    """What a lost answer does: HOLDON against the mode of RSI_ON."""
+    """Check the effect of a lost answer: HOLDON against the mode of RSI_ON."""
     holds = {value.tag.hold for value in setup.corrections}
     mode = setup.program.mode if setup.program else None
     if len(holds) > 1:
@@ -231,14 +180,10 @@ def override_held(setup: Setup) -> Iterator[Finding]:
         if value is not None and not value.tag.hold:
             speed = name == "Override"
             yield Finding(
-                "holdon-command",
-                "error" if speed else "warning",
-                setup.at(name),
-                "one lost answer sets the speed to 0 %" if speed else f"a lost answer takes {name} back",
-                'HOLDON="0"',
-                'HOLDON="1"',
-                'Set HOLDON="1"',
-            )
+                "holdon-command", "error" if speed else "warning", setup.at(name),
+                "one lost answer sets the speed to 0 %" if speed else f"a lost answer takes {name} back", 'HOLDON="0"',
+                'HOLDON="1"', 'Set HOLDON="1"',
+            )  # fmt: skip
 
 
 def reserved_generator(setup: Setup) -> Iterator[Finding]:
@@ -246,14 +191,9 @@ def reserved_generator(setup: Setup) -> Iterator[Finding]:
     for tag in setup.config.receive:
         if tag.tag == "DEF_Tech.T1":
             yield Finding(
-                "generator-1",
-                "error",
-                setup.at(tag.tag),
-                "function generator 1 is reserved: RSI_ON ends with RSIBad",
-                tag.tag,
-                "DEF_Tech.T2 to T6",
-                "Use generator 2",
-            )
+                "generator-1", "error", setup.at(tag.tag), "function generator 1 is reserved: RSI_ON ends with RSIBad",
+                tag.tag, "DEF_Tech.T2 to T6", "Use generator 2",
+            )  # fmt: skip
 
 
 def sentype(setup: Setup) -> Iterator[Finding]:
@@ -274,7 +214,7 @@ def sentype(setup: Setup) -> Iterator[Finding]:
 
 
 def address(setup: Setup) -> Iterator[Finding]:
-    """Where telegrams go."""
+    """Check the address of telegrams."""
     where, text = setup.at("CONFIG IP_NUMBER"), setup.config.host
     safe = "address of the sensor computer in a network of its own, for example 192.168.44.10"
     try:
@@ -284,26 +224,16 @@ def address(setup: Setup) -> Iterator[Finding]:
         return
     if value in ipaddress.IPv4Network("192.0.1.0/24"):
         yield Finding(
-            "address",
-            "error",
-            where,
-            "the network 192.0.1.x belongs to the inside of a KR C2",
-            text,
-            safe,
+            "address", "error", where, "the network 192.0.1.x belongs to the inside of a KR C2", text, safe,
             "Take another network",
-        )
+        )  # fmt: skip
     elif value.is_multicast or value.is_unspecified or text.endswith(".255"):
         yield Finding("address", "error", where, "not the address of one computer", text, safe, "Correct it")
     elif value.is_loopback:
         yield Finding(
-            "address",
-            "warning",
-            where,
-            "only a simulated robot on this computer reaches this address",
-            text,
-            safe,
+            "address", "warning", where, "only a simulated robot on this computer reaches this address", text, safe,
             "Correct it before the file goes to a robot",
-        )
+        )  # fmt: skip
 
 
 def port(setup: Setup) -> Iterator[Finding]:
@@ -316,24 +246,14 @@ def port(setup: Setup) -> Iterator[Finding]:
     for what, used in setup.ports.items():
         if used == value:
             yield Finding(
-                "port",
-                "error",
-                where,
-                f"{what} uses this port on the same computer",
-                f"{value}",
-                "a port of its own",
+                "port", "error", where, f"{what} uses this port on the same computer", f"{value}", "a port of its own",
                 "Change one of them",
-            )
+            )  # fmt: skip
     if value == _FORCE_SENSOR_PORT and setup.config.host.startswith("127."):
         yield Finding(
-            "port",
-            "warning",
-            where,
-            "ATI force sensors use this port: a simulated one on this computer would clash",
-            f"{value}",
-            "another port, for example 59152",
-            "Change it, or give the simulated sensor another port",
-        )
+            "port", "warning", where, "ATI force sensors use this port: a simulated one on this computer would clash",
+            f"{value}", "another port, for example 59152", "Change it, or give the simulated sensor another port",
+        )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (

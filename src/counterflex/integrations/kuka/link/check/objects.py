@@ -41,14 +41,9 @@ def ends_of_wires(setup: Setup) -> Iterator[Finding]:
             for index in range(1, len(kind.inputs) + 1):
                 if index not in seen:
                     yield Finding(
-                        "open-input",
-                        "error",
-                        setup.within(item, f"input {index}"),
-                        "must not stay open",
-                        "no wire",
-                        "wired",
-                        "Wire it, or take the object out",
-                    )
+                        "open-input", "error", setup.within(item, f"input {index}"), "must not stay open", "no wire",
+                        "wired", "Wire it, or take the object out",
+                    )  # fmt: skip
 
 
 def _dangling(place: str, what: str, value: str, safe: str) -> Finding:
@@ -62,14 +57,9 @@ def idle_corrections(setup: Setup) -> Iterator[Finding]:
     for item in setup.context.objects:
         if item.kind in _CORRECTIONS and not item.inputs:
             yield Finding(
-                "idle-object",
-                "warning",
-                setup.within(item),
-                "nothing is wired to it: it corrects nothing",
-                "no wire",
-                "wired, or not there",
-                "Take it out, or wire it",
-            )
+                "idle-object", "warning", setup.within(item), "nothing is wired to it: it corrects nothing", "no wire",
+                "wired, or not there", "Take it out, or wire it",
+            )  # fmt: skip
 
 
 def numbers(setup: Setup) -> Iterator[Finding]:
@@ -92,14 +82,9 @@ def numbers(setup: Setup) -> Iterator[Finding]:
 
 def _number(place: str, whose: str, value: int, right: int, name: str) -> Finding:
     return Finding(
-        "number",
-        "error",
-        place,
-        f"the number is that {whose}: the controller goes by the number, not by the name",
-        f"{value}",
-        f"{right} ({name})",
-        "Correct the number, or make the context again in RSI Visual",
-    )
+        "number", "error", place, f"the number is that {whose}: the controller goes by the number, not by the name",
+        f"{value}", f"{right} ({name})", "Correct the number, or make the context again in RSI Visual",
+    )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (ends_of_wires, idle_corrections, numbers)

@@ -22,14 +22,9 @@ def order_of_calls(setup: Setup) -> Iterator[Finding]:
     for what, severe in (("RSI_CREATE", True), ("RSI_ON", True), ("RSI_OFF", False)):
         if setup.program.first(what) is None:
             yield Finding(
-                "missing-call",
-                "error" if severe else "warning",
-                setup.program.where,
-                f"{what} is not called",
-                "no call",
-                f"{what} called",
-                "Add the call" if severe else "Switch RSI off before the program ends",
-            )
+                "missing-call", "error" if severe else "warning", setup.program.where, f"{what} is not called",
+                "no call", f"{what} called", "Add the call" if severe else "Switch RSI off before the program ends",
+            )  # fmt: skip
 
 
 def total_corrections(setup: Setup) -> Iterator[Finding]:
@@ -73,14 +68,10 @@ def gate(setup: Setup) -> Iterator[Finding]:
     before = [item for item in setup.program.statements if item.line < on.line]
     if not any(item.what in ("HALT", "WAIT") and not item.guarded for item in before):
         yield Finding(
-            "gate",
-            "warning",
-            setup.on_line(on.line),
-            "RSI_ON runs at once: it stops with RSITimeout where nobody answers yet",
-            "no HALT or WAIT FOR before it",
-            "a HALT or WAIT FOR before RSI_ON",
-            "Add HALT, and start counterflex run there",
-        )
+            "gate", "warning", setup.on_line(on.line),
+            "RSI_ON runs at once: it stops with RSITimeout where nobody answers yet", "no HALT or WAIT FOR before it",
+            "a HALT or WAIT FOR before RSI_ON", "Add HALT, and start counterflex run there",
+        )  # fmt: skip
 
 
 def results_checked(setup: Setup) -> Iterator[Finding]:
@@ -101,14 +92,10 @@ def results_checked(setup: Setup) -> Iterator[Finding]:
         )
         if not looked:
             yield Finding(
-                "unchecked",
-                "warning",
-                setup.on_line(call.line),
+                "unchecked", "warning", setup.on_line(call.line),
                 f"the result of {what} is not looked at: the program goes on without correction",
-                "no comparison with RSIOK",
-                "IF result <> RSIOK THEN HALT ENDIF",
-                "Add it",
-            )
+                "no comparison with RSIOK", "IF result <> RSIOK THEN HALT ENDIF", "Add it",
+            )  # fmt: skip
 
 
 def motions(setup: Setup) -> Iterator[Finding]:
@@ -119,57 +106,35 @@ def motions(setup: Setup) -> Iterator[Finding]:
     first = next((item for item in items if item.what in _POINT_TO_POINT + _PATH + _SPLINE), None)
     if first is not None and first.what not in _POINT_TO_POINT:
         yield Finding(
-            "first-motion",
-            "warning",
-            setup.on_line(first.line),
-            "the first motion of a program must be PTP",
-            first.what,
-            "PTP",
-            "Begin with PTP, for example PTP $AXIS_ACT_MEAS",
-        )
+            "first-motion", "warning", setup.on_line(first.line), "the first motion of a program must be PTP",
+            first.what, "PTP", "Begin with PTP, for example PTP $AXIS_ACT_MEAS",
+        )  # fmt: skip
     under = setup.program.between("RSI_ON", "RSI_OFF")
     path = next((item.line for item in under if item.what in _PATH), None)
     for item in under:
         if item.what == "HALT" and not item.guarded and path is not None and item.line > path:
             yield Finding(
-                "stop-corrected",
-                "warning",
-                setup.on_line(item.line),
+                "stop-corrected", "warning", setup.on_line(item.line),
                 "the program stops for a person behind its first path motion, before RSI_OFF: the robot may move there",
-                "HALT",
-                "the correction at zero and RSI_OFF before HALT",
-                "Move it behind RSI_OFF",
-            )
+                "HALT", "the correction at zero and RSI_OFF before HALT", "Move it behind RSI_OFF",
+            )  # fmt: skip
         if item.what in _POINT_TO_POINT:
             yield Finding(
-                "ptp-corrected",
-                "error",
-                setup.on_line(item.line),
-                "corrections are superposed on LIN and CIRC only",
-                item.what,
-                "LIN or CIRC between RSI_ON and RSI_OFF",
-                "Move it before RSI_ON",
-            )
+                "ptp-corrected", "error", setup.on_line(item.line), "corrections are superposed on LIN and CIRC only",
+                item.what, "LIN or CIRC between RSI_ON and RSI_OFF", "Move it before RSI_ON",
+            )  # fmt: skip
         elif item.what in _SPLINE:
             yield Finding(
-                "spline-corrected",
-                "warning",
-                setup.on_line(item.line),
-                "nothing is known of corrections on spline motions",
-                item.what,
-                "LIN or CIRC",
+                "spline-corrected", "warning", setup.on_line(item.line),
+                "nothing is known of corrections on spline motions", item.what, "LIN or CIRC",
                 "Use LIN and CIRC, or try it out in air",
-            )
+            )  # fmt: skip
         elif item.what == "RSI_MOVECORR":
             yield Finding(
-                "movecorr",
-                "warning",
-                setup.on_line(item.line),
-                "the program waits here and moves by the sensor alone: no path is milled",
-                "RSI_MOVECORR",
-                "LIN and CIRC between RSI_ON and RSI_OFF",
-                "Take it out",
-            )
+                "movecorr", "warning", setup.on_line(item.line),
+                "the program waits here and moves by the sensor alone: no path is milled", "RSI_MOVECORR",
+                "LIN and CIRC between RSI_ON and RSI_OFF", "Take it out",
+            )  # fmt: skip
 
 
 def enable_written(setup: Setup) -> Iterator[Finding]:
@@ -182,14 +147,10 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
     writes = [item.line for item in written]
     if not writes:
         yield Finding(
-            "enable-unset",
-            "warning",
-            setup.program.where,
-            "the program never sets what Enable is wired to: the correction is never switched on",
-            f"no {name} = ...",
-            f"{name} = 1 before the path, 0 behind it",
-            "Add both lines",
-        )
+            "enable-unset", "warning", setup.program.where,
+            "the program never sets what Enable is wired to: the correction is never switched on", f"no {name} = ...",
+            f"{name} = 1 before the path, 0 behind it", "Add both lines",
+        )  # fmt: skip
         return
     on, off = setup.program.first("RSI_ON"), setup.program.first("RSI_OFF")
     waits = [item.line for item in items if item.what in ("WAIT", "WHILE") and not item.guarded]
@@ -212,34 +173,26 @@ def enable_written(setup: Setup) -> Iterator[Finding]:
     ]
     if on is not None and switched and not any(on.line < line < switched[0] for line in armed):
         yield Finding(
-            "blind-wait",
-            "warning",
-            setup.on_line(switched[0]),
+            "blind-wait", "warning", setup.on_line(switched[0]),
             "the correction is enabled without a look whether the loop is armed: the path may run without it",
             f"no condition{' on ' + ', '.join(state) if state else ''} between RSI_ON and {name} = ...",
-            "WAIT FOR, or WHILE with a time-out, on the tag State",
-            "Wire State to $SEN_PREA and wait until it is 2",
-        )
+            "WAIT FOR, or WHILE with a time-out, on the tag State", "Wire State to $SEN_PREA and wait until it is 2",
+        )  # fmt: skip
     elif path is not None and not switched:
         yield Finding(
-            "enable-unset",
-            "warning",
-            setup.on_line(path),
+            "enable-unset", "warning", setup.on_line(path),
             "the program never sets what Enable is wired to: the correction is never switched on",
-            f"no {name} = 1 between RSI_ON and the first path motion",
-            f"{name} = 1 before the path, 0 behind it",
+            f"no {name} = 1 between RSI_ON and the first path motion", f"{name} = 1 before the path, 0 behind it",
             "Set it there, or correct the wiring",
-        )
+        )  # fmt: skip
     if off is not None and writes[-1] < off.line and not any(writes[-1] < line < off.line for line in waits):
         yield Finding(
-            "blind-wait",
-            "warning",
-            setup.on_line(off.line),
+            "blind-wait", "warning", setup.on_line(off.line),
             "RSI_OFF comes without a look whether the correction is back at zero",
             f"no condition between {name} = 0 and RSI_OFF",
             "WAIT FOR, or WHILE with a time-out, on the outputs of POSCORRMON or AXISCORRMON",
             "Wire them to $SEN_PREA and wait until they are zero",
-        )
+        )  # fmt: skip
 
 
 def _enable_variable(setup: Setup) -> str | None:
@@ -273,14 +226,10 @@ def known_parameters(setup: Setup) -> Iterator[Finding]:
             )
         elif parameter not in item.public:
             yield Finding(
-                "not-public",
-                "error",
-                setup.on_line(line),
-                "RSI_SETPUBLICPAR fails: the context does not mark the parameter public",
-                f"{name} {parameter}",
-                'IsPublic="true" on the parameter',
-                "Mark it public in the context, or take the call out",
-            )
+                "not-public", "error", setup.on_line(line),
+                "RSI_SETPUBLICPAR fails: the context does not mark the parameter public", f"{name} {parameter}",
+                'IsPublic="true" on the parameter', "Mark it public in the context, or take the call out",
+            )  # fmt: skip
 
 
 def whole_calls(setup: Setup) -> Iterator[Finding]:
@@ -290,14 +239,10 @@ def whole_calls(setup: Setup) -> Iterator[Finding]:
     for item in setup.program.statements:
         if item.what == "RSI_SETPUBLICPAR" and len(item.arguments) != 4:
             yield Finding(
-                "unknown-parameter",
-                "error",
-                setup.on_line(item.line),
-                "RSI_SETPUBLICPAR has another number of arguments",
-                f"{len(item.arguments)}",
-                "4: identifier, object, parameter, value",
-                "Correct the call",
-            )
+                "unknown-parameter", "error", setup.on_line(item.line),
+                "RSI_SETPUBLICPAR has another number of arguments", f"{len(item.arguments)}",
+                "4: identifier, object, parameter, value", "Correct the call",
+            )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (

@@ -27,14 +27,9 @@ def one_writer(setup: Setup) -> Iterator[Finding]:
         index = setup.parameter(item, "Index", 1.0)
         if not 1 <= index <= _MOST or index != int(index):
             yield Finding(
-                "index",
-                "error",
-                setup.within(item, "Index"),
-                f"there is no {word} of this index",
-                f"{index:g}",
-                f"1 .. {_MOST}",
-                "Correct the index",
-            )
+                "index", "error", setup.within(item, "Index"), f"there is no {word} of this index", f"{index:g}",
+                f"1 .. {_MOST}", "Correct the index",
+            )  # fmt: skip
             continue
         variable = f"{word}[{int(index)}]"
         if item.kind in _WRITERS:
@@ -63,14 +58,11 @@ def variables_read(setup: Setup) -> Iterator[Finding]:
         name in item.arguments[0] for item in conditions for name in wired if item.what == "INTERRUPT"
     ):
         yield Finding(
-            "unheard",
-            "warning",
-            setup.program.where,
+            "unheard", "warning", setup.program.where,
             "the program does not act on the feed hold that the loop asks for: the robot mills on",
-            f"no interrupt on {', '.join(wired)}",
-            f"INTERRUPT DECL ... WHEN {wired[0]}>0.5 with BRAKE",
+            f"no interrupt on {', '.join(wired)}", f"INTERRUPT DECL ... WHEN {wired[0]}>0.5 with BRAKE",
             "Correct the index of FeedHold in the context, or add the interrupt",
-        )
+        )  # fmt: skip
     fed = {
         f"{_WRITERS[item.kind]}[{int(item.number('Index', 1.0))}]"
         for item in setup.context.objects
@@ -80,18 +72,15 @@ def variables_read(setup: Setup) -> Iterator[Finding]:
         for name in dict.fromkeys(re.findall(r"\$SEN_P(?:REA|INT)\[\d+\]", item.arguments[0])):
             if name not in fed:
                 yield Finding(
-                    "unheard",
-                    "error",
-                    setup.on_line(item.line),
-                    "the program looks at a variable that nothing in the context writes",
-                    name,
+                    "unheard", "error", setup.on_line(item.line),
+                    "the program looks at a variable that nothing in the context writes", name,
                     ", ".join(sorted(fed)) or "a variable of MAP2SEN_PREA or MAP2SEN_PINT",
                     "Correct the index in the context or in the program",
-                )
+                )  # fmt: skip
 
 
 def monitored_values(setup: Setup) -> Iterator[Finding]:
-    """Where the program is told the correction, it is told all six values of it."""
+    """Check that a program that is told the correction is told all six values of it."""
     if setup.context is None:
         return
     for monitor in (item for item in setup.context.objects if item.kind in ("POSCORRMON", "AXISCORRMON")):
@@ -105,14 +94,11 @@ def monitored_values(setup: Setup) -> Iterator[Finding]:
         missing = [f"{i}" for i in range(1, _MONITORED + 1) if i not in taken]
         if taken and missing:
             yield Finding(
-                "unwatched-value",
-                "warning",
-                setup.within(monitor),
+                "unwatched-value", "warning", setup.within(monitor),
                 "the program sees a part of the correction only: it may take a correction for zero that is not",
-                f"output {', '.join(missing)} not wired",
-                f"outputs 1 .. {_MONITORED} wired to a variable each",
+                f"output {', '.join(missing)} not wired", f"outputs 1 .. {_MONITORED} wired to a variable each",
                 "Correct the wiring",
-            )
+            )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (one_writer, variables_read, monitored_values)

@@ -29,36 +29,23 @@ def wired_corrections(setup: Setup) -> Iterator[Finding]:
             continue
         if not hits:
             yield Finding(
-                "not-wired",
-                "error",
-                setup.at(value.tag.tag),
-                "the correction goes nowhere in the context",
-                f"INDX {value.tag.channel} not wired",
-                f"wired to input {right} of {kind}",
+                "not-wired", "error", setup.at(value.tag.tag), "the correction goes nowhere in the context",
+                f"INDX {value.tag.channel} not wired", f"wired to input {right} of {kind}",
                 "Wire it, or take the tag out",
-            )
+            )  # fmt: skip
         for end, index in hits:
             if end.kind != kind or index != right:
                 yield Finding(
-                    "wrong-wire",
-                    "error",
-                    setup.at(value.tag.tag),
-                    "the correction arrives at the wrong input",
-                    f"input {index} of {end.name} ({end.kind})",
-                    f"input {right} of {kind}",
-                    "Correct the wiring",
-                )
+                    "wrong-wire", "error", setup.at(value.tag.tag), "the correction arrives at the wrong input",
+                    f"input {index} of {end.name} ({end.kind})", f"input {right} of {kind}", "Correct the wiring",
+                )  # fmt: skip
         objects = sorted({end.name for end, _ in hits})
         if len(objects) > 1:
             yield Finding(
-                "two-corrections",
-                "error",
-                setup.at(value.tag.tag),
-                "the correction acts more than once: what two objects correct adds up",
-                " and ".join(objects),
-                f"one {kind}",
-                "Take one object out of the context",
-            )
+                "two-corrections", "error", setup.at(value.tag.tag),
+                "the correction acts more than once: what two objects correct adds up", " and ".join(objects),
+                f"one {kind}", "Take one object out of the context",
+            )  # fmt: skip
         yield from _limits_on_the_way(setup, value.name, passed)
 
 
@@ -73,14 +60,10 @@ def _limits_on_the_way(setup: Setup, name: str, passed: list[ContextObject]) -> 
         low, high = setup.parameter(item, "LowerLimit", -10.0), setup.parameter(item, "UpperLimit", 10.0)
         if min(-low, high) < required:
             yield Finding(
-                "limit-object",
-                "error",
-                setup.within(item),
-                f"cuts {name} off below what the cell may send, and no status says so",
-                f"{low:g} .. {high:g}",
-                f"-{required:g} .. {required:g} or wider",
-                "Widen it or lower [online] in the cell file",
-            )
+                "limit-object", "error", setup.within(item),
+                f"cuts {name} off below what the cell may send, and no status says so", f"{low:g} .. {high:g}",
+                f"-{required:g} .. {required:g} or wider", "Widen it or lower [online] in the cell file",
+            )  # fmt: skip
 
 
 def wired_commands(setup: Setup) -> Iterator[Finding]:
@@ -96,31 +79,24 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
         if not any(end.kind == required or (not required and end.kind != "ETHERNET") for end, _ in ends):
             severity: Severity = "error" if name == "Stop" else "warning"
             yield Finding(
-                "not-wired",
-                severity,
-                setup.at(name),
-                f"{name} does nothing in the context",
-                f"INDX {value.tag.channel} not wired",
-                f"wired to {required or 'MAP2SEN_PREA or MAP2DIGOUT'}",
+                "not-wired", severity, setup.at(name), f"{name} does nothing in the context",
+                f"INDX {value.tag.channel} not wired", f"wired to {required or 'MAP2SEN_PREA or MAP2DIGOUT'}",
                 "Wire it, or take the tag out",
-            )
+            )  # fmt: skip
     channels = {value.tag.channel for value in setup.received.values()}
     used = {(wire.output, other.name) for other in context.objects for wire in other.inputs if wire.source == item.name}
     for output, name in sorted(used):
         if output not in channels:
             yield Finding(
-                "undeclared-channel",
-                "error",
-                f"{context.where}: {name}",
+                "undeclared-channel", "error", f"{context.where}: {name}",
                 "is wired to a channel that RECEIVE does not declare: RSI_CREATE fails",
-                f"output {output} of {item.name}",
-                "only declared channels",
+                f"output {output} of {item.name}", "only declared channels",
                 f'Declare INDX="{output}" in RECEIVE, or take the wire out',
-            )
+            )  # fmt: skip
 
 
 def wired_sent(setup: Setup) -> Iterator[Finding]:
-    """What SEND declares on a channel is wired; Stat comes from the correction object."""
+    """Check that what SEND declares on a channel is wired; Stat comes from the correction object."""
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
@@ -131,47 +107,31 @@ def wired_sent(setup: Setup) -> Iterator[Finding]:
         wire = sources.get(tag.channel)
         if wire is None:
             yield Finding(
-                "not-wired",
-                "error" if tag.tag == "Enable" or tag.tag.endswith(".Stat") else "warning",
-                setup.at(tag.tag),
-                "nothing is wired to it: it always says 0",
-                f"input {tag.channel} of {item.name} open",
-                "wired",
-                "Wire it, or take the tag out",
-            )
+                "not-wired", "error" if tag.tag == "Enable" or tag.tag.endswith(".Stat") else "warning",
+                setup.at(tag.tag), "nothing is wired to it: it always says 0",
+                f"input {tag.channel} of {item.name} open", "wired", "Wire it, or take the tag out",
+            )  # fmt: skip
         elif tag.tag == "Enable" and _sensor_side(context, wire):
             yield Finding(
-                "wrong-wire",
-                "error",
-                setup.at(tag.tag),
+                "wrong-wire", "error", setup.at(tag.tag),
                 "the correction would be enabled by the sensor or by itself, not by the program",
                 f"output {wire.output} of {wire.source}",
-                "SEN_PREA, SEN_PINT or a digital signal that the program sets",
-                "Correct the wiring",
-            )
+                "SEN_PREA, SEN_PINT or a digital signal that the program sets", "Correct the wiring",
+            )  # fmt: skip
         elif tag.tag.endswith(".Stat"):
             source = context.named(wire.source)
             if source is None or source.kind not in ("POSCORR", "AXISCORR") or wire.output != 1:
                 yield Finding(
-                    "wrong-wire",
-                    "error",
-                    setup.at(tag.tag),
-                    "is not the status of a correction object",
-                    f"output {wire.output} of {wire.source}",
-                    "output 1 of POSCORR or AXISCORR",
-                    "Correct the wiring",
-                )
+                    "wrong-wire", "error", setup.at(tag.tag), "is not the status of a correction object",
+                    f"output {wire.output} of {wire.source}", "output 1 of POSCORR or AXISCORR", "Correct the wiring",
+                )  # fmt: skip
     for wire in item.inputs:
         if wire.index not in {tag.channel for tag in setup.config.send}:
             yield Finding(
-                "undeclared-channel",
-                "error",
-                f"{context.where}: {item.name}",
-                "takes in a channel that SEND does not declare: RSI_CREATE fails",
-                f"input {wire.index}",
-                "only declared channels",
-                f'Declare INDX="{wire.index}" in SEND, or take the wire out',
-            )
+                "undeclared-channel", "error", f"{context.where}: {item.name}",
+                "takes in a channel that SEND does not declare: RSI_CREATE fails", f"input {wire.index}",
+                "only declared channels", f'Declare INDX="{wire.index}" in SEND, or take the wire out',
+            )  # fmt: skip
 
 
 def _sensor_side(context: RsiContextFile, wire: Input) -> bool:
@@ -190,14 +150,11 @@ def override_asked(setup: Setup) -> Iterator[Finding]:
     for end, _ in context.reached(item.name, value.tag.channel)[0]:
         if end.kind == "MAP2OV_PRO":
             yield Finding(
-                "override-unasked",
-                "error",
-                setup.within(end),
+                "override-unasked", "error", setup.within(end),
                 "the loop sets the program's speed to 100 % in every cycle: the operator's own setting has no effect",
-                f"wired to {value.name}, no table [override] in the cell file",
-                "MAP2OV_PRO only with [override]",
+                f"wired to {value.name}, no table [override] in the cell file", "MAP2OV_PRO only with [override]",
                 "Take the object and the tag out, or add [override] to the cell file",
-            )
+            )  # fmt: skip
 
 
 RULES: Final[tuple[Rule, ...]] = (wired_corrections, wired_commands, wired_sent, override_asked)

@@ -18,54 +18,31 @@ _AXES: Final = tuple(f"A{i}" for i in range(1, 7))
 
 @dataclass(frozen=True)
 class ParameterType:
-    """A parameter of an object.
+    """A parameter of an object."""
 
-    Attributes:
-        name: As in both generations.
-        first: ParamID of RSI 3.
-        second: ParamId of RSI 4 and 5.
-        kind: What it holds.
-        default: As published, text of the editor.
-        least: Smallest value, or None.
-        most: Largest value, or None.
-        runtime: It may be changed while the context runs.
-    """
-
-    name: str
-    first: int
-    second: int
-    kind: ValueKind = "double"
-    default: str = "0"
-    least: int | None = None
-    most: int | None = None
-    runtime: bool = True
+    name: str  # As in both generations
+    first: int  # ParamID of RSI 3
+    second: int  # ParamId of RSI 4 and 5
+    kind: ValueKind = "double"  # What it holds
+    default: str = "0"  # As published, text of the editor
+    least: int | None = None  # Smallest value, or None
+    most: int | None = None  # Largest value, or None
+    runtime: bool = True  # It may be changed while the context runs
 
 
 @dataclass(frozen=True)
 class BlockType:
-    """A type of object.
+    """A type of object."""
 
-    Attributes:
-        name: In capitals, as RSI 3 writes it.
-        mixed: As RSI 4 and 5 write it.
-        number: ObjTypeID.
-        inputs: Names of the ports, in order; those of ETHERNET are numbered.
-        outputs: Likewise.
-        parameters: In order.
-        whole: Outputs that are whole numbers.
-        truth: Its input is a truth value.
-        optional: Its inputs may stay open.
-    """
-
-    name: str
-    mixed: str
-    number: int
-    inputs: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
-    parameters: tuple[ParameterType, ...] = ()
-    whole: tuple[str, ...] = ()
-    truth: bool = False
-    optional: bool = False
+    name: str  # In capitals, as RSI 3 writes it
+    mixed: str  # As RSI 4 and 5 write it
+    number: int  # ObjTypeID
+    inputs: tuple[str, ...] = ()  # Names of the ports, in order; those of ETHERNET are numbered
+    outputs: tuple[str, ...] = ()  # Likewise
+    parameters: tuple[ParameterType, ...] = ()  # In order
+    whole: tuple[str, ...] = ()  # Outputs that are whole numbers
+    truth: bool = False  # Its input is a truth value
+    optional: bool = False  # Its inputs may stay open
 
     def parameter(self, name: str) -> ParameterType:
         """A parameter by its name."""
@@ -146,10 +123,7 @@ TYPES: Final[dict[str, BlockType]] = {
             18,
             ("In1",),
             (),
-            (
-                ParameterType("Mode", 1, 0, "stop", "ExitMoveCorr"),
-                ParameterType("Channel", 2, 1, "int", "0", 0),
-            ),
+            (ParameterType("Mode", 1, 0, "stop", "ExitMoveCorr"), ParameterType("Channel", 2, 1, "int", "0", 0)),
             truth=True,
         ),
         BlockType("MAP2SEN_PREA", "Map2Sen_PRea", 17, ("In1",), (), (_INDEX,)),
@@ -162,21 +136,14 @@ TYPES: Final[dict[str, BlockType]] = {
 
 @dataclass(frozen=True)
 class Block:
-    """One object of a context that is written.
+    """One object of a context that is written."""
 
-    Attributes:
-        kind: Key of :data:`TYPES`.
-        name: ObjID, different for every object.
-        wires: Input (from 1) to object and its output (from 1).
-        values: Of parameters, by name: numbers, texts, words of a choice.
-        public: Parameters that the KRL program may set.
-    """
-
-    kind: str
-    name: str
-    wires: dict[int, tuple[str, int]] = field(default_factory=dict)
+    kind: str  # Key of :data:`TYPES`
+    name: str  # ObjID, different for every object
+    wires: dict[int, tuple[str, int]] = field(default_factory=dict)  # Input (from 1) to object and its output (from 1)
+    # Of parameters, by name: numbers, texts, words of a choice
     values: dict[str, float | str] = field(default_factory=dict)
-    public: frozenset[str] = frozenset()
+    public: frozenset[str] = frozenset()  # Parameters that the KRL program may set
 
     @property
     def type(self) -> BlockType:
@@ -203,7 +170,7 @@ def spelled(value: float | str) -> str:
 
 
 def used_ports(blocks: tuple[Block, ...], block: Block) -> tuple[int, int]:
-    """How many inputs and outputs of an object are drawn: all of them, those of ETHERNET up to the last one in use."""
+    """Number of inputs and outputs of an object that are drawn: all, those of ETHERNET up to the last one in use."""
     kind = block.type
     if block.kind != "ETHERNET":
         return len(kind.inputs), len(kind.outputs)

@@ -5,17 +5,7 @@ from __future__ import annotations
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from counterflex.integrations.kuka.link.make.blocks import (
-    FRAMES,
-    STOP_MODES,
-    TYPES,
-    Block,
-    BlockType,
-    ParameterType,
-    ordinal,
-    spelled,
-    used_ports,
-)
+from counterflex.integrations.kuka.link.make import blocks as rsi_blocks
 
 _ELEMENTS: Final = {
     "double": "DoubleParameter",
@@ -24,18 +14,14 @@ _ELEMENTS: Final = {
     "stop": "EnumParameter",
     "frame": "EnumParameter",
 }
-_CHOICES: Final = {"stop": ("StopType", STOP_MODES), "frame": ("TrafoCosysType", FRAMES)}
-_SUBSET: Final = {
-    "ETHERNET": "Communication",
-    "MAP2SEN_PREA": "Communication",
-    "SEN_PREA": "Communication",
-}
+_CHOICES: Final = {"stop": ("StopType", rsi_blocks.STOP_MODES), "frame": ("TrafoCosysType", rsi_blocks.FRAMES)}
+_SUBSET: Final = {"ETHERNET": "Communication", "MAP2SEN_PREA": "Communication", "SEN_PREA": "Communication"}
 _OTHERS: Final = "Motion Manipulation"
 _LIBRARY: Final = {4: "2.0.2", 5: "2.1.3"}
 _COLUMN, _WIDTH, _PITCH = 400.0, 169.0, 30.0
 
 
-def context_file(blocks: tuple[Block, ...], major: int) -> str:
+def context_file(blocks: tuple[rsi_blocks.Block, ...], major: int) -> str:
     """Text of ``NAME.rsix``.
 
     Args:
@@ -55,7 +41,7 @@ def context_file(blocks: tuple[Block, ...], major: int) -> str:
         '   <BlueprintCollections SchemaVersion="2.0.0" xmlns="RsiBlueprint">',
         f'      <BlueprintCollection Name="RSI" Version="{_LIBRARY[major]}">',
     ]
-    used = [TYPES[kind] for kind in TYPES if any(block.kind == kind for block in blocks)]
+    used = [rsi_blocks.TYPES[kind] for kind in rsi_blocks.TYPES if any(block.kind == kind for block in blocks)]
     for subset in ("Communication", _OTHERS):
         lines.append(f'         <Subset Name="{subset}">')
         for kind in used:
@@ -67,7 +53,7 @@ def context_file(blocks: tuple[Block, ...], major: int) -> str:
     return "\n".join([*lines, "   </Constructs>", "</RsiContext>", ""])
 
 
-def _object(block: Block) -> list[str]:
+def _object(block: rsi_blocks.Block) -> list[str]:
     kind = block.type
     lines = [f'      <RsiObject ObjTypeId="{kind.number}" ObjType="{kind.mixed}" ObjId="{block.name}">']
     if block.wires:
@@ -82,7 +68,7 @@ def _object(block: Block) -> list[str]:
         for item, value in block.given():
             more = 'IsPublic="true" ' if item.name in block.public else ""
             more += "" if item.runtime else 'IsRuntime="false" '
-            text = quoteattr(ordinal(item, value))
+            text = quoteattr(rsi_blocks.ordinal(item, value))
             lines.append(
                 f'            <Parameter {more}Name="{item.name}" ParamId="{item.second}" ParamValue={text} />'
             )
@@ -90,7 +76,7 @@ def _object(block: Block) -> list[str]:
     return [*lines, "      </RsiObject>"]
 
 
-def _blueprint(kind: BlockType) -> list[str]:
+def _blueprint(kind: rsi_blocks.BlockType) -> list[str]:
     lines = [f'            <Element Name="{kind.mixed}" Id="{kind.number}">']
     for word, names in (("Input", kind.inputs), ("Output", kind.outputs)):
         if not names:
@@ -114,7 +100,7 @@ def _blueprint(kind: BlockType) -> list[str]:
     return [*lines, "            </Element>"]
 
 
-def _blueprint_parameter(item: ParameterType) -> list[str]:
+def _blueprint_parameter(item: rsi_blocks.ParameterType) -> list[str]:
     element = _ELEMENTS[item.kind]
     more = "" if item.runtime else ' CanBeSetAtRuntime="false"'
     more += "" if item.least is None else f' Min="{item.least}"'
@@ -136,14 +122,14 @@ def _blueprint_parameter(item: ParameterType) -> list[str]:
     return [f'                  <{element} Name="{item.name}" Index="{item.second}"{more} />']
 
 
-def _drawing(blocks: tuple[Block, ...]) -> list[str]:
+def _drawing(blocks: tuple[rsi_blocks.Block, ...]) -> list[str]:
     named = {block.name: block for block in blocks}
     below: dict[float, float] = {}
     place: dict[str, tuple[float, float]] = {}
     for block in blocks:
         x = _COLUMN if block.kind == "ETHERNET" else 0.0 if not block.wires else 2.0 * _COLUMN
         place[block.name] = (x, below.get(x, 0.0))
-        below[x] = below.get(x, 0.0) + 60.0 + _PITCH * max(1, *used_ports(blocks, block))
+        below[x] = below.get(x, 0.0) + 60.0 + _PITCH * max(1, *rsi_blocks.used_ports(blocks, block))
     lines = []
     for block in blocks:
         x, y = place[block.name]
@@ -169,7 +155,7 @@ def _drawing(blocks: tuple[Block, ...]) -> list[str]:
             lines.append("         <Parameters>")
             for item, value in block.given():
                 krl = ' CanBeSetFromKrl="true"' if item.name in block.public else ""
-                text = quoteattr(spelled(value))
+                text = quoteattr(rsi_blocks.spelled(value))
                 lines.append(f'            <{_ELEMENTS[item.kind]} Name="{item.name}"{krl} Value={text} />')
             lines.append("         </Parameters>")
         lines.append("      </Construct>")

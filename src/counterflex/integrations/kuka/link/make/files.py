@@ -32,31 +32,18 @@ _AS_WRITTEN: Final = {"\r": "&#13;"}
 
 @dataclass(frozen=True)
 class RsiFiles:
-    """What the files are made of.
+    """Settings that the files are made of."""
 
-    Attributes:
-        name: Of the context: ``counterflex``.
-        host: Address of the sensor computer.
-        port: UDP port on it.
-        sentype: Type of the answers.
-        limits: Of the loop.
-        timeout: Unanswered cycles until the controller stops.
-        precision: Decimals that are sent.
-        currents: The controller sends its motor currents (MACur).
-        override: The loop may change the speed of the program.
-        generation: Major version of RSI that the context is for: 3, 4 or 5.
-    """
-
-    name: str
-    host: str
-    port: int
-    sentype: str
-    limits: OnlineLimits
-    timeout: int = 10
-    precision: int = 4
-    currents: bool = False
-    override: bool = False
-    generation: int = 3
+    name: str  # Of the context: ``counterflex``
+    host: str  # Address of the sensor computer
+    port: int  # UDP port on it
+    sentype: str  # Type of the answers
+    limits: OnlineLimits  # Of the loop
+    timeout: int = 10  # Unanswered cycles until the controller stops
+    precision: int = 4  # Decimals that are sent
+    currents: bool = False  # The controller sends its motor currents (MACur)
+    override: bool = False  # The loop may change the speed of the program
+    generation: int = 3  # Major version of RSI that the context is for: 3, 4 or 5
 
     @property
     def ethernet_name(self) -> str:
@@ -70,7 +57,7 @@ class RsiFiles:
 
     @property
     def created_as(self) -> str:
-        """What RSI_CREATE is given: RSI 3 wants the ending, later ones add theirs to whatever they are given."""
+        """Argument of RSI_CREATE: RSI 3 wants the ending, later ones add theirs to whatever they are given."""
         return f"{self.name}.rsi" if self.generation == 3 else self.name
 
     @property
@@ -174,11 +161,7 @@ class RsiFiles:
                 "ETHERNET",
                 "ETHERNET1",
                 {1: (name, 1), 2: ("SEN_PREA1", 1)},
-                {
-                    "ConfigFile": self.ethernet_name,
-                    "Timeout": self.timeout,
-                    "Precision": self.precision,
-                },
+                {"ConfigFile": self.ethernet_name, "Timeout": self.timeout, "Precision": self.precision},
             ),
         )
 
@@ -197,11 +180,9 @@ def check_files(files: RsiFiles) -> None:
     ):
         if value > 20.0:
             raise InputError(
-                "the corrections are too large for a robot that cuts",
-                where=f"[online] {name} x hard_factor",
-                value=f"a limit of {value:g} {unit} on the controller",
-                limit=f"<= 20 {unit}",
-            )
+                "the corrections are too large for a robot that cuts", where=f"[online] {name} x hard_factor",
+                value=f"a limit of {value:g} {unit} on the controller", limit=f"<= 20 {unit}",
+            )  # fmt: skip
 
 
 def _up(value: float) -> float:

@@ -27,14 +27,11 @@ class Folder:
     Args:
         path: Folder of the application; None where there is none.
         complete: Refuse a text without its end.
-
-    Attributes:
-        routines: Programs that were called, by alias and name.
     """
 
     def __init__(self, path: Path | None = None, *, complete: bool = True) -> None:
         self._path, self._complete = path, complete
-        self.routines: dict[tuple[str, str], Routine] = {}
+        self.routines: dict[tuple[str, str], Routine] = {}  # Programs that were called, by alias and name
         self._libraries: dict[str, Path] = {}
         if path is not None and path.is_dir():
             for project in sorted(path.glob("*.pjx")):

@@ -81,20 +81,13 @@ def hidden_effect(code: str) -> str:
 
 
 class Branches(MotionExecution):
-    """Passes statements that may run or not.
+    """Passes statements that may run or not."""
 
-    Attributes:
-        folder: Programs that can be called.
-        depth: Number of programs that run, one calling the other.
-        main: Name of the main program's file.
-        call_line: Line of the main program that runs.
-    """
-
-    folder: Folder
+    folder: Folder  # Programs that can be called
     process: ProcessWords | None
-    depth: int
-    main: str
-    call_line: int = 1
+    depth: int  # Number of programs that run, one calling the other
+    main: str  # Name of the main program's file
+    call_line: int = 1  # Line of the main program that runs
 
     def pass_over(
         self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0

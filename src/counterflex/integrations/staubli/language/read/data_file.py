@@ -52,19 +52,15 @@ class DataFile:
         text: As read; empty where there is none.
         name: Of the file, for errors.
 
-    Attributes:
-        variables: By name.
-        end: Index of ``</Datas>``, in the form of s6 of ``</dataList>``.
-        old: It is in the form of s6.
-
     Raises:
         ProgramError: It is no data file, or a variable is there twice.
     """
 
     def __init__(self, text: str, name: str) -> None:
         self.text, self.name = text, name
-        self.variables: dict[str, Val3Data] = {}
-        self.old = "<dataList" in text
+        self.variables: dict[str, Val3Data] = {}  # By name
+        self.old = "<dataList" in text  # It is in the form of s6
+        # Index of ``</Datas>``, in the form of s6 of ``</dataList>``
         self.end = text.find("</dataList>" if self.old else "</Datas>")
         if not text:
             return

@@ -47,9 +47,6 @@ class Interpreter(Flow):
         store: Variables of its data file.
         cell: What frames and process words are checked against; None takes the frame of the first point for the part
             frame, and knows no process words.
-
-    Attributes:
-        runs: How often each motion's line runs, by file and line.
     """
 
     def __init__(self, routine: Routine, folder: Folder, store: Store, cell: Val3Cell | None) -> None:
@@ -58,7 +55,7 @@ class Interpreter(Flow):
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self.depth, self._count = 0, 0
         self._counted_at, self._moved = 0, -1
-        self.runs: Counter[tuple[str, int]] = Counter()
+        self.runs: Counter[tuple[str, int]] = Counter()  # How often each motion's line runs, by file and line
         self._full: dict[str, tuple[list[str], dict[int, int], list[int]]] = {}
 
     def run(self) -> None:

@@ -15,17 +15,9 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.staubli.language.program import Key, Val3Motion
+from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
 from counterflex.integrations.staubli.language.read.store import Store
-from counterflex.integrations.staubli.language.read.values import (
-    CONFIG,
-    FATHER,
-    JOINTS,
-    SPEED_FIELDS,
-    TRSF,
-    joint_of,
-    matrix,
-)
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
@@ -41,13 +33,9 @@ _AWAY: Final = "such places before the first target and behind the last one"
 
 @dataclass(frozen=True, kw_only=True)
 class Val3Cell(RobotTextCell):
-    """Data of a cell that a VAL3 program is read against.
+    """Data of a cell that a VAL3 program is read against."""
 
-    Attributes:
-        tool_of_data: Number of the tool by the name of its tool variable (``tools.tooldata``).
-    """
-
-    tool_of_data: Mapping[str, int]
+    tool_of_data: Mapping[str, int]  # Number of the tool by the name of its tool variable (``tools.tooldata``)
 
 
 @dataclass
@@ -73,16 +61,13 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         store: Variables.
         cell: What frames and process words are checked against; None takes the frame of the first point for the part
             frame.
-
-    Attributes:
-        uses: How often each point of the data file is a target.
     """
 
     def __init__(self, store: Store, cell: Val3Cell | None) -> None:
         self._spindle = _Spindle()
         super().__init__(self._spindle)
         self.store, self.cell = store, cell
-        self.uses: Counter[Key] = Counter()
+        self.uses: Counter[Key] = Counter()  # How often each point of the data file is a target
         self.settled: tuple[str, int] | None = ("", -1)  # waitEndMove() behind the last motion; none while it moves
         self._first_father: tuple[str, Float | None] | None = None
         self._frames: dict[tuple[str, int], Float] = {}
@@ -178,16 +163,16 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         if key is None or isinstance(value, Unknown):
             known(value, f"the place of {text}", where, text=routine.codes[at],
                   hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
-        joint = joint_of(value)
+        joint = val3.joint_of(value)
         if joint is not None:
             if word != "movej":
                 raise routine.fault(at, "axis angles are no target of a path", limit="a pointRx")
-            return _Target(None, axes=tuple(float(cast("float", joint[name])) for name in JOINTS))
-        if not isinstance(value, Mapping) or TRSF not in value or CONFIG not in value:
+            return _Target(None, axes=tuple(float(cast("float", joint[name])) for name in val3.JOINTS))
+        if not isinstance(value, Mapping) or val3.TRSF not in value or val3.CONFIG not in value:
             raise routine.fault(at, f"{text} is no point", limit="a pointRx of the data file")
-        father = str(value[FATHER])
-        attributes = {name: str(one) for name, one in cast("Mapping[str, Value]", value[CONFIG]).items() if one}
-        return _Target(matrix(value), father, key, {**attributes, "fatherId": father})
+        father = str(value[val3.FATHER])
+        attributes = {name: str(one) for name, one in cast("Mapping[str, Value]", value[val3.CONFIG]).items() if one}
+        return _Target(val3.matrix(value), father, key, {**attributes, "fatherId": father})
 
     def _refuse_away(self, away: Away[Val3Motion], routine: Routine, at: int) -> ProgramError:
         return routine.fault(
@@ -219,7 +204,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
                 return T
             if not isinstance(value, Mapping):
                 raise fault
-            T, name = matrix(value) @ T, str(value[FATHER])
+            T, name = val3.matrix(value) @ T, str(value[val3.FATHER])
 
     def _in_first(self, father: str, routine: Routine, at: int) -> Float:
         """A frame in that of the first point, of a program that no cell tells the part frame of."""
@@ -300,7 +285,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         mm_s = float(cast("float", speed))
         feed = 0.0 if mm_s >= _FASTEST_MM_S else mm_s * MM_PER_S
         attributes = {
-            SPEED_FIELDS[name]: one if isinstance(one, str) else _short(cast("float", one))
+            val3.SPEED_FIELDS[name]: one if isinstance(one, str) else _short(cast("float", one))
             for name, one in value.items() if first_unknown(one) is None
         }  # fmt: skip
         return feed, str(value["blend"]).lower() == "off", attributes

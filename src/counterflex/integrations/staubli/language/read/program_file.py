@@ -24,19 +24,12 @@ CLOSED_BY: Final = {"if": "endIf", "while": "endWhile", "for": "endFor", "switch
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A parameter or local variable.
+    """A parameter or local variable."""
 
-    Attributes:
-        name: Its name.
-        kind: num, pointRx, ...
-        size: Number of elements.
-        reference: A parameter that stands for the variable of the caller.
-    """
-
-    name: str
-    kind: str
-    size: int = 1
-    reference: bool = False
+    name: str  # Its name
+    kind: str  # num, pointRx, ..
+    size: int = 1  # Number of elements
+    reference: bool = False  # A parameter that stands for the variable of the caller
 
 
 @dataclass
@@ -44,15 +37,8 @@ class Routine:
     """A program file.
 
     Attributes:
-        lines: Of the text.
-        starts: Index of each line in the text.
         first: Index of the line behind ``begin``.
         last: Index of the line ``end``.
-        codes: Code of each line without its comment and blanks; empty outside of the program.
-        ends: Index of the closing line by that of the opening one, and the other way round.
-        branches: Lines ``else``, ``elseIf``, ``case`` and ``default`` of an opening line.
-        parameters: In order.
-        locals: Local variables.
 
     Raises:
         ProgramError: It is no program, or is cut off.
@@ -62,13 +48,16 @@ class Routine:
     name: str
     complete: bool = True
     encoding: str = "utf-8"
+    # Index of the closing line by that of the opening one, and the other way round
     ends: dict[int, int] = field(default_factory=dict)
+    # Lines ``else``, ``elseIf``, ``case`` and ``default`` of an opening line
     branches: dict[int, list[int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Divide it."""
         text, name = self.text, self.name
-        self.lines = split_lines(text)
+        self.lines = split_lines(text)  # Of the text
+        # Index of each line in the text
         self.starts = [0, *(match.end() for match in re.finditer(r"\r\n|\n|\r", text))]
         if not text.strip():
             raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Post it again")
@@ -77,13 +66,14 @@ class Routine:
                                limit='<Program name="..."> ... <Code>', hint=_HINT)  # fmt: skip
         self.first, self.last = self._body()
         escaped = "<![CDATA[" not in text
+        # Code of each line without its comment and blanks; empty outside of the program
         self.codes = [""] * len(self.lines)
         for at in range(self.first, self.last):
             line = html.unescape(self.lines[at]) if escaped and "&" in self.lines[at] else self.lines[at]
             self.codes[at] = code_of(line).strip()
         head = text[: self.starts[self.first]] if self.first < len(self.starts) else text
-        self.parameters = [_variable(match[1]) for match in _PARAMETER.finditer(head)]
-        self.locals = [_variable(match[1]) for match in _LOCAL.finditer(head)]
+        self.parameters = [_variable(match[1]) for match in _PARAMETER.finditer(head)]  # In order
+        self.locals = [_variable(match[1]) for match in _LOCAL.finditer(head)]  # Local variables
         self._match_blocks()
 
     @property

@@ -11,30 +11,11 @@ from typing import Final, cast
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Key
+from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.data_file import DataFile
 from counterflex.integrations.staubli.language.read.program_file import Routine, Variable
 from counterflex.integrations.staubli.language.read.table import TABLE
-from counterflex.integrations.staubli.language.read.values import (
-    FATHER,
-    GRAMMAR,
-    SIGNALS,
-    WORDS,
-    as_stored,
-    data_value,
-    default_of,
-    function,
-    matrix,
-    with_component,
-)
-from counterflex.programs.expression import (
-    ExpressionError,
-    Name,
-    Node,
-    Value,
-    evaluate,
-    is_number,
-    parse_whole,
-)
+from counterflex.programs.expression import ExpressionError, Name, Node, Value, evaluate, is_number, parse_whole
 from counterflex.programs.unknown import Unknown, known
 
 _SIZE: Final = re.compile(r"\bsize\s*\(\s*((?:[A-Za-z_]\w*:)?[A-Za-z_]\w*)\s*\)")
@@ -49,31 +30,22 @@ ROOTS: Final = ("world", "flange")
 
 @dataclass
 class Cells:
-    """A variable.
+    """A variable."""
 
-    Attributes:
-        name: As the data file has it; empty of local variables.
-        kind: Its type.
-        size: Number of elements.
-        values: Elements that are set.
-        data: Where the others stand.
-        changed: Elements that the program sets.
-    """
-
-    name: str
-    kind: str
-    size: int = 1
-    values: dict[int, Value] = field(default_factory=dict)
-    data: DataFile | None = None
-    changed: set[int] = field(default_factory=set)
+    name: str  # As the data file has it; empty of local variables
+    kind: str  # Its type
+    size: int = 1  # Number of elements
+    values: dict[int, Value] = field(default_factory=dict)  # Elements that are set
+    data: DataFile | None = None  # Where the others stand
+    changed: set[int] = field(default_factory=set)  # Elements that the program sets
 
     def get(self, index: int) -> Value:
         """Return an element."""
         if index not in self.values:
             listed = None if self.data is None else self.data.variables[self.name.rpartition(":")[2]].values.get(index)
-            value = default_of(self.kind)
+            value = val3.default_of(self.kind)
             if listed is not None and self.data is not None:
-                value = data_value(self.data, self.kind, listed)
+                value = val3.data_value(self.data, self.kind, listed)
             self.values[index] = value
         return self.values[index]
 
@@ -84,23 +56,17 @@ Bound = tuple[Cells, int]
 
 @dataclass
 class Store:
-    """Variables by name, and the expressions over them.
+    """Variables by name, and the expressions over them."""
 
-    Attributes:
-        where: ``file:line`` of the statement that runs.
-        globals: Variables of the data file, and of libraries as ``alias:name``.
-        scopes: Parameters and local variables of the programs that run, the innermost last.
-        prefix: Alias of the library that the program belongs to, with its colon.
-        reads: How often each element of the data file was read for something else than a target.
-        version: Number of changes so far.
-    """
-
-    where: str = ""
+    where: str = ""  # ``file:line`` of the statement that runs
+    # Variables of the data file, and of libraries as ``alias:name``
     globals: dict[str, Cells] = field(default_factory=dict)
+    # Parameters and local variables of the programs that run, the innermost last
     scopes: list[dict[str, Bound]] = field(default_factory=list)
-    prefix: str = ""
+    prefix: str = ""  # Alias of the library that the program belongs to, with its colon
+    # How often each element of the data file was read for something else than a target
     reads: Counter[Key] = field(default_factory=Counter)
-    version: int = 0
+    version: int = 0  # Number of changes so far
     _parsed: dict[str, Node] = field(default_factory=dict)
 
     def load(self, data: DataFile, prefix: str = "") -> None:
@@ -129,7 +95,7 @@ class Store:
     def is_signal(self, name: str) -> bool:
         """Return whether a name is an input or output."""
         variable = self.bound(name)
-        return variable is not None and variable[0].kind in SIGNALS
+        return variable is not None and variable[0].kind in val3.SIGNALS
 
     # ---- read ----------------------------------------------------------------------------------------------
 
@@ -139,14 +105,14 @@ class Store:
         Raises:
             ExpressionError: It is none.
         """
-        return evaluate(self.parsed(text), GRAMMAR, self)
+        return evaluate(self.parsed(text), val3.GRAMMAR, self)
 
     def parsed(self, text: str) -> Node:
         """Return the tree of an expression, parsed once."""
         node = self._parsed.get(text)
         if node is None:
             plain = _SIZE.sub(self._size, text) if "size" in text else text
-            node = self._parsed[text] = parse_whole(plain, GRAMMAR)
+            node = self._parsed[text] = parse_whole(plain, val3.GRAMMAR)
         return node
 
     def _size(self, match: re.Match[str]) -> str:
@@ -155,7 +121,7 @@ class Store:
 
     def value_of(self, name: str, path: Sequence[object]) -> Value:
         """Return the value of a variable, element or component."""
-        if not path and name in WORDS and self.bound(name) is None:
+        if not path and name in val3.WORDS and self.bound(name) is None:
             return name
         variable, index, components = self._resolved(name, path)
         if variable is None:
@@ -163,7 +129,7 @@ class Store:
         if isinstance(index, Unknown):
             return index
         cells = variable[0]
-        if cells.kind in SIGNALS:
+        if cells.kind in val3.SIGNALS:
             return Unknown(f"{name} is a signal", self.where)
         self.reads[cells.name, index] += 1
         value = cells.get(index)
@@ -184,7 +150,7 @@ class Store:
         row = TABLE.find(name.rpartition(":")[2])
         if row is None or row.word != name.rpartition(":")[2]:
             raise ExpressionError(f"{name}() is no function of VAL3 (docs/statements/val3.md)")
-        value = function(name, arguments, self.place)
+        value = val3.function(name, arguments, self.place)
         return Unknown(value.why, value.where or self.where) if isinstance(value, Unknown) else value
 
     def _resolved(self, name: str, path: Sequence[object]) -> tuple[Bound | None, int | Unknown, list[str]]:
@@ -217,7 +183,8 @@ class Store:
         if not isinstance(node, Name):
             return None
         path = [
-            step if isinstance(step, str) else tuple(evaluate(one, GRAMMAR, self) for one in step) for step in node.path
+            step if isinstance(step, str) else tuple(evaluate(one, val3.GRAMMAR, self) for one in step)
+            for step in node.path
         ]
         variable, index, components = self._resolved(node.text, path)
         if variable is None or components or isinstance(index, Unknown):
@@ -231,16 +198,16 @@ class Store:
             ProgramError: A frame of it is not known.
             ExpressionError: It is none.
         """
-        T = matrix(value)
+        T = val3.matrix(value)
         for _ in range(_DEEPEST):
-            if not isinstance(value, Mapping) or FATHER not in value:
+            if not isinstance(value, Mapping) or val3.FATHER not in value:
                 return T
-            father = str(known(value[FATHER], "the frame that a place is in", self.where))
+            father = str(known(value[val3.FATHER], "the frame that a place is in", self.where))
             variable = self.frame(father)
             if variable is None:
                 return T
             value = variable
-            T = matrix(value) @ T
+            T = val3.matrix(value) @ T
         raise ProgramError("frames that are each other's fathers", where=self.where, value=str(value)[:60],
                            hint="The data file may be damaged")  # fmt: skip
 
@@ -271,7 +238,8 @@ class Store:
         if not isinstance(node, Name):
             raise ExpressionError("a value is put into what is no variable")
         path = [
-            step if isinstance(step, str) else tuple(evaluate(one, GRAMMAR, self) for one in step) for step in node.path
+            step if isinstance(step, str) else tuple(evaluate(one, val3.GRAMMAR, self) for one in step)
+            for step in node.path
         ]
         self.bound_or_new(node.text)
         variable, index, components = self._resolved(node.text, path)
@@ -290,7 +258,7 @@ class Store:
         old = cells.get(index)
         if isinstance(old, Unknown) and components:
             return  # the other components of it stay unknown
-        new = with_component(old, components, value) if components else as_stored(old, value)
+        new = val3.with_component(old, components, value) if components else val3.as_stored(old, value)
         if new != old:
             self.version += 1
         cells.values[index] = new
@@ -313,8 +281,8 @@ class Store:
                 (_, index), variable = literal
                 scope[parameter.name] = (variable[0], index)
                 continue
-            scope[parameter.name] = (Cells("", parameter.kind, 1, {0: as_stored(
-                default_of(parameter.kind), self.evaluate(text)
+            scope[parameter.name] = (Cells("", parameter.kind, 1, {0: val3.as_stored(
+                val3.default_of(parameter.kind), self.evaluate(text)
             )}), 0)  # fmt: skip
         return scope | self.locals_of(routine)
 
