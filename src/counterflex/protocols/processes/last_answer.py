@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -17,8 +16,7 @@ _SLOTS: Final = 2
 """Written in turn: a loop that is killed while it writes leaves the answer before."""
 
 
-@dataclass(frozen=True, eq=False)
-class Answered:
+class Answered(NamedTuple):
     """An answer that a loop sent.
 
     Attributes:

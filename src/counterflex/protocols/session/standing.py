@@ -19,13 +19,11 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.core.records import attributes
 from counterflex.core.units import MS, NS
 from counterflex.protocols.processes.last_answer import Answered
 from counterflex.robot.elasticity.kernels.records import WORK
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.settings import Output
-from counterflex.runtime.state.memory import PAST_ROWS
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.supervise import RESOLVED_M, SESSION_S
 
@@ -132,13 +130,13 @@ def begin_held(loop: Loop, standing: Standing) -> None:
         correction = _of_axes(loop, axes)
     loop.reset()
     record = loop.records[0]
-    state, ring, result = loop.step_state, record["ring"][0], attributes(record["result"])
+    state, ring, result = loop.step_state, record["ring"][0], loop.quick_result
     state.correction[:] = state.in_effect[:] = correction
     state.answer_filter[:] = np.repeat(correction, _PER_FILTER)
     state.axes[:] = axes
     ring["sent"][:] = ring["in_effect"][:] = correction
     ring["nominal"][:] = nominal
-    ring["nominal"][:, 9:] -= (-np.arange(PAST_ROWS) % PAST_ROWS)[:, None] * standing.way
+    ring["nominal"][:, 9:] -= (-np.arange(len(ring)) % len(ring))[:, None] * standing.way
     supervisor = state.supervisor
     supervisor.state, supervisor.cause = int(State.HOLD), int(Cause.NOT_CLOSED)
     supervisor.feed_hold = supervisor.ending = 1
