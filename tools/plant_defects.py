@@ -2,6 +2,7 @@
 
     python tools/plant_defects.py                          # the kept set, tools/planted_defects/*.toml
     python tools/plant_defects.py --room evaluate --jobs 2
+    python tools/plant_defects.py --per-room 5 --seed 3    # some of the set, all rooms alike
     python tools/plant_defects.py --changed main --random 40 --seed 3
     python tools/plant_defects.py --report                 # score of what has been run, nothing else
 
@@ -18,6 +19,7 @@ import hashlib
 import importlib
 import json
 import os
+import random
 import shutil
 import signal
 import sys
@@ -127,6 +129,18 @@ def read_set(root: Path = ROOT, folder: Path = SET) -> tuple[list[Defect], list[
     if twice:
         raise ValueError(f"names used twice: {twice}")
     return defects, stale
+
+
+def drawn_per_room(defects: list[Defect], count: int, seed: int) -> list[Defect]:
+    """Draw some defects of each room by chance, the rooms in turn: an interrupted run has seen all of them alike."""
+    rng = random.Random(seed)
+    drawn = rng.sample(defects, len(defects))
+    place: Counter[str] = Counter()
+    turns = []
+    for defect in drawn:
+        turns.append((place[defect.room], defect.room, defect))
+        place[defect.room] += 1
+    return [defect for turn, _, defect in sorted(turns, key=lambda one: one[:2]) if turn < count]
 
 
 def random_defects(since: str | None, rooms: list[str], count: int, seed: int) -> list[Defect]:
@@ -371,6 +385,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="only defects whose name contains this")
     parser.add_argument("--changed", metavar="SINCE", help="random defects in lines that differ from this commit")
     parser.add_argument("--random", type=int, default=0, metavar="N", help="draw N random defects instead of the set")
+    parser.add_argument("--per-room", type=int, default=0, metavar="N", help="draw N of each room, the rooms in turn")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--own", type=int, default=8, help="test files of the own room, nearest first")
@@ -388,6 +403,8 @@ def main() -> int:
     defects = [one for one in defects if (not options.room or one.room in options.room) and options.only in one.name]
     if options.room:
         defects.sort(key=lambda one: options.room.index(one.room))
+    if options.per_room:
+        defects = drawn_per_room(defects, options.per_room, options.seed)
     results = read_results(options.kept)
     if not options.report:
         options.kept.parent.mkdir(exist_ok=True)

@@ -4,10 +4,12 @@ The laboratory takes them apart on both sides of the wire. It is the only place 
 their parts, and this module the only one of it.
 """
 
+from counterflex.integrations.abb.link.force import EgmForce as EgmForce
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink as EgmGuidanceLink
 from counterflex.integrations.abb.link.guidance_link import GuidanceSettings as GuidanceSettings
 from counterflex.integrations.abb.link.guidance_link import Phase as Phase
 from counterflex.integrations.abb.link.link import LARGEST_DATAGRAM as LARGEST_MESSAGE
+from counterflex.integrations.abb.link.link import EgmLink as EgmLink
 from counterflex.integrations.abb.link.messages import MESSAGES as MESSAGES
 from counterflex.integrations.abb.link.path_link import EgmPathLink as EgmPathLink
 from counterflex.integrations.abb.simulated import EgmContext as EgmContext

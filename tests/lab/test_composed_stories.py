@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,27 @@ def test_a_cell_without_a_fault_corrects_and_breaks_no_rule(name: str) -> None:
     assert not looks.broken
     assert looks.states["ACTIVE"] > 80
     assert made[-1] > 0.4e-3
+
+
+@pytest.mark.parametrize("mode", ["measured", "measured-axes", "pilot-observer", "integrator", "fused"])
+def test_a_loop_started_again_behind_a_killed_one_goes_on_from_what_stands(mode: str) -> None:
+    """No answer further from the one before than one cycle of the limiter; the feed is held, the ramp ends at zero."""
+    told = Story(107, mode, 5.2, (Fault("loop-killed", 2.6, 1.0),))
+    looks, course = Invariants(told), list[tuple[int, float, np.ndarray, bool]]()
+
+    def look(world: World) -> None:
+        looks(world)
+        course.append((world.runs, float(world.state), np.array(world.correction_m), world.side.held))
+
+    World(told, look).run()
+    assert not looks.broken
+    again = [row for row in course if row[0] == 2]
+    taken_over = [row for row in again if row[1] in (State.HOLD, State.RAMP_OUT)]
+    assert np.linalg.norm(again[0][2]) > 0.4e-3
+    assert all(held for *_, held in taken_over[1:-1])
+    steps = [np.linalg.norm(one[2] - other[2]) for one, other in pairwise(again)]
+    assert max(steps) < 20e-3 * 4e-3 + 20e-6
+    assert np.linalg.norm(again[-1][2]) < 20e-6
 
 
 def test_half_of_the_stories_have_the_cell_that_all_had_once() -> None:

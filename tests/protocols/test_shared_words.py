@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import signal
 import stat
@@ -14,17 +15,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Panel, Request, Shown, Tally
 from counterflex.protocols.processes.living import SILENT_S, Beat, Living
 from counterflex.protocols.processes.shared_words import SharedWords
+from counterflex.protocols.session import shared_status
 from counterflex.runtime.record_ring import RecordRing
 
 
 def test_every_place_of_the_array_is_named_once() -> None:
     places = [int(place) for group in (Request, Tally, Kept, Life, Shown, Panel, Course) for place in group]
     assert places == list(range(CONTROL))
+
+
+@given(st.floats())
+def test_any_number_fits_into_a_shared_word(x: float) -> None:
+    """A damaged telegram that says 1e300 must not end the loop that shows it."""
+    words = np.zeros(1, dtype=np.int64)
+    words[0] = shared_status._shown(x)
+    assert words[0] == -1 or math.isclose(words[0], max(-(2.0**62), min(2.0**62, x)), rel_tol=1e-9, abs_tol=0.5)
 
 
 def test_what_one_writes_the_other_reads_also_in_another_process() -> None:

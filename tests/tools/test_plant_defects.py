@@ -71,3 +71,14 @@ def test_the_nearest_test_names_the_function_and_lies_in_the_own_room(tool: Modu
     assert own[0].startswith("tests/evaluate/")
     assert "reduction" in (ROOT / own[0]).read_text(encoding="utf-8")
     assert not any(path.startswith("tests/evaluate/") for path in above)
+
+
+def test_some_of_each_room_are_drawn_the_rooms_in_turn(tool: ModuleType) -> None:
+    def defect(room: str, number: int) -> object:
+        return tool.Defect(f"{room}{number}", f"src/counterflex/{room}/a.py", "unit", "", "", "")
+
+    defects = [defect(room, number) for room, count in (("a", 9), ("b", 2), ("c", 5)) for number in range(count)]
+    drawn = tool.drawn_per_room(defects, 3, 7)
+    assert [one.room for one in drawn] == ["a", "b", "c", "a", "b", "c", "a", "c"]
+    assert len({one.name for one in drawn}) == 8
+    assert drawn == tool.drawn_per_room(defects, 3, 7) != tool.drawn_per_room(defects, 3, 8)

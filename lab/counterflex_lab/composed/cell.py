@@ -24,9 +24,11 @@ from counterflex_lab.composed import bench, holder, motors
 from counterflex_lab.composed.controllers import GUIDED, JOB, Controller
 from counterflex_lab.composed.story import Active, Story
 from counterflex_lab.composed.wires import VirtualInbox, VirtualWire
-from counterflex_lab.devices import COUNTS, NetftLink, Scaling
+from counterflex_lab.devices import COUNTS, EgmForce, EgmLink, NetftLink, Scaling
 from counterflex_lab.faults.demonstration import demo_cell
 
+OWN_RANGE_N: Final = 2000.0
+"""Of the robot's own force sensor."""
 _NO_SPACE: Final = 28
 _FORCES: Final = {
     "measured": ForceMode.MEASURED,
@@ -95,6 +97,8 @@ def opened(
     senses: dict[str, Any] = {"angles": angles}
     if story.has("strain-silent"):
         senses |= holder.opened(story.seed, force, checks)
+    elif story.has("force-short") and isinstance(link, EgmLink):
+        senses |= {"force": EgmForce(link, range_n=OWN_RANGE_N), "wrench": bench.wrench()}
     elif story.forced:
         scaling = Scaling(1.0 / COUNTS, 1.0 / COUNTS, 1000, "Net F/T")
         senses |= {"force": NetftLink(("192.168.0.20", 49152), scaling, inbox=force), "wrench": bench.wrench()}

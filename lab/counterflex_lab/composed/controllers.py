@@ -114,6 +114,9 @@ class Controller(Protocol):
     def drive_torque(self, row: int, force: Float) -> Float:
         """(6,) N m of the drives at a row of the program under a force (3,) N on the tool; zero where none is shown."""
 
+    def shows_force(self, w_sensor: Float | None) -> None:
+        """The robot itself measures (6,) N, N m in this cycle, or nothing."""
+
     def correction_m(self, row: int) -> Float:
         """(3,) correction in force, part axes, at a row of the program."""
 
@@ -198,6 +201,9 @@ class RsiController:
         """As in :class:`Controller`."""
         return np.zeros(6) if self._motors is None else self._motors.torque(row, force)
 
+    def shows_force(self, w_sensor: Float | None) -> None:
+        """As in :class:`Controller`; it has no such sensor."""
+
     def _others_answer(self) -> bytes:
         """An answer of another program: what is in force already."""
         writer = self._other
@@ -237,10 +243,13 @@ class EgmController:
     def __init__(self, story: Story, timeout_s: float, active: Active, rng: np.random.Generator) -> None:
         self._active, self._rng = active, rng
         self._guides = story.link == "egm-pose"
+        self._frame, self._robotware = story.frame, 6 + story.seed % 2
+        self._begins_other = any(fault.kind == "frame-other" for fault in story.faults)
         self._context = EgmContext(
             mode="pose" if self._guides else "path",
             cycle_s=story.period_s,
             timeout_s=timeout_s,
+            robotware=self._robotware,
             gain_per_s=float(rng.uniform(17.0, 20.0)),
         )
         self._period_s = story.period_s
@@ -272,12 +281,14 @@ class EgmController:
 
     def restart(self, counter: int) -> None:
         """As in :class:`Controller`; a session of EGM counts its messages from 0 on, ``counter`` is its clock, ms."""
-        self.device = FakeEgm(replace(self._context, first_ms=counter))
+        other, self._begins_other = self._begins_other or "frame-other" in self._active.now, False
+        self.device = FakeEgm(replace(self._context, first_ms=counter), _frame(self._frame, other=other))
         self.accepted = None
 
     def link(self, wire: Wire, clock_ns: Callable[[], int]) -> RobotLink:
         """As in :class:`Controller`."""
         where: dict[str, Any] = {"host": wire.address[0], "port": wire.address[1], "wire": wire, "clock_ns": clock_ns}
+        where["T_part_frame"] = _frame(self._frame)
         if self._guides:
             guidance = GuidanceSettings(lag_s=GUIDED.correction_s)
             self._link = EgmGuidanceLink(copy.copy(stream(self._period_s)), guidance, **where)
@@ -300,6 +311,8 @@ class EgmController:
             message.header.seqno = max(0, message.header.seqno - 1)
         if "clock-missing" in now:
             message.header.ClearField("tm")
+        if message.HasField("measuredForce"):
+            self._falsify_force(message)
         if "motion-limited" in now:
             message.utilizationRate = 100.0 * size("motion-limited")
         if "message-short" in now and self._rng.random() < size("message-short"):
@@ -314,6 +327,22 @@ class EgmController:
         out: bytes = message.SerializeToString()
         return out
 
+    def _falsify_force(self, message: Any) -> None:
+        """Force control that is not active, or another number of forces."""
+        now, seven = self._active.now, self._robotware == 7
+        if "force-nan" not in now and "force-short" not in now:
+            return
+        inside = MESSAGES["EgmForceSeven" if seven else "EgmForceSix"]()
+        inside.ParseFromString(message.measuredForce)
+        if "force-nan" in now and seven:
+            inside.fcActive = False
+        elif "force-nan" in now:
+            message.ClearField("measuredForce")
+            return
+        if "force-short" in now and self._rng.random() < self._active.size("force-short"):
+            del inside.force[5:]
+        message.measuredForce = inside.SerializeToString()
+
     def take(self, arrived: Sequence[Answer], *, other: bool) -> bool:
         """As in :class:`Controller`; no story has another program that answers it."""
         del other
@@ -326,6 +355,10 @@ class EgmController:
         """As in :class:`Controller`."""
         del row, force
         return np.zeros(6)
+
+    def shows_force(self, w_sensor: Float | None) -> None:
+        """As in :class:`Controller`."""
+        self.device.force = w_sensor
 
     def correction_m(self, row: int) -> Float:
         """As in :class:`Controller`; of guidance what of the newest pose lies beside the path."""
@@ -367,8 +400,24 @@ def stream(period_s: float) -> PoseStream:
     return PoseStream(pose.make(np.tile(own.R, (n, 1, 1)), p), path, period_s=period_s)
 
 
+def _frame(name: str, *, other: bool = False) -> Float | None:
+    """Frame (4, 4) of the messages in the part frame; None: they are in the part frame."""
+    if (name == "part") != other:
+        return None
+    T_part_base: Float = pose.inverse(bench.program().T_base_part)
+    return T_part_base
+
+
 _FALSIFYING: Final = frozenset(
-    ("enable-flickers", "sequence-stuck", "clock-missing", "motion-limited", "message-short")
+    (
+        "enable-flickers",
+        "sequence-stuck",
+        "clock-missing",
+        "motion-limited",
+        "message-short",
+        "force-nan",
+        "force-short",
+    )
 )
 
 

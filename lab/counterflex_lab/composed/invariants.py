@@ -16,6 +16,7 @@ from counterflex.core.units import MM
 from counterflex.protocols.processes.control_array import Kept, Life, Panel
 from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.state.states import Cause, State
+from counterflex_lab.composed import bench
 from counterflex_lab.composed.controllers import STRANGE_M
 from counterflex_lab.composed.kinds import ALWAYS, KINDS
 from counterflex_lab.composed.robot import follow
@@ -145,7 +146,7 @@ class Invariants:
         self._senders(world)
         result = session.loop.quick_result
         unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
-        self._answers(world, result.silent == 1 or unarmed)
+        self._answers(world, result.silent == 1 or unarmed or session.searches)
         self._in_the_cut(world, state)
         self._obeyed(world, state, correction)
         if session.trouble:
@@ -212,8 +213,17 @@ class Invariants:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
 
     def _turns(self, world: World, size: float) -> float:
-        """By how much a correction turns in a cycle with the path frame of EGM, the controller's and the sender's."""
-        return 2.0 * size * world.robot.speed * self._period_s / _RADIUS_M if world.story.link == "egm-path" else 0.0
+        """By how much a correction turns in a cycle with the path frame of EGM, the controller's and the sender's.
+
+        Of a guided robot the part across the path is seen, segment by segment: one that is at rest turns out of it.
+        """
+        if world.story.link == "rsi":
+            return 0.0
+        way = world.robot.speed * self._period_s
+        if world.story.link == "egm-path" or world.session is None:
+            return 2.0 * size * way / _RADIUS_M
+        whole = _size(world.session.loop.correction[:3])
+        return whole * (way + bench.SPACING_M) / _RADIUS_M if way > 0.0 else 0.0
 
     def _by_state(self, world: World, state: State, correction: Float) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""
@@ -362,6 +372,7 @@ _SILENT: Final = frozenset(("force-silent", "strain-silent"))
 _DISTURBING: Final = (
     *("late", "lost", "answers-lost", "reordered", "damaged", "two-senders", "loop-stopped", "loop-starved"),
     *("controller-pauses", "cycle-drift", "clock-drift", "message-damaged", "message-short", "sequence-stuck"),
+    "force-short",
 )
 _UNDISTURBED: Final = frozenset(KINDS) - frozenset(_DISTURBING)
 _ALLOWED: dict[frozenset[str], frozenset[Cause]] = {}

@@ -30,6 +30,7 @@ _TRACKER: Final = (
     _C.LIMIT_HARD,
 )
 _ROBOT: Final = (
+    _C.LIMIT_SOFT,  # a tracker asks for more and more where a robot does not follow
     _C.ANSWER_SHORT,
     _C.WRONG_FRAME,
     _C.DIVERGENCE,
@@ -43,8 +44,9 @@ _PLAN: Final = (_C.OFF_PATH, _C.FEED_DIFFERS, _C.FORCE_OFF_PLAN, _C.FORCE_OFFSET
 
 _BASE: Final = (*_ROBOT, *_PLAN)
 _UNREAD: Final = (*_LATER, _C.TELEGRAM_MALFORMED)
+_UNREAD_FORCE: Final = (*_UNREAD, *_FALSE_FORCE)
 _ENDED: Final = (*_LATER, _C.ENABLE_LOST)
-_FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, _C.TELEGRAM_MALFORMED)
+_FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, *_FALSE_FORCE, _C.TELEGRAM_MALFORMED)
 """Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
 
 
@@ -167,6 +169,8 @@ KINDS: Final = {
     "sequence-stuck": Kind("messages have the number of the one before, share", (0.05, 1.0), _LATER, 2.0, "egm"),
     "clock-missing": Kind("messages have no time", (1.0, 1.0), _LATER, needs="egm"),
     "motion-limited": Kind("the controller limits the motion: utilization", (1.01, 3.0), _ROBOT, needs="egm"),
+    "frame-other": Kind("they have the other frame, base or work object", (1.0, 1.0), _BASE, 1.0, "egm", before=True),
+    "force-short": Kind("they have five forces, share", (0.02, 1.0), _UNREAD_FORCE, 4.0, "own-force"),
     "movement-ended": Kind("the controller ends the movement", (1.0, 1.0), _ENDED, 2.0, "egm", event=True),
 }
 ALWAYS: Final = (_C.PROGRAM, _C.OPERATOR)

@@ -201,12 +201,8 @@ class Robot:
 
     def samples(self) -> list[bytes]:
         """Records of the force sensor in this cycle."""
-        active = self._active
-        now = active.now
-        w = self._reading[:, :3] @ self.force + self._noise()
-        status = 0
-        if now:
-            w, status = self._falsified(w, now)
+        now = self._active.now
+        w, status = self._read(now)
         counts = np.rint(w * COUNTS)
         if now:
             counts = np.clip(counts, -_RAIL, _RAIL)
@@ -219,8 +215,21 @@ class Robot:
             self._sample = (self._sample + 1) & 0xFFFFFFFF
             self._sequence = (self._sequence + 1) & 0xFFFFFFFF
             out.append(netft.RECORD.pack(self._sequence, self._sample, status, *row))
-        self._shown = self._shown if "force-frozen" in now or "force-stuck" in now else w[-1]
         return [] if "force-silent" in now else out
+
+    def own_force(self) -> Float | None:
+        """(6,) what the robot itself measures in this cycle, or None."""
+        now = self._active.now
+        w, _ = self._read(now)
+        return None if "force-silent" in now else w[-1]
+
+    def _read(self, now: Mapping[str, object]) -> tuple[Float, int]:
+        """What the sensor shows in this cycle, (n, 6), and its status."""
+        w, status = self._reading[:, :3] @ self.force + self._noise(), 0
+        if now:
+            w, status = self._falsified(w, now)
+        self._shown = self._shown if "force-frozen" in now or "force-stuck" in now else w[-1]
+        return w, status
 
     def _noise(self) -> Float:
         if self._noise_at == len(self._noises):

@@ -38,6 +38,9 @@ DENSE_S: Final = (5.0, 9.0)
 _USUAL: Final = 0.5
 """Share of stories with RSI, 4 ms and a flange sensor."""
 _HOLDERS: Final = 0.3
+_OWN_FORCES: Final = 0.4
+"""Share of the cells with EGM and no holder whose force is the robot's own."""
+FRAMES: Final = ("part", "base")
 _LINKS: Final = (("rsi", 4), ("rsi", 12), ("egm-path", 24), ("egm-pose", 4))
 _ARMING: Final = 150
 """Cycles until the loop is armed: as many, whatever the cycle."""
@@ -86,8 +89,10 @@ class Story:
         log: ``memory``, or ``disk``: the real files of the run log, read back at the end.
         link: One of :data:`LINKS`.
         period_ms: Cycle of the controller.
-        sensor: Of the force: ``netft``, or ``holder``, the strain-gauge spindle holder.
+        sensor: Of the force: ``netft``; ``holder``, the strain-gauge spindle holder; or ``egm``, the robot's own, in
+            the messages of EGM.
         currents: The robot sends motor currents, which the estimator takes.
+        frame: Of the poses in the messages of EGM: ``part``, the work object, or ``base``.
     """
 
     seed: int
@@ -104,6 +109,7 @@ class Story:
     period_ms: int = 4
     sensor: str = "netft"
     currents: bool = False
+    frame: str = "part"
 
     @property
     def period_s(self) -> float:
@@ -139,7 +145,8 @@ class Story:
         """Parts of the cell, as :attr:`counterflex_lab.composed.kinds.Kind.needs` names them."""
         parts = {
             "tracker": self.tracked,
-            "force": self.forced and self.sensor == "netft",
+            "force": self.forced and self.sensor in ("netft", "egm"),
+            "own-force": self.forced and self.sensor == "egm",
             "holder": self.forced and self.sensor == "holder",
             "plan": self.planned,
             "disk": self.log == "disk",
@@ -195,7 +202,12 @@ def _cell(seed: int, mode: str) -> Story:
     sensor = "holder" if usual or rng.random() < _HOLDERS else "netft"
     mode = mode.replace("-axes", "") if link != "rsi" else mode  # EGM takes no corrections of axes
     currents = link == "rsi" and mode == "fused"
-    return Story(seed, mode, 0.0, link=link, period_ms=period_ms, sensor=sensor, currents=currents)
+    frame = "part"
+    if link != "rsi":
+        others = np.random.default_rng([seed, 13])
+        sensor = "egm" if sensor == "netft" and others.random() < _OWN_FORCES else sensor
+        frame = str(others.choice(FRAMES))
+    return Story(seed, mode, 0.0, link=link, period_ms=period_ms, sensor=sensor, currents=currents, frame=frame)
 
 
 def _drawn(kind: str, at_s: float, latest_s: float, rng: np.random.Generator) -> Fault:

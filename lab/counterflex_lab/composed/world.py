@@ -23,6 +23,7 @@ from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ProtocolError
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
+from counterflex.protocols.processes.last_answer import LastAnswer
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state.supervisor import State
@@ -126,6 +127,7 @@ class World:
         self._tie = itertools.count()
         self._arrived: list[Answer] = []
         self._sent: list[bytes] = []
+        self._answers: Float = np.zeros((2, 16))
         self.session: OnlineSession | None = None
         self.log_of: Callable[[], KeptLog] = lambda: (
             DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
@@ -175,7 +177,8 @@ class World:
         self.session = opened(
             self.story, self.side, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns
         )
-        self.session.not_closed = self._not_closed
+        self._answers *= self._not_closed
+        self.session.follow(LastAnswer(self._answers), not_closed=self._not_closed)
         self.log = self.log_of()
         self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
 
@@ -310,10 +313,12 @@ class World:
         if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
+            if self.story.has("force-short"):
+                self.side.shows_force(self.robot.own_force())
             torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
             self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
         if self.session is not None:
-            if self.story.forced:
+            if self.story.forced and self.story.sensor != "egm":
                 samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)
                 self.force.waiting.extend(samples)
             if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:

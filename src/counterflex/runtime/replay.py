@@ -2,7 +2,8 @@
 
 A record holds everything that a cycle was given. What a loop remembers follows from all cycles before, so a replay
 needs the record from the loop's first cycle on, or from one whose state was recorded too; after a gap it begins again
-at the next such state, or where the loop itself did.
+at the next such state, or where the loop itself did. A state of cycle 0 is what a loop began with whose robot held a
+correction already.
 """
 
 from __future__ import annotations
@@ -116,6 +117,8 @@ class Replay:
         if cycle == 1:
             self._loop.reset()
             self._known = True
+            if (first := self._states.pop(0, None)) is not None:
+                self._loop.restore(first.words, first.layout)
         elif cycle != before + 1:
             self.gaps.append(Gap(before, cycle - before - 1))
             self._known = False

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
+from counterflex.integrations.abb.link.messages import MESSAGES
 from counterflex.integrations.abb.link.telegram import (
     RobotState,
     measured_force,
@@ -73,6 +74,20 @@ def test_force_of_an_inactive_sensor_is_none() -> None:
     assert measured_force(b"") is None
     with pytest.raises(ProtocolError, match="six numbers"):
         measured_force(b"\x09" + struct.pack("<d", 1.0))
+
+
+@given(st.floats(), st.integers(0, 5), st.booleans())
+def test_a_number_beyond_all_forces_makes_the_message_malformed(value: float, place: int, seven: bool) -> None:
+    """It would stay in the loop's filters for minutes; a NaN is none either."""
+    force = np.zeros(6)
+    force[place] = value
+    inside = MESSAGES["EgmForceSeven" if seven else "EgmForceSix"]()
+    inside.force.extend(force.tolist())
+    if abs(value) <= 1e6:
+        assert np.array_equal(measured_force(inside.SerializeToString()), force)  # type: ignore[arg-type]
+    else:
+        with pytest.raises(ProtocolError, match="six numbers"):
+            measured_force(inside.SerializeToString())
 
 
 @given(st.binary(max_size=200))

@@ -46,36 +46,11 @@ def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
     """
     deflection = plan.deflection_part[row, :3]
     force_known = any(entry.recipe in ("cutting", "production") for entry in cell.tables.identified)
-<<<<<<< HEAD
-    out = [Cause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))]
-    if not cell.holds_part:
-        out += _of_segments(plan, cell, row)
-=======
     out = [
         ErrorCause(FORCE, ("force, relative",), deflection[None], np.array([IDENTIFIED if force_known else HANDBOOK]))
     ]
-    relative, chain = identified_sigma(cell), cell.chain
     if not cell.holds_part:
-        R = cell.T_base_part[:3, :3]
-        w = plan.w_tcp_part[row]
-        w_base = np.concatenate([w[:, :3] @ R.T, w[:, 3:] @ R.T], axis=1)
-        parts = shares(chain, plan.q[row], w_base)[..., :3] @ R
-        total = float(np.sum(deflection**2)) or 1.0
-        sigma = np.array([relative.get(name, STATED) for name in chain.names])
-        arm = np.arange(chain.n) <= chain.flange_segment
-        for name, own in ((ARM, arm), (END, ~arm)):
-            if np.any(parts[:, own] != 0.0):
-                known = float(np.min(sigma[own]))
-                out.append(
-                    ErrorCause(name, (f"compliance of the {name[17:]}, relative",), _sum(parts, own), np.array([known]))
-                )
-        for i, name in enumerate(chain.names):
-            if float(np.sum(parts[:, i] ** 2)) > _SHARE**2 * total:
-                cause = ErrorCause(
-                    f"stiffness of {name}", (f"compliance of {name}, relative",), parts[None, :, i], sigma[[i]]
-                )
-                out.append(cause)
->>>>>>> models
+        out += _of_segments(plan, cell, row)
     by_axis = np.stack([deflection * np.eye(3)[a] for a in range(3)])
     seen = np.sum(by_axis**2, axis=(1, 2)) > _SHARE**2 * float(np.sum(deflection**2))
     if np.any(seen):
@@ -88,7 +63,7 @@ def causes_of(plan: Plan, cell: Cell, row: Int) -> Known:
     return Known(tuple(out), tuple(one for one in together if set(one) <= set(names)))
 
 
-def _of_segments(plan: Plan, cell: Cell, row: Int) -> list[Cause]:
+def _of_segments(plan: Plan, cell: Cell, row: Int) -> list[ErrorCause]:
     """Compliance of the arm, of the end effector, and of each element that bends by a share that can be seen."""
     relative, chain, out = identified_sigma(cell), cell.chain, []
     R = cell.T_base_part[:3, :3]
@@ -101,11 +76,13 @@ def _of_segments(plan: Plan, cell: Cell, row: Int) -> list[Cause]:
     for name, own in ((ARM, arm), (END, ~arm)):
         if np.any(parts[:, own] != 0.0):
             known = float(np.min(sigma[own]))
-            out.append(Cause(name, (f"compliance of the {name[17:]}, relative",), _sum(parts, own), np.array([known])))
+            out.append(
+                ErrorCause(name, (f"compliance of the {name[17:]}, relative",), _sum(parts, own), np.array([known]))
+            )
     for i, name in enumerate(chain.names):
         if float(np.sum(parts[:, i] ** 2)) > _SHARE**2 * total:
             stated = (f"compliance of {name}, relative",)
-            out.append(Cause(f"stiffness of {name}", stated, parts[None, :, i], sigma[[i]]))
+            out.append(ErrorCause(f"stiffness of {name}", stated, parts[None, :, i], sigma[[i]]))
     return out
 
 

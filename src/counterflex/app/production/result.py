@@ -40,21 +40,12 @@ class Produced:
     model: CellModel  # As identification sees it
     tool: int  # Number of the tool
     material: str
-<<<<<<< HEAD
     runs: Sequence[KeptRun]  # All of them in their order
     new: Sequence[KeptRun]  # Those that are not in the history yet
-    estimate: Estimate
-    factors: Sequence[RunFactor]  # Of each run
-    drift: Drift  # Over the runs
-    known: Mapping[str, float]  # Standard deviations of constants that the cell file has identified
-=======
-    runs: Sequence[KeptRun]
-    new: Sequence[KeptRun]
     estimate: ConstantEstimate
-    factors: Sequence[RunFactor]
-    drift: ForceDrift
-    known: Mapping[str, float]
->>>>>>> models
+    factors: Sequence[RunFactor]  # Of each run
+    drift: ForceDrift  # Over the runs
+    known: Mapping[str, float]  # Standard deviations of constants that the cell file has identified
     options: Mapping[str, Any]
     remarks: tuple[str, ...]
     plans: tuple[Path, ...]

@@ -125,6 +125,11 @@ def _missing(summary: Mapping[str, Any]) -> str:
 def _never_why(summary: Mapping[str, Any]) -> str:
     """Reason why a run was never armed, where one number or fact says it."""
     off = summary.get("tracker_off")
+    if summary.get("unanswered"):
+        return (
+            ": nothing was answered, because the correction that the loop before left at the robot is not known; end"
+            " the robot program at the controller, which takes it away, then start the run and the program again"
+        )
     if not summary["cycles"]:
         return ": no telegram came"
     if "not_closed" in summary.get("causes", ()):
@@ -140,7 +145,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
             ``holds_feed`` (the robot's link has a word for it),
             ``tracker_off`` (:func:`counterflex.protocols.session.tracker_off.tracker_off`), ``compared``
             (:func:`counterflex.protocols.session.comparison.compared`), ``another_port`` of a session that is not
-            answered, ``causes`` by name.
+            answered, ``unanswered`` telegrams because the correction at the robot was not known, ``causes`` by name.
         arm: It was started to correct.
 
     Returns:

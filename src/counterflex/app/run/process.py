@@ -111,7 +111,7 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
         session = open_session(settings, ring=ring, control=control)
         port, given = session.link.address[1], settings.port != 0
         lock = InstanceLock(machine_file().parent, port, given=given, run=str(out), words=str(words))
-        session.not_closed = bool(lock.not_closed)
+        session.follow(lock.last, not_closed=bool(lock.not_closed))
         session.loop.run()
         session.loop.reset()
         warnings = [one.sentence() for one in unusual(read_cell(settings.cell).tables)]

@@ -298,6 +298,7 @@ class Supervised:
             "tracker_off": tracker_off(self.control),
             "compared": compared(self.control),
             "another_port": int(self.control[Course.ANOTHER_PORT]) or None,
+            "unanswered": int(self.control[Course.UNANSWERED]) or None,
             "holds_feed": not self.control[Life.CANNOT_HOLD],
             "not_looked_at": self._about.get("not_looked_at", []),
             "not_closed": self._about.get("not_closed"),

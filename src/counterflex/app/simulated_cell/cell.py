@@ -15,14 +15,7 @@ from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
 from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
 from counterflex.app.run.job_check import program_job
-from counterflex.app.run.robot_links import (
-    ROBOT_LINKS,
-    Chosen,
-    ControllerOrder,
-    SimulatedController,
-    chosen,
-    values_of,
-)
+from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, ControllerOrder, SimulatedController, chosen, values_of
 from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core import atomic
 from counterflex.core.arrays import as_positive

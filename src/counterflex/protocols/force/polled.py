@@ -8,6 +8,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
+from counterflex.protocols.force.source import LARGEST
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one; later ones still enter the mean."""
@@ -74,9 +75,9 @@ class PolledForce:
             return 0
         if received.ndim != 2 or received.shape[1] != 6:
             return self._wrong(1, f"samples of shape {received.shape}, expected (k, 6)")
-        finite: Bool = np.all(np.isfinite(received), axis=1)
+        finite: Bool = np.all(np.abs(received) <= LARGEST, axis=1)  # a NaN is not
         if not np.all(finite):
-            self._wrong(int(np.sum(~finite)), "a sample with a number that is not finite")
+            self._wrong(int(np.sum(~finite)), "a sample with a number that is not finite, or beyond 1e6")
         return self._take(received[finite])
 
     def _take(self, good: Float) -> int:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 from counterflex.core.arrays import Float
+
+LARGEST: Final = 1e6
+"""N and N m beyond which a number is damaged and no reading: it would stay in the filters for minutes."""
 
 
 @runtime_checkable

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
+from counterflex.protocols.force.source import LARGEST
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one; later ones still enter the mean."""
@@ -82,7 +83,7 @@ class SampleStream:
         """Take samples in their order.
 
         Args:
-            w: (k, 6) N, N m; a row that is not finite counts as invalid.
+            w: (k, 6) N, N m; a row that is not finite, or beyond 1e6, counts as invalid.
             sequence: (k,) numbers, or None: every sample counts as a new one.
             time_ns: (k,) clock of the source, or None.
             invalid: (k,) the sensor says that it has no value.
@@ -91,7 +92,7 @@ class SampleStream:
         kept = self._in_order(sequence, time_ns, len(w))
         if len(kept) == 0:
             return
-        usable: Bool = np.asarray(np.all(np.isfinite(w[kept]), axis=1))
+        usable: Bool = np.asarray(np.all(np.abs(w[kept]) <= LARGEST, axis=1))  # a NaN is not
         if invalid is not None:
             usable &= ~invalid[kept]
         self.bad += int(np.sum(~usable))

@@ -147,6 +147,8 @@ class Course(IntEnum):
     ANOTHER_PORT = 56
     """Port from which the controller began another session while the correction of the one before was in effect; 0:
     none. The run has ended then."""
+    UNANSWERED = 57
+    """Telegrams that were not answered because the correction that stands at the robot is not known; 0: it is."""
 
 
 CONTROL = REQUESTS + len(Tally) + len(Kept) + len(Life) + len(Shown) + len(Panel) + len(Course)

@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 from counterflex.core.errors import OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.core.user_folder import made_own, require_own
+from counterflex.protocols.processes.last_answer import LastAnswer
 
 _LONGEST: Final = 4096
 """Longest text of a lock file that is read."""
@@ -33,6 +34,7 @@ class InstanceLock:
         path: Of the lock file.
         not_closed: Folder of the log of the loop that held it before and did not close it, in this start of the
             machine; "" where there is none.
+        last: What this loop answers last, for the next one; and what that one did.
 
     Raises:
         OutputError: Another process holds it, or the folder cannot be written, or others can write into it.
@@ -60,6 +62,7 @@ class InstanceLock:
         stream.seek(0)
         self._former = stream.read(_LONGEST)
         self.not_closed = _left(self._former) if given else ""
+        self.last = LastAnswer.at_lock(self.path, fresh=not self.not_closed)
         stream.seek(0)
         stream.truncate()
         stream.write(json.dumps({"pid": os.getpid(), "boot": boot_id(), "given": given, **about}) + "\n")
@@ -81,6 +84,7 @@ class InstanceLock:
             acknowledged: A person has seen what the loop before left, or it left nothing. Else its entry is kept.
         """
         if not self._stream.closed:
+            self.last.close(keep=not (ended and acknowledged))
             if ended:
                 self._stream.seek(0)
                 self._stream.truncate()

@@ -9,6 +9,7 @@ killed, and is cleared when the next ones are made.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import mmap
 import os
@@ -75,6 +76,12 @@ class SharedWords:
         """Nobody can join them any more."""
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
+
+
+def kept_at(lock: Path) -> Path:
+    """Return where numbers are shared that outlive all processes of a run: one place for each lock file."""
+    folder = _SHARED if _SHARED.is_dir() and os.access(_SHARED, os.W_OK) else Path(tempfile.gettempdir())
+    return folder / f"counterflex-kept-{hashlib.sha256(os.fsencode(lock.absolute())).hexdigest()[:16]}"
 
 
 def _made(size: int) -> tuple[int, Path]:

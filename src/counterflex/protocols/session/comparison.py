@@ -84,7 +84,9 @@ def not_closed_line(log: str) -> str:
     """
     return (
         f"the loop that answered this robot before did not end by itself (its log: {log}); this one is not armed before"
-        " counterflex operator reset, and holds the feed of a program that wants the correction, or cuts"
+        " counterflex operator reset, and holds the feed of a program that wants the correction, or cuts; a correction"
+        " that still stands at the robot is taken over and ramped out, and where it is not known nothing is answered:"
+        " then stop the robot and end its program at the controller"
     )
 
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import compile_stated
-from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Kept, Life, Request
+from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Course, Kept, Life, Request
+from counterflex.protocols.processes.last_answer import LastAnswer
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.another_session import AnotherSession
 from counterflex.protocols.session.checks import SessionChecks as SessionChecks
@@ -23,6 +24,7 @@ from counterflex.protocols.session.publisher import THERE, Publisher, panel_stat
 from counterflex.protocols.session.record import write_record
 from counterflex.protocols.session.senses import Senses, Sensing
 from counterflex.protocols.session.shared_status import Teller
+from counterflex.protocols.session.standing import Standing, begin_held
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import TelegramWatch, WatchSettings
 from counterflex.runtime import record_ring as record
@@ -78,6 +80,8 @@ class OnlineSession:
     """
 
     _publisher: Publisher | None = None
+    _last: LastAnswer | None = None
+    _standing: Standing | None = None
 
     def __init__(
         self,
@@ -132,6 +136,22 @@ class OnlineSession:
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
         self.cycles = self.compute_ns = 0
 
+    def follow(self, last: LastAnswer, *, not_closed: bool) -> None:
+        """Go on behind another loop of this robot; before the first cycle.
+
+        Args:
+            last: What it answered last; what this one answers is written into it.
+            not_closed: It did not end by itself: what it answered last may be in force.
+        """
+        self._last, self.not_closed = last, not_closed
+        streams = hasattr(self.link, "stream")  # a path that is streamed begins anew, and nothing is sent before
+        self._standing = Standing(last.before) if not_closed and not streams else None
+
+    @property
+    def searches(self) -> bool:
+        """Whether nothing is answered yet because the correction that stands at the robot is not known."""
+        return self._standing is not None
+
     @property
     def set_back(self) -> int:
         """Number of times that the tracker's clock was set back."""
@@ -158,6 +178,8 @@ class OnlineSession:
         """Handle the telegram that :attr:`link` received, or a cycle in which none was; returns ``received``."""
         link, loop, result, senses = self.link, self.loop, self._result, self._senses
         received_ns = self._clock_ns()
+        if self._standing is not None and not self._begin(self._standing, received, received_ns):
+            return received
         self._another = self._another or (received and link.restarted)
         answer_due = received
         if received and link.empty:  # says nothing of the robot
@@ -185,6 +207,30 @@ class OnlineSession:
             write_record(self.ring, link, loop, self.force, received_ns, sent)
         self._tell(sent, received_ns, received)
         return received
+
+    def _begin(self, standing: Standing, received: bool, now_ns: int) -> bool:
+        """Begin with the correction that stands at the robot, as soon as that is known; before, nothing is answered."""
+        link, loop, reported = self.link, self.loop, None
+        self._silent_cycles = 0 if received else self._silent_cycles + 1
+        if not received:
+            standing.silent(self.patience_s)
+        elif not link.empty:
+            link.fill(self._nominal, self._q)
+            reported = self._reported if link.fill_reported(self._reported) else None
+            standing.see(link.counter, now_ns, self._nominal, reported, restarted=link.restarted)
+        if standing.known:
+            self._standing = None
+            if standing.correction.any() or standing.axes.any():
+                begin_held(loop, standing)
+                if self.ring is not None:
+                    self.ring.states.put(0, now_ns, loop.memory)
+        else:
+            self.cycles += int(received)
+            self._result.cause = _NOT_CLOSED
+            self._tell(now_ns, now_ns, received)
+        if len(self.control) >= CONTROL:
+            self.control[Course.UNANSWERED] = 0 if standing.known else self.cycles
+        return standing.known
 
     def _take_telegram(self, received: bool, received_ns: int) -> tuple[int, int]:
         """Fill the step's inputs from the telegram; causes of a hold and of a fault that the telegrams give."""
@@ -277,6 +323,8 @@ class OnlineSession:
         """Answer the telegram, or repeat a stop where the protocol does that without one."""
         link, loop, result = self.link, self.loop, self._result
         if due and not result.silent:
+            if self._last is not None:
+                self._last.put(link.counter, self._clock_ns(), loop.correction, loop.axes)
             try:
                 link.answer(
                     loop.correction,
@@ -343,7 +391,7 @@ class OnlineSession:
             soft = _WRONG_JOB if not armed and soft in self._yielding else soft
         if len(self.control) >= CONTROL:
             soft = self._watch_processes(soft, armed, now_ns)
-        if self.not_closed and self._result.state <= _READY and not resetting:
+        if self.not_closed and (armed or (self._result.state <= _READY and not resetting)):
             soft = _NOT_CLOSED  # before what else keeps it from being armed: the robot may be in the cut
         if self._run_lost(now_ns):
             soft = _RUN_LOST  # before all else: nobody may be there to see what else is wrong

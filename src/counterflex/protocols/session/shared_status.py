@@ -18,6 +18,8 @@ _TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
 _SHOWN: Final = slice(min(Shown), max(Shown) + 1)
 _LOOP: Final = int(Life.LOOP_NS)
 _NOTHING: Final = -1
+_MOST: Final = 2.0**62
+"""Largest number that is shown."""
 _NOW_AND_THEN: Final = 25
 """Cycles from one reading of what changes slowly to the next."""
 
@@ -98,8 +100,8 @@ class Teller:
             clock_jumps,
             set_back,
             tare.refusals,
-            round(1e3 * math.hypot(*tare.mean[:3])),
-            round(1e3 * math.hypot(*tare.mean[3:])),
+            _whole(1e3, *tare.mean[:3]),
+            _whole(1e3, *tare.mean[3:]),
         )
         if received:
             self._robot_ns = now_ns
@@ -158,8 +160,8 @@ class Teller:
         if not self._rows or tests.plan_cycles < self._plan_cycles:
             return _NOTHING, _NOTHING, _NOTHING
         judged = self._loop.monitor.results.ratio > 0.0  # else nothing shows the force, and none is told as planned
-        force_ppm = round(1e6 * tests.plan_force) if judged else _NOTHING
-        return round(1e9 * tests.plan_place), round(1e6 * tests.plan_feed), force_ppm
+        force_ppm = _shown(1e6 * tests.plan_force) if judged else _NOTHING
+        return _shown(1e9 * tests.plan_place), _shown(1e6 * tests.plan_feed), force_ppm
 
     def _tracker_off(self) -> tuple[int, int, int, int]:
         """Distance, its limit, angle, its limit; -1 for what was found where that does not keep the loop idle."""
@@ -171,5 +173,9 @@ class Teller:
 
 
 def _whole(units: float, x: float, y: float, z: float) -> int:
-    size = units * math.hypot(x, y, z)
-    return round(size) if math.isfinite(size) else _NOTHING
+    return _shown(units * math.hypot(x, y, z))
+
+
+def _shown(x: float) -> int:
+    """Whole number that fits into a shared word: a damaged telegram may hold any number, and ends no loop."""
+    return round(max(-_MOST, min(_MOST, x))) if math.isfinite(x) else _NOTHING

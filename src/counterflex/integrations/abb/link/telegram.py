@@ -29,6 +29,8 @@ MCI_RUNNING: Final = 3
 RAPID_RUNNING: Final = 2
 PATH_PERIOD_S: Final = 24.0 * MS
 GUIDANCE_PERIOD_S: Final = 4.0 * MS
+LARGEST: Final = 1e6
+"""Number of the robot's own force, N or N m, beyond which a message is damaged."""
 _UNIT: Final = 1e-3
 """How far a quaternion may be from unit length."""
 
@@ -138,7 +140,7 @@ def measured_force(data: bytes) -> Float | None:
     type of field 1 tells them apart.
 
     Raises:
-        ProtocolError: Neither form, or not six finite numbers.
+        ProtocolError: Neither form, or not six finite numbers up to 1e6.
     """
     if not data:
         return None
@@ -150,8 +152,8 @@ def measured_force(data: bytes) -> Float | None:
         if seven.HasField("fcActive") and not seven.fcActive:
             return None
         values = list(seven.force)
-    if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise ProtocolError("the robot's own force is not six numbers", value=values)
+    if len(values) != 6 or not all(abs(value) <= LARGEST for value in values):  # a NaN is not
+        raise ProtocolError("the robot's own force is not six numbers", value=values, limit=f"{LARGEST:g} N, N m")
     return np.array(values)
 
 
