@@ -88,7 +88,7 @@ def wired_commands(setup: Setup) -> Iterator[Finding]:
 
 
 def commands_declared(setup: Setup) -> Iterator[Finding]:
-    """What is wired to ETHERNET's outputs is declared."""
+    """Check that what is wired to ETHERNET's outputs is declared."""
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
@@ -137,7 +137,7 @@ def wired_sent(setup: Setup) -> Iterator[Finding]:
 
 
 def sent_declared(setup: Setup) -> Iterator[Finding]:
-    """What is wired to ETHERNET's inputs is declared."""
+    """Check that what is wired to ETHERNET's inputs is declared."""
     item, context = setup.ethernet, setup.context
     if item is None or context is None:
         return
