@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import textwrap
 import unicodedata
 from pathlib import Path
 
 import pytest
 
-from docs_site.rooms import chosen
+from docs_site.rooms import chosen, fields
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")), *(ROOT / "docs").rglob("*.md")]
@@ -89,3 +90,19 @@ def test_a_reference_page_names_modules_that_exist(page: Path) -> None:
         r"^\.\. room:: (\S+)\n(?:   :only: (.+)\n)?", page.read_text("utf-8"), re.MULTILINE
     ):
         assert chosen(package, only.split())
+
+
+def test_the_reference_says_of_a_field_what_its_comment_says() -> None:
+    source = '''
+    class Cut:
+        """What a cut gives."""
+
+        volume_m3: Float  # (n,) removed
+        # (n, 6) N, N m, mean wrench on the tool
+        # about its tip
+        w: Float = 1  # part axes
+        plain: int
+        _own: int  # hidden
+    '''
+    expected = [("volume_m3", "(n,) removed"), ("w", "(n, 6) N, N m, mean wrench on the tool about its tip part axes")]
+    assert fields(textwrap.dedent(source).lstrip()) == expected

@@ -10,7 +10,10 @@ A Sphinx extension with one directive, ``room``: a section for each public modul
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
+import textwrap
 from pathlib import Path
 from typing import Any, Final
 
@@ -105,7 +108,44 @@ def without_substitutions(line: str) -> str:
     return "".join(f"``{part[2:-2].strip()}``" if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts))
 
 
-def _docstring(_app: Any, _what: str, _name: str, _item: Any, _options: Any, lines: list[str]) -> None:
+def fields(source: str) -> list[tuple[str, str]]:
+    """Public fields of a class with the comment that stands beside them, or above where it is long.
+
+    Args:
+        source: Of the class.
+    """
+    lines = textwrap.dedent(source).splitlines()
+    out = []
+    for node in getattr(ast.parse("\n".join(lines)).body[0], "body", ()):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name) or node.target.id[0] == "_":
+            continue
+        first = node.lineno - 1
+        while lines[first - 1].strip().startswith("# "):
+            first -= 1
+        own = lines[node.end_lineno - 1].encode()[node.end_col_offset :].decode().strip() if node.end_lineno else ""
+        comments = [line.strip() for line in lines[first : node.lineno - 1]] + ([own] if own.startswith("#") else [])
+        if text := " ".join(comment.lstrip("#: ") for comment in comments):
+            out.append((node.target.id, text.replace("`", "``")))
+    return out
+
+
+def _with_fields(item: Any, lines: list[str]) -> None:
+    """Name the fields of a class that say what they hold in a comment."""
+    try:
+        named = [f"    {name}: {text}" for name, text in fields(inspect.getsource(item))]
+    except (OSError, TypeError):
+        return
+    if not named:
+        return
+    if "Attributes:" not in lines:
+        lines += ["", "Attributes:", ""]
+    at = lines.index("Attributes:") + 1
+    lines[at:at] = named
+
+
+def _docstring(_app: Any, what: str, _name: str, item: Any, _options: Any, lines: list[str]) -> None:
+    if what == "class":
+        _with_fields(item, lines)
     formula = False
     for number, line in enumerate(shown := with_formulas(lines)):
         formula = line == "::" or (formula and (not line or line.startswith("    ")))
