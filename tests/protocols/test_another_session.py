@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from counterflex.protocols.robot.port import Counters
-from counterflex.protocols.session.another_session import AnotherSession
+from counterflex.protocols.session.telegram_watch import AnotherSession
 from counterflex.runtime.step.place import FAULT_LOST
 
 HOST, OTHER = 0x7F000001, 0x0A000001

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import InputError
+from counterflex.protocols.robot.port import Counters
 from counterflex.runtime.state.supervisor import Cause
+from counterflex.runtime.step.place import FAULT_LOST
 
 WINDOW: Final = 125
 """Cycles over which scattered losses are counted: 500 ms at 4 ms."""
@@ -25,6 +27,7 @@ _TELEGRAMS_LATE: Final = int(Cause.TELEGRAMS_LATE)
 _TELEGRAMS_SCATTERED: Final = int(Cause.TELEGRAMS_SCATTERED)
 _TELEGRAM_MALFORMED: Final = int(Cause.TELEGRAM_MALFORMED)
 _UNEXPLAINED: Final = 3
+_NOBODY: Final = -1
 
 
 @dataclass(frozen=True)
@@ -205,3 +208,31 @@ class TelegramWatch:
         self._recent[:] = [offset_ns] * _SETTLED
         self._floors[:_SETTLED] = [offset_ns] * _SETTLED
         self._known, self._ahead, self._parted = _SETTLED, 0, False
+
+
+class AnotherSession:
+    """Sees that the controller's computer sends from another port while the session that is answered is silent.
+
+    Args:
+        counters: Of the robot's link.
+    """
+
+    def __init__(self, counters: Counters) -> None:
+        self._counters, self._before = counters, counters.foreign
+
+    def heard(self) -> None:
+        """The session that is answered still sends."""
+        self._before = self._counters.foreign
+
+    def port(self, silent_cycles: int) -> int:
+        """Its port; 0: there is none.
+
+        Args:
+            silent_cycles: Cycles without a telegram of the session that is answered.
+        """
+        counters = self._counters
+        if silent_cycles < FAULT_LOST or counters.foreign - self._before < FAULT_LOST:
+            return 0
+        if _NOBODY in (counters.sender, counters.stranger) or counters.stranger == counters.sender:
+            return 0
+        return counters.stranger & 0xFFFF if counters.stranger >> 16 == counters.sender >> 16 else 0
