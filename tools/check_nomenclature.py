@@ -299,7 +299,7 @@ def main() -> int:
     count = 0
     for name, keys in file_keys().items():
         text = (ROOT / "docs" / name).read_text(encoding="utf-8")
-        faults += [f"docs/{name}: `{key}` is missing" for key in missing_keys(text, keys)]
+        faults += [f"docs/{name}: `{key}` is missing in a first column" for key in missing_keys(text, keys)]
         faults += [f"docs/{name}: {fault}" for fault in wrong_defaults(text, file_defaults().get(name, {}))]
         count += len(keys)
     retired = tomllib.loads(RETIRED.read_text(encoding="utf-8"))

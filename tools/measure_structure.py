@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1246,
-    "lines": 212_474,
+    "lines": 212_486,
     _BIG: 7,
     _WIDE: 9,
     _PATHS: 65,

@@ -99,7 +99,9 @@ def _compare_words(source: Sequence[Process], back: Sequence[Process]) -> None:
             raise OutputError(
                 "a process word is not read back as it was", where=f"line {step.line}",
                 value="nothing" if other is None else _shown(other), limit=_shown(step),
-                hint="Let each function have statements of its own in [controller.spindle], with {s} and {t}",
+                hint="The reader of that language gives its stop no word M0"
+                if step.code in _STOPS
+                else "Let each function have statements of its own in [controller.spindle], with {s} and {t}",
             )  # fmt: skip
     if len(back) > len(source):
         raise OutputError("more process words are read back than there were", value=_shown(back[len(source)]))

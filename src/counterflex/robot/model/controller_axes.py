@@ -311,9 +311,9 @@ def in_language(
         at axis 2 only where both makers have it there.
 
     Raises:
-        InputError: Nothing says how the controller counts the axes of this robot.
+        InputError: Nothing says how the controller counts the axes of this robot, or no maker has the language.
     """
-    maker = next(name for name, one in MAKERS.items() if one.language == language)
+    maker = _maker_of_language(language, where)
     title = MAKERS[maker].title
     if axes.maker == maker:
         _check_rod(axes, limits_rad, where)
@@ -328,6 +328,16 @@ def in_language(
             hint=f'Say maker = "{maker}" in [robot.controller_axes], and signs and zeros_deg where they differ',
         )  # fmt: skip
     return _on_other_controller(axes, opw, maker)
+
+
+def _maker_of_language(language: str, where: str) -> str:
+    for name, one in MAKERS.items():
+        if one.language == language:
+            return name
+    raise InputError(
+        "no maker says how the controller of this language counts axes", where=where, value=language,
+        hint=f'Register a Maker of the language "{language}" in counterflex.controllers',
+    )  # fmt: skip
 
 
 def _check_rod(axes: ControllerAxes, limits_rad: Float, where: str) -> None:
