@@ -62,7 +62,7 @@ class Text:
 class MelfaWords(RobotWords[MelfaSettings]):
     """Mov, Mvs and Mvr to positions of their own, with speed and stop before them."""
 
-    language, sign, stop, wait = "melfa", "'", "Hlt", "Dly {}"
+    language, sign, stop = "melfa", "'", "Hlt"
 
     @cached_property
     def made(self) -> Text:

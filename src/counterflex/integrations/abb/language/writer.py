@@ -109,7 +109,7 @@ class SteadyQuaternions:
 class RapidWords(RobotWords[RapidSettings]):
     """Modules, the main one with what all declare."""
 
-    language, sign, stop, wait = "rapid", "!", "Stop;", "WaitTime {};"
+    language, sign, stop = "rapid", "!", "Stop;"
 
     @cached_property
     def _quaternions(self) -> SteadyQuaternions:

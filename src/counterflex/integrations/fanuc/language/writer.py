@@ -101,7 +101,7 @@ def _remarks_cut(lines: Sequence[str]) -> Iterator[str]:
 class FanucWords(RobotWords[FanucSettings]):
     """Listings: ``J``, ``L`` and ``C`` with positions of their own in the user frame."""
 
-    language, sign, stop, wait = "fanuc", "!", "PAUSE", "WAIT {}(sec)"
+    language, sign, stop = "fanuc", "!", "PAUSE"
 
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """One listing."""

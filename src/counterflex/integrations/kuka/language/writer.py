@@ -72,7 +72,7 @@ def krl_pose(T_a_b: Float) -> str:
 class KrlWords(RobotWords[KrlSettings]):
     """KRL: ``LIN {X,Y,Z,A,B,C} C_DIS`` in KUKA's BASE; $VEL.CP is set where it changes."""
 
-    language, sign, stop, wait = "krl", ";", "HALT", "WAIT SEC {}"
+    language, sign, stop = "krl", ";", "HALT"
 
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """``.src`` and ``.dat``."""

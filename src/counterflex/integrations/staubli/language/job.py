@@ -28,7 +28,7 @@ from counterflex.robot.kinematics.inverse_seeds import branch_of
 class Val3Words(RobotWords[Val3Settings]):
     """Programs of an application."""
 
-    language, sign, stop, wait = "val3", "//", "waitEndMove()\n  get()", "delay({})"
+    language, sign, stop = "val3", "//", "waitEndMove()\n  get()"
 
     @cached_property
     def application(self) -> Application:

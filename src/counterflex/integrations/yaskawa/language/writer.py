@@ -94,7 +94,7 @@ def inform_job(name: str, base: int, lines: Sequence[str]) -> str:
 class InformWords(RobotWords[InformSettings]):
     """Jobs."""
 
-    language, sign, stop, wait = "inform", "'", "PAUSE", "TIMER T={}"
+    language, sign, stop = "inform", "'", "PAUSE"
 
     def program(self, name: str, lines: Sequence[str]) -> dict[str, str]:
         """One job."""
