@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1246,
-    "lines": 212_486,
+    "lines": 212_477,
     _BIG: 7,
     _WIDE: 9,
     _PATHS: 65,
@@ -50,7 +50,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 503,
     "class names used twice or more": 101,
-    "import lines": 14_934,
+    "import lines": 14_935,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 90_617,
     "links of docs/index.md": 25,

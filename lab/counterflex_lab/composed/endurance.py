@@ -34,8 +34,6 @@ STRETCH_S: Final = 1800.0
 MOST_S: Final = 30.0 * 86400.0
 _SAID_S: Final = 2.0
 """Virtual time from one report of the progress to the next."""
-LAST_COUNTER: Final = 2**32 - 1
-"""Largest counter of a telegram."""
 
 
 class WrittenLog(KeptLog):

@@ -27,7 +27,6 @@ MOST_PROPOSED: Final = 500
 """Measurements that a laboratory could still make."""
 MOST_RECORDS: Final = 100_000_000
 """Cycles, samples, datagrams: four days at 4 ms."""
-LARGEST_PORT: Final = 65535
 Param = typer.CallbackParam
 Check = Callable[..., Any]
 """Takes the option and its value, and hands the value on or raises."""

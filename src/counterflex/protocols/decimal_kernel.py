@@ -12,8 +12,6 @@ ByteRows = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
 """One datagram in a row."""
 
 _POWERS: Float = np.array([10.0**k for k in range(23)])
-MOST_DIGITS = 18
-"""Significant digits that are read; a longer number is refused."""
 LARGEST = 1.0e15
 """Magnitude beyond which a number is refused, reading and writing."""
 

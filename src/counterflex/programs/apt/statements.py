@@ -12,10 +12,6 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.apt.word_table import TABLE
 from counterflex.programs.statement_table import Treatment
 
-FREE_TEXT: Final = frozenset(
-    ("PARTNO", "PPRINT", "REMARK", "INSERT", "TOOL PATH", "MACHIN", "PLABEL", "PAINT", "TPRINT")
-)
-"""Words whose rest of the line is text."""
 LARGEST: Final = 1e9
 """Largest number of a file; nothing that is measured needs one as large."""
 _AXIS_OFF: Final = 1e-9

@@ -28,7 +28,6 @@ MOTORS_ON: Final = 1
 MCI_RUNNING: Final = 3
 RAPID_RUNNING: Final = 2
 PATH_PERIOD_S: Final = 24.0 * MS
-GUIDANCE_PERIOD_S: Final = 4.0 * MS
 LARGEST: Final = 1e6
 """Number of the robot's own force, N or N m, beyond which a message is damaged."""
 _UNIT: Final = 1e-3

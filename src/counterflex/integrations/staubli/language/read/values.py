@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.staubli.language.program import LETTERS, Key, Val3Value, frame_of, rotations_of
+from counterflex.integrations.staubli.language.program import LETTERS, Val3Value, frame_of, rotations_of
 from counterflex.integrations.staubli.language.read.data_file import DataFile
 from counterflex.programs.expression import ExpressionError, Grammar, Value, is_number
 from counterflex.programs.unknown import Unknown, first_unknown
@@ -305,8 +305,3 @@ def as_stored(old: Value, new: Value) -> Value:
     if isinstance(old, Mapping) and isinstance(new, Mapping) and FATHER in old and FATHER in new:
         return {**new, FATHER: new[FATHER]}
     return new
-
-
-def element_name(key: Key) -> str:
-    """Return ``name[index]``."""
-    return f"{key[0]}[{key[1]}]"
