@@ -49,8 +49,8 @@ def is_text(node: ast.expr) -> bool:
         return is_text(node.value)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         if node.func.id == "map":
-            return isinstance(node.args[0], ast.Name) and node.args[0].id == "text"
-        return node.func.id in ("text", "Text", "printable", "TextColumn", "BarColumn")
+            return isinstance(node.args[0], ast.Name) and node.args[0].id == "_text"
+        return node.func.id in ("_text", "Text", "printable", "TextColumn", "BarColumn")
     return isinstance(node, ast.Constant) or (isinstance(node, ast.Name) and node.id == "table")
 
 

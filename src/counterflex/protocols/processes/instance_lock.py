@@ -15,7 +15,6 @@ from typing import Any, Final, Self
 from counterflex.core.errors import OutputError
 from counterflex.core.held import boot_id, own
 from counterflex.core.user_folder import made_own, require_own
-from counterflex.protocols.processes.last_answer import LastAnswer
 
 _LONGEST: Final = 4096
 """Longest text of a lock file that is read."""
@@ -41,6 +40,9 @@ class InstanceLock:
     """
 
     def __init__(self, folder: Path, port: int, *, given: bool = True, **about: str) -> None:
+        # with NumPy: what only looks for the holders, `operator stop`, does not wait for it
+        from counterflex.protocols.processes.last_answer import LastAnswer
+
         self.path = folder / f"robot-{port}.lock"
         try:
             made_own(folder)

@@ -2,10 +2,10 @@
 
 ::
 
-    IDLE --healthy--> READY --arm--> ARMED --enable--> ACTIVE --soft cause--> HOLD --good again--> ACTIVE
-                      READY <--stop, soft cause-- ARMED        (ACTIVE, HOLD) --the end, where it may ramp--> RAMP_OUT
-    IDLE, READY <--at zero-- RAMP_OUT --in the cut and moving--> HOLD --too long--> RAMP_OUT where it stands, else FAULT
-    every state but IDLE --hard cause--> FAULT --reset by a person, at zero--> IDLE
+    IDLE - healthy -> READY - arm -> ARMED - enable -> ACTIVE - soft cause -> HOLD - good again -> ACTIVE
+                      READY <- stop, soft cause - ARMED        (ACTIVE, HOLD) - the end, where it may ramp -> RAMP_OUT
+    IDLE, READY <- at zero - RAMP_OUT - in the cut and moving -> HOLD - too long -> RAMP_OUT where it stands, else FAULT
+    every state but IDLE - hard cause -> FAULT - reset by a person, at zero -> IDLE
 
 A pure function of one cycle. Correction acts in ACTIVE only. What goes wrong freezes the output in the same cycle
 (HOLD) and asks for a feed hold. When it lasts, the correction is ramped out slowly where the robot stands; a robot that
