@@ -224,7 +224,7 @@ class Robot:
         return None if "force-silent" in now else w[-1]
 
     def _read(self, now: Mapping[str, object]) -> tuple[Float, int]:
-        """What the sensor shows in this cycle, (n, 6), and its status."""
+        """Readings of the sensor in this cycle, (n, 6), and its status."""
         w, status = self._reading[:, :3] @ self.force + self._noise(), 0
         if now:
             w, status = self._falsified(w, now)

@@ -33,7 +33,7 @@ class Answered(NamedTuple):
 
 
 class LastAnswer:
-    """What a loop answers, and what the one before it answered last.
+    """Newest answer of a loop, and the last one of the loop before it.
 
     Args:
         memory: (2, 16) shared; zeros where nothing was answered. None: what was answered before is lost.

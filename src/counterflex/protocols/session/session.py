@@ -148,7 +148,7 @@ class OnlineSession:
 
     @property
     def searches(self) -> bool:
-        """Whether nothing is answered yet because the correction that stands at the robot is not known."""
+        """True while nothing is answered because the correction that stands at the robot is not known."""
         return self._standing is not None
 
     @property

@@ -102,7 +102,7 @@ class Standing:
 
 
 def _goes_on(before: Answered, counter: int, now_ns: int) -> bool:
-    """Whether the controller's counter has gone on with this computer's clock since the answer."""
+    """Return whether the controller's counter has gone on with this computer's clock since the answer."""
     gone_s = (now_ns - before.clock_ns) * NS
     counted_s = ((counter - before.counter + _COUNTS // 2) % _COUNTS - _COUNTS // 2) * MS
     return counted_s >= 0.0 and abs(counted_s - gone_s) <= _APART_S + _APART_SHARE * gone_s
