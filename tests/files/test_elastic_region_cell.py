@@ -18,6 +18,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.update import check_update, updated_text
 from counterflex.identify.data.changes import Change, ElementCompliance, ElementRegion
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.description import ElasticRegion
 
 CELL = Path(__file__).resolve().parents[1] / "data" / "cells" / "small.toml"
@@ -31,9 +32,9 @@ ROW = {
 ENTRY = IdentifiedTable(recipe="stiffness", date="now", data=(), data_sha256=(), counterflex="0", holdout="")
 
 
-def cell(folder: Path, *rows: Mapping[str, Any]) -> Cell:
+def cell(folder: Path, *rows: Mapping[str, Any], key: str = "elastic_region") -> Cell:
     data = tomllib.loads(CELL.read_text())
-    data["robot"]["elastic_region"] = list(rows)
+    data["robot"][key] = list(rows)
     file = folder / "cell.toml"
     file.write_text(tomli_w.dumps(data))
     return read_cell(file)
@@ -85,6 +86,26 @@ def test_what_is_identified_is_read_back_and_multiplies_what_was_known(tmp_path:
         q = np.array([0.0, -1.9, 1.3, 0.0, 0.5, 0.0])
         both = before.chain.compliance_at(q) * replace(before.chain, regions=(more,)).compliance_at(q)
         np.testing.assert_allclose(after.compliance_at(q) * before.chain.compliance, both, rtol=1e-8, atol=1e-30)
+
+
+def test_curves_are_read_written_and_replaced(tmp_path: Path) -> None:
+    row = {"segment": "axis2", "direction": "rz", "loads_nm": [-900, 0, 900], "factors": [0.8, 1.4, 0.8]}
+    before = cell(tmp_path, row, key="compliance_curve")
+    curve = ComplianceCurve("axis2", 5, (-900.0, 0.0, 900.0), (0.8, 1.4, 0.8))
+    assert before.chain.curves == before.controller_chain.curves == (curve,)
+    new = ComplianceCurve("axis2", 5, (-100.0, 500.0), (0.5, 1.5))
+    assert written(before, [ElementRegion(new)], tmp_path).chain.curves == (new,)
+    assert written(before, [ElementCompliance("axis2", np.zeros(6))], tmp_path).chain.curves == ()
+    for change, said in (
+        ({"loads_n": [0, 1], "loads_nm": None}, "loads_nm"),
+        ({"loads_nm": [0, 1]}, "one factor for every load"),
+        ({"loads_nm": [0, 1, 1]}, "do not rise"),
+        ({"segment": "axs2"}, "axs2"),
+        ({"direction": "ty"}, "loads_n"),
+    ):
+        with pytest.raises(CounterflexError, match=said) as fault:
+            cell(tmp_path, {k: v for k, v in (row | change).items() if v is not None}, key="compliance_curve")
+        assert "\n" not in str(fault.value)
 
 
 def test_a_spring_that_was_found_rigid_loses_its_regions(tmp_path: Path) -> None:

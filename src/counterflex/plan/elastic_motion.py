@@ -19,6 +19,7 @@ from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, n
 from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
+from counterflex.robot.elasticity.compliance import load_factors
 
 STEP_S: Final = 0.5 * MS
 DENSITY_KG_M3: Final = 3000.0
@@ -52,22 +53,28 @@ def matrices(chain: ElasticChain, q: Float) -> tuple[Float, Float, Float, Float]
     return inertia(chain, angles)[0], stiffness_of(chain, angles)[0], J[0], J_drive[0]
 
 
-def stiffness_of(chain: ElasticChain, q: Float) -> Float:
+def stiffness_of(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:
     """Stiffness of each coordinate of :func:`matrices`.
 
     Args:
-        chain: Compliances, with those that differ by region of the joint space.
+        chain: Compliances, with those that differ by region of the joint space or by load.
         q: (rows, 6) rad.
+        w_tcp_base: (rows, 6) N, N m: the load that compliance curves are taken at; None takes the compliances of the
+            cell.
 
     Returns:
         (rows, n) N m/rad, N/m; one row for all where no compliance differs.
     """
     segment, direction, _ = coordinates(chain)
-    if not chain.regions:
+    loads = w_tcp_base if chain.curves else None
+    if not chain.regions and loads is None:
         return 1.0 / np.maximum(chain.compliance[None, segment, direction], play.STIFFEST_RAD_NM)
     out = np.empty((len(q), len(segment)))
     for rows in batches(len(q)):
-        soft = chain.compliance_at(q[rows])[:, segment, direction]
+        soft = chain.compliance_at(q[rows])
+        if loads is not None:
+            soft = soft * load_factors(chain, q[rows], loads[rows])
+        soft = soft[:, segment, direction]
         out[rows] = 1.0 / np.maximum(soft, play.STIFFEST_RAD_NM)
     return out
 
@@ -156,6 +163,7 @@ def motion_along(
     step_s: float = STEP_S,
     shaken: Bool | None = None,
     acceleration_m_s2: float = math.inf,
+    w_tcp_base: Float | None = None,
 ) -> Motion:
     """Arrays of :func:`counterflex.plan.elastic_motion_kernel.advance` for a path, at rest at its first row.
 
@@ -169,6 +177,7 @@ def motion_along(
         step_s: Length of a step.
         shaken: (rows,) True where a change of the programmed speed shakes the arm; None: nowhere.
         acceleration_m_s2: With which the controller changes that speed, at most, > 0.
+        w_tcp_base: (rows, 6) N, N m: expected load, see :func:`stiffness_of`.
 
     Raises:
         InputError: Shapes do not match.
@@ -178,10 +187,10 @@ def motion_along(
     command = np.ascontiguousarray(as_float("q_command", q_command, (rows, 6)))
     posture, chosen = postures(nominal, _INERTIA_RAD)
     place, places = postures(nominal, _JACOBIAN_RAD)
-    servo = chain.servo or (None,) * AXES
-    stiffness = stiffness_of(chain, nominal)
+    stiffness = stiffness_of(chain, nominal, w_tcp_base)
     n = stiffness.shape[1]
-    held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiffness_of(chain, nominal[chosen])[:, :, None] * np.eye(n)
+    stiff = stiffness_of(chain, nominal[chosen], None if w_tcp_base is None else w_tcp_base[chosen])
+    held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiff[:, :, None] * np.eye(n)
     M = inertia(chain, nominal[chosen])
     inverse = as_float("inverse", np.linalg.inv(M + held), M.shape)
     answer: Float = np.ascontiguousarray(np.swapaxes(step_s * inverse, 1, 2))
@@ -190,14 +199,7 @@ def motion_along(
     J, J_drive = (np.ascontiguousarray(X @ result) for result in jacobians(chain, nominal[places]))
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
-    gains = np.array(
-        [
-            (0.0, 0.0, 1.0, 0.0, 1.0)
-            if s is None
-            else (s.speed_gain_nm_s, s.position_gain_per_s, s.integral_time_s, s.friction_nm, s.slip_rad)
-            for s in servo
-        ]
-    ).T.copy()
+    gains = _loop_gains(chain)
     return Motion(
         step_s=step_s,
         time_s=np.ascontiguousarray(time_s, dtype=np.float64),
@@ -233,6 +235,17 @@ def motion_along(
         thrust=np.zeros(THRUST_SIZE),
         pushed=np.zeros(n),
     )
+
+
+def _loop_gains(chain: ElasticChain) -> Float:
+    """(5, 6) speed gain, position gain, integral time, friction and slip of each axis; gain 0 never yields."""
+    rows = [
+        (0.0, 0.0, 1.0, 0.0, 1.0)
+        if s is None
+        else (s.speed_gain_nm_s, s.position_gain_per_s, s.integral_time_s, s.friction_nm, s.slip_rad)
+        for s in chain.servo or (None,) * AXES
+    ]
+    return np.array(rows).T.copy()
 
 
 def commanded(motion: Motion, q_command: Float) -> Motion:

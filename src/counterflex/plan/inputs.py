@@ -278,9 +278,12 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
     return joints
 
 
-def part_compliance(setting: Setting, relative: RelativeMotion, q: Float) -> Float:
-    """(n, 6, 6) compliance between tool and part at the tip in part axes, at angles (n, 6) rad of the path's rows."""
-    return relative.compliance(compliance.cartesian_compliance(setting.chain, q))
+def part_compliance(setting: Setting, relative: RelativeMotion, q: Float, w_tcp_base: Float | None = None) -> Float:
+    """(n, 6, 6) compliance between tool and part at the tip in part axes, at angles (n, 6) rad of the path's rows.
+
+    ``w_tcp_base``: (n, 6) N, N m, the load that compliance curves are taken at; None takes the cell's compliances.
+    """
+    return relative.compliance(compliance.cartesian_compliance(setting.chain, q, w_tcp_base))
 
 
 def feed_runs(path: ToolPath) -> Int:

@@ -130,17 +130,19 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
     """Deflection under the force of the undisturbed cut, own weight, and where corrections are wanted."""
     path, setting, q, w = inputs.path, inputs.setting, inputs.q, cut.w_tcp_part
     relative = setting.relative_motion(path)
-    deflection = relative.displacement(compliance.deflection(setting.chain, q, relative.load(w)))
+    load = relative.load(w)
+    deflection = relative.displacement(compliance.deflection(setting.chain, q, load))
     hardest = q[int(np.argmax(np.linalg.norm(w[:, :3], axis=1)))]
     robot = PlannedRobot(
         setting,
         path,
         q,
         relative,
-        part_compliance(setting, relative, q),
+        part_compliance(setting, relative, q, load),
         residual_sag(path.p_part_tcp, q, setting, relative),
         touched_points(setting),
         mode_of(setting.chain, hardest, setting.mode),
+        load,
     )
     feed_run = feed_runs(path)
     near = within(cut.contact, path.time_s, feed_run, APPROACH_S) | between_walls(inputs, cut.contact, feed_run)

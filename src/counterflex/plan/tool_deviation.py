@@ -33,6 +33,7 @@ class PlannedRobot:
     sag_part: Float  # (n, 3) m, deviation of the unloaded tool
     touched: tuple[Float, Float] | None  # datum points and the angles at them, or None
     mode: Mode  # lowest mode
+    w_tcp_base: Float | None = None  # (n, 6) N, N m expected along it, that compliance curves are taken at; or None
 
     @functools.cached_property
     def programmed(self) -> Motion:
@@ -47,6 +48,7 @@ class PlannedRobot:
             damping_of(s.chain, self.mode),
             shaken=shaken_rows(path),
             acceleration_m_s2=s.acceleration_m_s2,
+            w_tcp_base=self.w_tcp_base,
         )
 
 

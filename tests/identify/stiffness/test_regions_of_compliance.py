@@ -27,9 +27,11 @@ from counterflex.identify.stiffness import recipe as stiffness
 from counterflex.identify.stiffness.piecewise_compliance import BLEND_RAD
 from counterflex.robot.elasticity.chain import forward_elastic
 from counterflex.robot.elasticity.compliance import deflection
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.twin.plant.plant import Plant
 from counterflex.twin.truth.nominal import nominal_truth
+from counterflex.twin.truth.other import GearCurve
 from counterflex.twin.truth.perturb import perturbed
 from counterflex.twin.truth.truth import CuttingTruth
 
@@ -46,11 +48,14 @@ def cell() -> CellModel:
     return replace(found, robot=replace(found.robot, play=None))
 
 
-def pulls(seed: int, count: int, regions: tuple[ElasticRegion, ...], draw: int) -> Dataset:
+def pulls(
+    seed: int, count: int, regions: tuple[ElasticRegion, ...], draw: int, gears: tuple[GearCurve, ...] = ()
+) -> Dataset:
     """Pulls of a cell whose elements are 10 % off, at random in space, statics of the simulated cell."""
     cutting = CuttingTruth(k_pa=(800e6, 280e6, 120e6), exponent=(0.25, 0.25, 0.25))
     nominal = nominal_truth(cell().nominal_robot, cell().nominal_end_effector, cutting)
-    truth = replace(perturbed(nominal, seed), regions=regions)
+    truth = perturbed(nominal, seed)
+    truth = replace(truth, regions=regions, other=replace(truth.other, gears=gears))
     plant = Plant(truth, friction=False)
     rng = np.random.default_rng(1000 * seed + draw)
     low, high = np.array([-60, -100, 60, -120, 25, -150]) * DEG, np.array([60, -40, 130, 120, 80, 150]) * DEG
@@ -96,6 +101,7 @@ def test_posture_dependent_compliance_is_met_better_and_plain_cells_no_worse() -
 def test_what_goes_into_the_cell_file_is_what_was_there() -> None:
     regions = [c.region for c in found(21, True, True)[0].changes if isinstance(c, ElementRegion)]
     first = regions[0]
+    assert isinstance(first, ElasticRegion)
     assert (first.segment, first.direction, first.axis) == ("axis2", 5, 1)
     assert min(first.factors) == pytest.approx(0.7, abs=0.12)
     assert max(first.factors) == pytest.approx(1.35, abs=0.15)
@@ -106,12 +112,15 @@ def as_written(result: Identification) -> CellModel:
     """The cell with what was found, as its file would have it."""
     before = cell()
     soft: Mapping[str, Float] = {c.segment: c.compliance for c in result.changes if isinstance(c, ElementCompliance)}
-    new = tuple(c.region for c in result.changes if isinstance(c, ElementRegion))
+    new = [c.region for c in result.changes if isinstance(c, ElementRegion)]
+    regions = tuple(r for r in new if isinstance(r, ElasticRegion))
+    curves = tuple(r for r in new if isinstance(r, ComplianceCurve))
 
     def changed(segments: tuple) -> tuple:  # type: ignore[type-arg]
         return tuple(replace(s, compliance=soft.get(s.name, s.compliance)) for s in segments)
 
-    robot = replace(before.robot, segments=changed(before.robot.segments), regions=(*before.robot.regions, *new))
+    robot = replace(before.robot, segments=changed(before.robot.segments), regions=(*before.robot.regions, *regions))
+    robot = replace(robot, curves=curves)
     return replace(
         before,
         robot=robot,
@@ -132,6 +141,32 @@ def test_the_plans_model_meets_the_pulls_as_the_identification_said() -> None:
     assert errors[True] < 0.9 * errors[False]
 
 
+GEARS = (
+    GearCurve(0, (800.0, 4000.0), (0.5, 1.0, 1.2), 0.0, 0.0, 1e-5),
+    GearCurve(1, (700.0, 2500.0), (0.5, 1.0, 1.2), 0.0, 0.0, 1e-5),
+)
+"""Gears that are half as stiff below a fifth of their largest torque."""
+
+
+def test_gears_that_stiffen_with_the_load_are_met_in_the_cell_file_too() -> None:
+    """Seeds 31, 32: error on pulls not used with curves over that without; the written cell's chain has the same."""
+    for seed in (31, 32):
+        fit, judge = pulls(seed, FIT, (), 0, GEARS), pulls(seed, JUDGE, (), 1, GEARS)
+        left = {}
+        for regions in (False, True):
+            result = stiffness.RECIPE.identify(cell(), [fit], [judge], {"regions": regions})
+            q, f, d = (judge.values(name) for name in ("q", "f_tcp_base", "d_tcp_base"))
+            w = np.hstack([f, np.zeros((len(f), 3))])
+            model = deflection(as_written(result).chain, q, w, gravity=True, equilibrium=True)[:, :3]
+            off = 100.0 * float(np.sum(np.linalg.norm(d - model, axis=1)) / np.sum(np.linalg.norm(d, axis=1)))
+            figures = {figure.name: figure.value for figure in result.headline}
+            assert off == pytest.approx(figures["holdout_unexplained_percent"], rel=0.1)
+            left[regions] = off
+        curves = [c.region for c in result.changes if isinstance(c, ElementRegion)]
+        assert any(isinstance(c, ComplianceCurve) and c.segment in ("axis1", "axis2") for c in curves)
+        assert left[True] < 0.8 * left[False]
+
+
 def test_a_second_identification_starts_from_the_regions_of_the_first() -> None:
     """Its nominal error is the identified one of the first, and it finds nothing more to change."""
     result, judge = found(21, True, True)
@@ -144,6 +179,7 @@ def test_a_second_identification_starts_from_the_regions_of_the_first() -> None:
 
 def test_halves_are_joined_without_a_step() -> None:
     region = next(c.region for c in found(21, True, True)[0].changes if isinstance(c, ElementRegion))
+    assert isinstance(region, ElasticRegion)
     slopes = np.abs(np.diff(region.factors) / np.diff(region.angles_rad))
     assert np.max(slopes) <= np.ptp(region.factors) / BLEND_RAD * 1.001
 

@@ -18,6 +18,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.robot.elasticity.axis_sag import AxisSag
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.drive_error import DriveError, DriveErrors
+from counterflex.robot.model.compliance_curve import LOADS, ComplianceCurve
 from counterflex.robot.model.controller_axes import MAKERS, Axis3, ControllerAxes, from_geometry, from_signs, maker_of
 from counterflex.robot.model.description import ElasticRegion, Robot
 from counterflex.robot.model.dh import AXES, DhRow, from_dh
@@ -25,9 +26,12 @@ from counterflex.robot.model.elastic_region import ANGLES, DIRECTIONS
 
 Mass = Annotated[float, Field(ge=0.0, le=5000.0)]
 Factor = Annotated[float, Field(ge=0.1, le=10.0)]
+Load = Annotated[float, Field(ge=-1e6, le=1e6)]
 MOST_REGIONS: Final = 24
 CLOSEST_DEG: Final = 0.1
 """Least distance of two angles: a steeper change would step the correction."""
+CLOSEST_LOAD: Final = 0.01
+"""Least distance of two loads, N or N m."""
 
 
 class ElasticRegionTable(Table):
@@ -63,6 +67,39 @@ class ElasticRegionTable(Table):
             tuple(angle * DEG for angle in self.angles_deg),
             self.factors,
         )
+
+
+class ComplianceCurveTable(Table):
+    """Factor on one compliance over the load of its spring."""
+
+    segment: str
+    direction: Literal["tx", "ty", "tz", "rx", "ry", "rz"]
+    loads_n: Annotated[tuple[Load, ...], Field(min_length=LOADS[0], max_length=LOADS[1])] | None = None
+    loads_nm: Annotated[tuple[Load, ...], Field(min_length=LOADS[0], max_length=LOADS[1])] | None = None
+    factors: Annotated[tuple[Factor, ...], Field(min_length=LOADS[0], max_length=LOADS[1])]
+    source: str = ""
+
+    @model_validator(mode="after")
+    def _curve(self) -> ComplianceCurveTable:
+        right, wrong = ("loads_n", "loads_nm") if self.direction.startswith("t") else ("loads_nm", "loads_n")
+        loads = getattr(self, right)
+        if loads is None or getattr(self, wrong) is not None:
+            raise ValueError(f"the loads of {self.direction} are given as {right}")
+        if len(loads) != len(self.factors):
+            raise ValueError(
+                f"{right} has {len(loads)} values and factors {len(self.factors)}; expected one factor for every load"
+            )
+        if np.min(np.diff(loads)) < CLOSEST_LOAD:
+            raise ValueError(
+                f"{right} = {', '.join(f'{x:g}' for x in loads)} do not rise by at least {CLOSEST_LOAD:g} each; list "
+                "them from the lowest to the highest"
+            )
+        return self
+
+    def curve(self) -> ComplianceCurve:
+        """The same in SI."""
+        loads = self.loads_n or self.loads_nm or ()
+        return ComplianceCurve(self.segment, DIRECTIONS.index(self.direction), loads, self.factors)
 
 
 class DhRowTable(Table):
@@ -237,6 +274,7 @@ class RobotTable(Table):
     controller_axes: ControllerAxesTable | None = None
     elastic: tuple[ElasticTable, ...] = ()
     elastic_region: Annotated[tuple[ElasticRegionTable, ...], Field(max_length=MOST_REGIONS)] = ()
+    compliance_curve: Annotated[tuple[ComplianceCurveTable, ...], Field(max_length=MOST_REGIONS)] = ()
     play: tuple[PlayTable, ...] = ()
     servo: tuple[ServoTable, ...] = ()
     calibration: tuple[CalibrationTable, ...] = ()

@@ -27,7 +27,8 @@ def robot_of(tables: CellTables, path: Path) -> Robot:
     """
     robot = _with_axes(_robot(tables, path), tables, str(path))
     robot = _with_drives(_with_elastic(robot, tables, str(path)), tables)
-    return replace(robot, regions=(*robot.regions, *(row.region() for row in tables.robot.elastic_region)))
+    regions = (*robot.regions, *(row.region() for row in tables.robot.elastic_region))
+    return replace(robot, regions=regions, curves=tuple(row.curve() for row in tables.robot.compliance_curve))
 
 
 def _robot(tables: CellTables, path: Path) -> Robot:

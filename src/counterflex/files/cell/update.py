@@ -30,6 +30,7 @@ from counterflex.identify.data.changes import (
     ElementRegion,
     TableValues,
 )
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.elastic_region import DIRECTIONS
 
 DIGITS: Final = 9
@@ -198,33 +199,37 @@ def _compliance(doc: Doc, change: ElementCompliance, cell: Cell, source: str) ->
         if value != 0.0 or old != 0.0 or key in row:
             row[key] = _written(value, unit)
         if value == 0.0 and old != 0.0:
-            _drop_regions(doc, change.segment, key.partition("_")[0])
+            for name in ("elastic_region", "compliance_curve"):
+                _drop_rows(doc, name, change.segment, key.partition("_")[0])
     row["source"] = source
 
 
-def _drop_regions(doc: Doc, segment: str, direction: str) -> None:
-    """Remove the regions of a spring that is rigid now."""
-    rows = table_of(doc, "robot").get("elastic_region", ())
+def _drop_rows(doc: Doc, name: str, segment: str, direction: str) -> None:
+    """Remove the regions or curves of a spring."""
+    rows = table_of(doc, "robot").get(name, ())
     for i in range(len(rows) - 1, -1, -1):
         if (rows[i]["segment"], rows[i]["direction"]) == (segment, direction):
             del rows[i]
 
 
 def _region(doc: Doc, change: ElementRegion, source: str) -> None:
-    """Add a row; an earlier one of the same spring and axis stays, factors multiply."""
-    region = change.region
-    robot = table_of(doc, "robot")
-    if "elastic_region" not in robot:
-        robot["elastic_region"] = tomlkit.aot()
-    rows = robot["elastic_region"]
+    """Add a row; an earlier region of the same spring and axis stays, factors multiply; an earlier curve goes."""
+    region, robot = change.region, table_of(doc, "robot")
+    direction = DIRECTIONS[region.direction]
+    values: dict[str, Any] = {"segment": region.segment, "direction": direction}
+    if isinstance(region, ComplianceCurve):
+        name = "compliance_curve"
+        _drop_rows(doc, name, region.segment, direction)
+        loads = "loads_n" if direction.startswith("t") else "loads_nm"
+        values[loads] = [_written(load, 1.0) for load in region.loads]
+    else:
+        name = "elastic_region"
+        values |= {"axis": region.axis + 1, "angles_deg": [_written(angle, DEG) for angle in region.angles_rad]}
+    values["factors"] = [_written(factor, 1.0) for factor in region.factors]
+    if name not in robot:
+        robot[name] = tomlkit.aot()
+    rows = robot[name]
     row: Any = tomlkit.inline_table() if isinstance(rows, tomlkit.items.Array) else new_table()
-    values = {
-        "segment": region.segment,
-        "direction": DIRECTIONS[region.direction],
-        "axis": region.axis + 1,
-        "angles_deg": [_written(angle, DEG) for angle in region.angles_rad],
-        "factors": [_written(factor, 1.0) for factor in region.factors],
-    }
     _fill(row, values, source)
     rows.append(row)
 

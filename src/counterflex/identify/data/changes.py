@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from counterflex.core.arrays import Float
 from counterflex.cutting.coefficients import ForceLaw
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.description import ElasticRegion, Play, Servo
 
 
@@ -19,9 +20,12 @@ class ElementCompliance:
 
 @dataclass(frozen=True)
 class ElementRegion:
-    """A factor on one compliance over the angle of one axis, times those that the cell file has already."""
+    """A factor on one compliance.
 
-    region: ElasticRegion
+    Over the angle of one axis, times those that the cell file has already; or over the load, instead of the one it has.
+    """
+
+    region: ElasticRegion | ComplianceCurve
 
 
 @dataclass(frozen=True, eq=False)

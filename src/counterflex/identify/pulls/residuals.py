@@ -17,14 +17,14 @@ from counterflex.geometry.rotation import exp, skew
 from counterflex.geometry.rotation_derivative import left_jacobian
 from counterflex.identify.geometry.compliances import Springs
 from counterflex.robot.elasticity.chain import ElasticChain, forward
-from counterflex.robot.elasticity.compliance import element_jacobians
+from counterflex.robot.elasticity.compliance import element_jacobians, load_factors
 from counterflex.robot.model.elastic_region import growth
 
 COMPONENTS = ("x m", "y m", "z m", "rx rad", "ry rad", "rz rad")
 
 
 def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_tcp_point: Float) -> Float:
-    """Displacement per compliance of each spring, ``f_k(q) J_k(point) (J_k^T w)``, f_k what regions the chain has.
+    """Displacement per compliance of each spring, ``f_k(q, w) J_k(point) (J_k^T w)``, f_k of its regions and curves.
 
     ``q``: (n, 6) rad. ``w_tcp_base``: (n, 6) N, N m about the TCP in base axes. ``p_tcp_point``: (3,) m, the point
     whose displacement is wanted, in the frame of the TCP. Returns (n, 6, k): displacement of the point and rotation
@@ -33,7 +33,8 @@ def gains(chain: ElasticChain, springs: Springs, q: Float, w_tcp_base: Float, p_
     columns = element_jacobians(chain, q)[:, springs.segment, :, springs.direction]  # (k, n, 6)
     J = np.moveaxis(columns, 0, -1)
     load = np.einsum("nck,nc->nk", J, w_tcp_base)
-    load *= growth(chain.regions, chain.names, q)[:, springs.segment, springs.direction]
+    grown = growth(chain.regions, chain.names, q) * load_factors(chain, q, w_tcp_base)
+    load *= grown[:, springs.segment, springs.direction]
     out: Float = carried(chain, q, J, p_tcp_point) * load[:, None, :]
     return out
 

@@ -2,9 +2,11 @@
 
 Candidates: for each spring, ``c (1 + a phi)`` with phi of the row: two halves of the angle of its axis or of the next
 one (-1/2, +1/2, even in between over :data:`BLEND_RAD`, so that no deflection steps), linear in that angle, the sign of
-its load, the size of its load; all centred, so that c stays the mean. What depends on an angle fades outside the angles
-measured exactly as :mod:`counterflex.robot.model.elastic_region` has it, so the error on data not used is that of the
-plan. Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
+its load, the size of its load up to a share of the largest; all centred, so that c stays the mean. The load is the
+whole one, own weight included: a pull moves a gear along its curve from where weight has it. What depends on an angle
+fades outside the angles measured exactly as :mod:`counterflex.robot.model.elastic_region` has it, what depends on a
+load is a curve of :mod:`counterflex.robot.model.compliance_curve`, so the error on data not used is that of the plan.
+Each is screened by what one more parameter would gain in the residuals of the fit (F test, all candidates taken
 together), the best are fitted, and the best of these stays if the error on data not used falls.
 """
 
@@ -30,6 +32,8 @@ from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import element_loads
+from counterflex.robot.elasticity.gravity import weight_loads
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.description import ElasticRegion
 from counterflex.robot.model.elastic_region import factor
 
@@ -39,7 +43,7 @@ GAIN: Final = 0.03
 """Least relative decrease of the error on data not used."""
 FITTED_CANDIDATES: Final = 2
 """Candidates that are fitted, those with the largest gain in the screening."""
-MOST: Final = 3
+MOST: Final = 6
 """Regions in all."""
 PRIOR: Final = 0.5
 """Prior standard deviation of a: relative change of the compliance over the range of phi."""
@@ -47,6 +51,10 @@ LEAST_FACTOR: Final = 0.3
 """Least share of the mean that a compliance may have in a region."""
 BLEND_RAD: Final = 10.0 * DEG
 """Angle over which one half becomes the other."""
+SOFT_SHARES: Final = (0.15, 0.4, 1.0)
+"""Shares of the largest load up to which a compliance may change with the size of its load."""
+BLEND_LOAD: Final = 0.05
+"""Share of the largest load over which one sign becomes the other."""
 _LEAST_SPREAD = 0.05
 _LEAST_SIDE = 0.15
 _LEAST_GAP_RAD = 0.2 * DEG
@@ -62,51 +70,64 @@ class Region:
     spring: int  # place in the springs
     name: str  # of its parameter: `axis2.rz.q2_half`
     text: str
-    # what `raw` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the load, or its size
-    # over the largest
+    # what `raw` is: +1/2 above and -1/2 below an angle, the angle (rad), +-1/2 by the sign of the whole load, or its
+    # size over `at`, 1 at most
     kind: Kind
     axis: int  # driven axis 0..5 of the angle
-    at: float  # angle between the halves (rad) or the largest load (N, N m)
-    # (k,) rad, angles between which `raw` is linear, the measured ones at the ends; none for loads
+    at: float  # angle between the halves (rad), or load (N, N m)
+    # (k,) rad, angles between which `raw` is linear, the measured ones at the ends; N, N m for loads
     knots: tuple[float, ...] = ()
     centre: float = 0.0  # mean of `raw`, weighted by the square of the load
     spread: float = 1.0  # range of `raw`
 
     def phi(self, chain: ElasticChain, plan: PullLayout, pulls: Pulls) -> Float:
         """(n,) of some pulls."""
-        load = element_loads(chain, pulls.q, pulls.w_tcp_base)
-        own = load[:, plan.springs.segment[self.spring], plan.springs.direction[self.spring]]
-        if self.axis < 0:
-            return (self.raw(pulls.q, own) - self.centre) / self.spread
-        return factor(self.element(chain, plan, 1.0), pulls.q) - 1.0
+        element = self.element(chain, plan, 1.0)
+        if isinstance(element, ElasticRegion):
+            return factor(element, pulls.q) - 1.0
+        at = (slice(None), plan.springs.segment[self.spring], self.direction(plan))
+        return (
+            element.secant(weight_loads(chain, pulls.q)[at], element_loads(chain, pulls.q, pulls.w_tcp_base)[at]) - 1.0
+        )
 
-    def element(self, chain: ElasticChain, plan: PullLayout, change: float) -> ElasticRegion:
+    def direction(self, plan: PullLayout) -> int:
+        """Direction 0..5 of its spring."""
+        return int(plan.springs.direction[self.spring])
+
+    def element(self, chain: ElasticChain, plan: PullLayout, change: float) -> ElasticRegion | ComplianceCurve:
         """As a plan uses it: the factor ``1 + change phi`` on the compliance."""
         at = np.array(self.knots)
-        raw = self.raw(np.repeat(at[:, None], 6, axis=1), np.zeros(len(at)))
-        factors = 1.0 + change * (raw - self.centre) / self.spread
-        return ElasticRegion(
-            chain.names[plan.springs.segment[self.spring]],
-            int(plan.springs.direction[self.spring]),
-            self.axis,
-            self.knots,
-            tuple(float(f) for f in factors),
-        )
+        raw = self.raw(np.repeat(at[:, None], 6, axis=1), at)
+        factors = tuple((1.0 + change * (raw - self.centre) / self.spread).tolist())
+        segment, direction = chain.names[plan.springs.segment[self.spring]], self.direction(plan)
+        if self.axis < 0:
+            return ComplianceCurve(segment, direction, self.knots, factors)
+        return ElasticRegion(segment, direction, self.axis, self.knots, factors)
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Least and largest a, so that the compliance nowhere falls below :data:`LEAST_FACTOR` of its mean."""
-        ends = {"half": (-0.5, 0.5), "load_sign": (-0.5, 0.5), "load_size": (0.0, 1.0)}.get(self.kind, self.knots)
+        ends = self.knots if self.kind == "slope" else (0.0, 1.0) if self.kind == "load_size" else (-0.5, 0.5)
         low, high = ((float(end) - self.centre) / self.spread for end in (ends[0], ends[-1]))
         return -(1.0 - LEAST_FACTOR) / max(high, _LEAST_SIDE), (1.0 - LEAST_FACTOR) / max(-low, _LEAST_SIDE)
 
+    def mean_raw(self, q: Float, carried: Float, load: Float) -> Float:
+        """(n,) mean of :meth:`raw` while a load (n,) is put on what the spring carries."""
+        if self.axis >= 0:
+            return self.raw(q, load)
+        at = np.array(self.knots)
+        curve = ComplianceCurve("", 0, self.knots, tuple(self.raw(np.zeros((len(at), 6)), at).tolist()))
+        return curve.secant(carried, load)
+
     def raw(self, q: Float, load: Float) -> Float:
-        """(n,) before centring; q (n, 6) rad, load (n,) of the spring, N or N m."""
+        """(n,) before centring; q (n, 6) rad, whole load (n,) of the spring, N or N m."""
         if self.kind == "half":
             return np.clip((q[:, self.axis] - self.at) / BLEND_RAD, -0.5, 0.5)
         if self.kind == "slope":
             return q[:, self.axis].copy()
-        out: Float = 0.5 * np.sign(load) if self.kind == "load_sign" else np.abs(load) / self.at
+        if self.kind == "load_sign":
+            return np.clip(load / (2.0 * BLEND_LOAD * self.at), -0.5, 0.5)
+        out: Float = np.minimum(np.abs(load) / self.at, 1.0)
         return out
 
 
@@ -125,18 +146,31 @@ def candidates(chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls]) ->
     """All regions that the poses and loads of some pulls tell apart."""
     q = np.concatenate([p.q for p in pulls])
     loads = np.concatenate([element_loads(chain, p.q, p.w_tcp_base) for p in pulls])
+    weights = weight_loads(chain, q)
     axis_of = np.maximum.accumulate(chain.joint)
     out = []
     for k, (segment, direction) in enumerate(zip(plan.springs.segment, plan.springs.direction, strict=True)):
-        load = loads[:, segment, direction]
-        largest = float(np.max(np.abs(load), initial=0.0))
-        if not plan.springs.parameters.items[k].free or largest == 0.0:
+        load, carried = loads[:, segment, direction], weights[:, segment, direction]
+        largest = float(np.max(np.abs([carried, carried + load]), initial=0.0))
+        if not plan.springs.parameters.items[k].free or not load.any():
             continue
         spring = f"{chain.names[segment]}.{DIRECTIONS[direction]}"
+        steep = (-BLEND_LOAD * largest, BLEND_LOAD * largest)
         own = int(axis_of[segment])
         regions = [
-            Region(k, f"{spring}.load_sign", f"{spring}, by the sign of its load", "load_sign", -1, 0.0),
-            Region(k, f"{spring}.load_size", f"{spring}, by the size of its load", "load_size", -1, largest),
+            Region(k, f"{spring}.load_sign", f"{spring}, by the sign of its load", "load_sign", -1, largest, steep),
+            *(
+                Region(
+                    k,
+                    f"{spring}.load_size_{share:.0%}",
+                    f"{spring}, by the size of its load up to {share:.0%} of the largest",
+                    "load_size",
+                    -1,
+                    share * largest,
+                    (-share * largest, 0.0, share * largest),
+                )
+                for share in SOFT_SHARES
+            ),
         ]
         for axis in sorted({max(own, 0), min(own + 1, 5)}):
             at, name = float(np.median(q[:, axis])), f"{spring}.q{axis + 1}"
@@ -153,7 +187,7 @@ def candidates(chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls]) ->
             regions.append(Region(k, f"{name}_half", sides, "half", axis, at, (low, *ends, high)))
             regions.append(Region(k, f"{name}_slope", f"{words}, linear", "slope", axis, at, (low, high)))
         for region in regions:
-            raw = region.raw(q, load)
+            raw = region.mean_raw(q, carried, load)
             spread, weight = float(np.ptp(raw)), load**2 / float(np.sum(load**2))
             centre = float(weight @ raw)
             if spread > _LEAST_SPREAD and float(weight @ (raw - centre) ** 2) > (_LEAST_SIDE * spread) ** 2:
@@ -211,10 +245,18 @@ def shaped_like(
 
 def elements(
     result: PiecewiseSearch | None, chain: ElasticChain, plan: PullLayout, fit: Fit
-) -> tuple[ElasticRegion, ...]:
-    """Regions that a plan can use: those over an angle; a compliance that changes with load is its mean."""
-    regions = () if result is None else result.regions
-    return tuple(r.element(chain, plan, fit.value(r.name)) for r in regions if r.axis >= 0)
+) -> tuple[ElasticRegion | ComplianceCurve, ...]:
+    """Regions and curves as a plan uses them; curves of one spring as one, with that of the cell."""
+    curves = {(c.segment, c.direction): c for c in chain.curves}
+    regions, new = [], {}
+    for region in () if result is None else result.regions:
+        element = region.element(chain, plan, fit.value(region.name))
+        if isinstance(element, ElasticRegion):
+            regions.append(element)
+        else:
+            key = (element.segment, element.direction)
+            curves[key] = new[key] = curves[key].times(element) if key in curves else element
+    return (*regions, *new.values())
 
 
 def _with(

@@ -125,9 +125,11 @@ def remarks(
                 "The cell file gets the dependence on angles as [[robot.elastic_region]]: plans, the online loop and "
                 "deflection use it, fading to the mean outside the angles of these pulls"
             )
-        loads = [region.text for region in pieces.regions if region.axis < 0]
-        if loads:
-            out.append(f"{'; '.join(loads)}: a plan has no such dependence, the cell file takes the mean compliance")
+        if any(region.axis < 0 for region in pieces.regions):
+            out.append(
+                "The cell file gets the dependence on loads as [[robot.compliance_curve]]: plans use it; the online "
+                "loop, sag and the search for postures take the mean compliance"
+            )
     return tuple(out)
 
 

@@ -20,7 +20,7 @@ from counterflex.robot.elasticity.compact import Segments, compact, frozen_int
 from counterflex.robot.elasticity.kernels import batch
 from counterflex.robot.elasticity.kernels.records import Compact
 from counterflex.robot.model.description import EndEffector, Robot
-from counterflex.robot.model.elastic_region import check_regions, growth
+from counterflex.robot.model.elastic_region import check_curves, check_regions, growth
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +107,7 @@ class ElasticChain(Segments):
             play=robot.play,
             servo=robot.servo,
             regions=robot.regions,
+            curves=robot.curves,
             axes=robot.axes,
         )
 
@@ -283,5 +284,5 @@ def _check_options(robot: Robot, names: Sequence[str], compliance: Float) -> Non
         chain_checks.check_play(robot.play, robot.name)
     if robot.servo is not None:
         chain_checks.check_servo(robot.servo, robot.name)
-    if robot.regions:
-        check_regions(robot.regions, names, compliance)
+    check_regions(robot.regions, names, compliance)
+    check_curves(robot.curves, names, compliance)

@@ -17,6 +17,7 @@ import numpy as np
 from counterflex.core.arrays import Float, Int
 from counterflex.core.records import Record, Records, records
 from counterflex.robot.elasticity.kernels.records import REGION, STATION, SURROUNDINGS, Compact
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.robot.model.description import Counterbalance, ElasticRegion, Opw, Play, Servo
 
@@ -56,6 +57,8 @@ class Segments:
     servo: tuple[Servo | None, ...] | None = None
     # compliances that differ by region of the joint space; `compliance` is what their factors act on
     regions: tuple[ElasticRegion, ...] = ()
+    # compliances that change with the load of their spring; kernels take `compliance`
+    curves: tuple[ComplianceCurve, ...] = ()
     axes: ControllerAxes = AS_MODEL  # how the controller counts the axes
 
     @property

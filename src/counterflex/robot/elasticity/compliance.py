@@ -20,7 +20,9 @@ import numpy as np
 from counterflex.core.arrays import Float, batches
 from counterflex.core.errors import InputError, ModelError
 from counterflex.robot.elasticity.chain import ElasticChain, frames, points, require_settled
+from counterflex.robot.elasticity.gravity import weight_loads
 from counterflex.robot.elasticity.kernels import batch
+from counterflex.robot.model.compliance_curve import secants
 
 LANES_FROM = 200_000  # points from which the lane-blocked kernels repay their longer compilation
 LARGEST_ROTATION = 0.2  # rad; beyond this a deflection is not elastic any more
@@ -70,7 +72,36 @@ def element_jacobians(chain: ElasticChain, q: Float) -> Float:
     return columns
 
 
-def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
+def load_factors(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
+    """Mean factors of compliance curves on the compliances while a load at the TCP is put on the weight of the arm.
+
+    Args:
+        q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m, about the TCP in base axes.
+
+    Returns:
+        (..., n, 6): 1 where no curve acts. Rigid geometry.
+    """
+    if not chain.curves:
+        return np.ones((*np.shape(q)[:-1], chain.n, 6))
+    return secants(chain.curves, chain.names, weight_loads(chain, q), element_loads(chain, q, w_tcp_base))
+
+
+def _of_curves(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
+    """(n, 6, 6) what compliance curves add to the compliance at the TCP under loads (n, 6)."""
+    out = np.zeros((len(q), 6, 6))
+    names = list(chain.names)
+    for rows in batches(len(q)):
+        columns = element_jacobians(chain, q[rows])
+        more = chain.compliance_at(q[rows]) * (load_factors(chain, q[rows], w_tcp_base[rows]) - 1.0)
+        for curve in chain.curves:
+            i, d = names.index(curve.segment), curve.direction
+            J = columns[:, i, :, d]
+            out[rows] += more[:, i, d, None, None] * J[:, :, None] * J[:, None, :]
+    return out
+
+
+def cartesian_compliance(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> Float:
     """Compliance at the TCP, ``C(q) = sum_i J_i diag(c_i) J_i^T``.
 
     Column d of ``J_i`` is the TCP twist of a unit displacement of element i in its direction d. Denkena2015 eq. 1-7 in
@@ -78,17 +109,22 @@ def cartesian_compliance(chain: ElasticChain, q: Float) -> Float:
 
     Args:
         q: (..., 6) rad.
+        w_tcp_base: (..., 6) N, N m about the TCP in base axes: the load that compliance curves are taken at, a secant
+            from none to this; None takes the compliances of the cell.
 
     Returns:
         (..., 6, 6) m/N, rad/N, m/(N m), rad/(N m): ``deflection = C w_tcp_base``; symmetric, positive semidefinite.
     """
-    rows, _, lead = points(q, None)
+    rows, w, lead = points(q, w_tcp_base)
     out = np.empty((len(rows), 36))
     if len(rows) <= batch.CHUNK:
         batch.compliance_range(chain.compact, rows, out, 0, len(rows))
     else:
         batch.compliance_threads(chain.compact, rows, out)
-    return out.reshape(*lead, 6, 6)
+    matrices = out.reshape(-1, 6, 6)
+    if chain.curves and w_tcp_base is not None:
+        matrices += _of_curves(chain, rows, w)
+    return matrices.reshape(*lead, 6, 6)
 
 
 def deflection(
@@ -122,7 +158,7 @@ def deflection(
     if not nonlinear:
         if gravity or equilibrium:
             raise InputError("gravity and equilibrium need the nonlinear form", value="nonlinear=False")
-        out: Float = (cartesian_compliance(chain, q) @ w[:, :, None])[..., 0]
+        out: Float = (cartesian_compliance(chain, q, w) @ w[:, :, None])[..., 0]
     else:
         out = np.empty((len(q), 6))
         how = batch.SETTLED if equilibrium else batch.ON_RIGID
@@ -136,6 +172,8 @@ def deflection(
         else:
             failed = batch.deflection_threads(chain.compact, q, w, how, int(gravity), out)
         require_settled(failed)
+        if chain.curves:
+            out += (_of_curves(chain, q, w) @ w[:, :, None])[..., 0]
     _plausible(out)
     return out.reshape(*lead, 6)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from counterflex.core.arrays import Float
+from counterflex.robot.model.compliance_curve import ComplianceCurve
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 
 RIGID: Float = np.zeros(6)
@@ -123,6 +124,7 @@ class Robot:
     servo: tuple[Servo | None, ...] | None = None
     # compliances that differ by region of the joint space, of the robot and of what it carries
     regions: tuple[ElasticRegion, ...] = ()
+    curves: tuple[ComplianceCurve, ...] = ()  # compliances that change with the load of their spring
     joint_accelerations_rad_s2: Float | None = None  # (6,) largest, or None
     axes: ControllerAxes = AS_MODEL  # how its controller counts the axes, see controller_axes
 

@@ -15,6 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import ModelError
 from counterflex.core.units import DEG
+from counterflex.robot.model.compliance_curve import LOADS, ComplianceCurve
 from counterflex.robot.model.description import ElasticRegion
 
 FADE_RAD: Final = 10.0 * DEG
@@ -138,4 +139,55 @@ def check_regions(regions: Sequence[ElasticRegion], names: Sequence[str], compli
                 where=where,
                 value=f"{low[i, region.direction]:.3g} to {high[i, region.direction]:.3g}",
                 limit=f"{LEAST:g} to {MOST:g}, those of one spring multiplied",
+            )
+
+
+def check_curves(curves: Sequence[ComplianceCurve], names: Sequence[str], compliance: Float) -> None:
+    """Check that curves can belong to a chain.
+
+    Args:
+        curves: To check.
+        names: n segments of the chain.
+        compliance: (n, 6) m/N, rad/(N m).
+
+    Raises:
+        ModelError: A segment or direction that does not exist; two curves of one spring; a rigid spring; loads that do
+            not rise; a factor out of :data:`LEAST` .. :data:`MOST`.
+    """
+    seen: set[str] = set()
+    for curve in curves:
+        if curve.segment not in names or not 0 <= curve.direction <= 5:
+            raise ModelError(
+                "a compliance curve names no spring",
+                value=f"{curve.segment}, direction {curve.direction}",
+                limit=", ".join(names),
+            )
+        name = f"{curve.segment}.{DIRECTIONS[curve.direction]}"
+        if name in seen:
+            raise ModelError("a spring has two compliance curves", where=name, hint="Put them into one")
+        seen.add(name)
+        if compliance[list(names).index(curve.segment), curve.direction] == 0.0:
+            raise ModelError(
+                "a compliance curve of a spring that is rigid changes nothing",
+                where=name,
+                hint="Give the spring a compliance, or remove the curve",
+            )
+        count = len(curve.loads)
+        if count != len(curve.factors) or not LOADS[0] <= count <= LOADS[1]:
+            raise ModelError(
+                "a compliance curve needs as many factors as loads",
+                where=name,
+                value=f"{count} loads, {len(curve.factors)} factors",
+                limit=f"{LOADS[0]} to {LOADS[1]} of each",
+            )
+        if not (np.all(np.isfinite(curve.loads)) and np.all(np.diff(curve.loads) > 0.0)):
+            raise ModelError(
+                "the loads of a compliance curve do not rise", where=name, value=curve.loads, limit="rising"
+            )
+        if not all(LEAST <= factor <= MOST for factor in curve.factors):
+            raise ModelError(
+                "the factors of a compliance curve are far too large or small",
+                where=name,
+                value=curve.factors,
+                limit=f"{LEAST:g} to {MOST:g}",
             )
