@@ -60,6 +60,11 @@ USED: dict[str, Change] = {
             {"segment": "axis1", "direction": "rz", "axis": 1, "angles_deg": [-90, 90], "factors": [1.4, 1.4]},
         ],
     ),
+    "robot.compliance_curve": _set(
+        "robot",
+        "compliance_curve",
+        value=[{"segment": "axis1", "direction": "rz", "loads_nm": [-2000, 0, 2000], "factors": [0.6, 1.8, 0.6]}],
+    ),
     "compliances": _set("end_effector", 0, "rx_urad_per_knm", value=9000.0),
     "masses": _set("end_effector", 0, "mass_kg", value=110),
     "material": _set("material", "kc11_n_mm2", value=900),

@@ -111,13 +111,13 @@ class Region:
         low, high = ((float(end) - self.centre) / self.spread for end in (ends[0], ends[-1]))
         return -(1.0 - LEAST_FACTOR) / max(high, _LEAST_SIDE), (1.0 - LEAST_FACTOR) / max(-low, _LEAST_SIDE)
 
-    def mean_raw(self, q: Float, carried: Float, load: Float) -> Float:
+    def mean_raw(self, q: Float, weight: Float, load: Float) -> Float:
         """(n,) mean of :meth:`raw` while a load (n,) is put on what the spring carries."""
         if self.axis >= 0:
             return self.raw(q, load)
         at = np.array(self.knots)
         curve = ComplianceCurve("", 0, self.knots, tuple(self.raw(np.zeros((len(at), 6)), at).tolist()))
-        return curve.secant(carried, load)
+        return curve.secant(weight, load)
 
     def raw(self, q: Float, load: Float) -> Float:
         """(n,) before centring; q (n, 6) rad, whole load (n,) of the spring, N or N m."""

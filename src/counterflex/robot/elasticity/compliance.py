@@ -93,7 +93,8 @@ def _of_curves(chain: ElasticChain, q: Float, w_tcp_base: Float) -> Float:
     names = list(chain.names)
     for rows in batches(len(q)):
         columns = element_jacobians(chain, q[rows])
-        more = chain.compliance_at(q[rows]) * (load_factors(chain, q[rows], w_tcp_base[rows]) - 1.0)
+        factors = load_factors(chain, q[rows], w_tcp_base[rows])
+        more = (factors - 1.0) * chain.compliance_at(q[rows])
         for curve in chain.curves:
             i, d = names.index(curve.segment), curve.direction
             J = columns[:, i, :, d]
