@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.app.correction.following import following_of
 from counterflex.app.correction.result import Measured
 from counterflex.app.correction.scans import Scan
 from counterflex.core.arrays import Float
@@ -15,9 +16,10 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.repeated import MeasuredError, Repeated, repeated
+from counterflex.evaluate.path_error.learning import LOCAL, Following, Learned, best_step, learned
+from counterflex.evaluate.path_error.repeated import MeasuredError
 from counterflex.files.cell.cell import Cell
-from counterflex.plan.measured_correction import unsure, with_measured
+from counterflex.plan.measured_correction import with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot
 
@@ -35,8 +37,9 @@ class Step:
 
     plan: Plan
     further_m: Float  # (n, 3) m, displacement that it takes back besides what the plan before took back
-    unsure_m: Float  # (j, n, 3) m, what the tool may do besides, see :func:`.unsure`
-    together: Repeated
+    next_error_m: Float  # (n, 3) m, error that is expected of the next part
+    unsure_m: Float  # (j, n, 3) m, patterns of what the tool may do besides, one standard deviation each
+    state: Learned
     taken: MeasuredError  # What the next program takes back in all, and the error that it is expected to leave
 
 
@@ -71,15 +74,26 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     Raises:
         ModelError: The change, or the whole correction, is beyond its limit.
     """
-    together, taken = repeated(parts), parts[-1].taken_m
-    requested = together.total_m - taken
+    following, taken = following_of(loaded), parts[-1].taken_m
+    state = learned(parts, following)
+    requested = best_step(state, following)
     further = requested if np.max(np.abs(requested), initial=0.0) > LEAST_M else np.zeros_like(requested)
-    left = requested - further
-    seen = np.any([part.seen for part in parts], axis=0)
+    patterns = following.patterns(further)
+    left = state.error_m - further + np.tensordot(state.theta, patterns, 1)
     return Step(
         with_measured(plan, loaded, further, left, limit_m),
         further,
-        unsure(plan, loaded, further),
-        together,
-        MeasuredError(taken + further, left, together.sigma_m, seen),
+        left,
+        unsure(state, following, further, patterns),
+        state,
+        MeasuredError(taken + further, left, state.sigma_m, state.seen),
     )
+
+
+def unsure(state: Learned, following: Following, further_m: Float, patterns_m: Float) -> Float:
+    """(j, n, 3) m, independent patterns of what the tool may do besides after a step, one standard deviation each."""
+    size, vectors = np.linalg.eigh(state.covariance)
+    response = np.tensordot(vectors.T * np.sqrt(np.maximum(size, 0.0))[:, None], patterns_m, 1)
+    aside = following.aside(further_m) * np.broadcast_to(np.eye(3)[:, None, :], (3, *further_m.shape))
+    out: Float = state.mismatch * np.concatenate([response, aside, LOCAL * further_m[None]])
+    return out
