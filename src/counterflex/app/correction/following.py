@@ -14,11 +14,11 @@ from counterflex.plan.static_correction import LoadedRobot
 # Standard deviations of how the tool follows a further correction, beside what the lead counts on: axes that turn back
 # are held by friction and play until their integrators have answered. Delays and ASIDE_M are calibrated on tuning seeds
 # of ``wide``, ``mild`` and ``other`` so that nine of ten of their next parts lie in the interval.
-GAIN: Final = 0.1
-WINDOW_GAIN: Final = 0.2
-DELAY_S: Final = 0.02
-ENTRY_DELAY_S: Final = 0.05
-EXIT_DELAY_S: Final = 0.03
+GAIN: Final = 0.07
+WINDOW_GAIN: Final = 0.1
+DELAY_S: Final = 0.015
+ENTRY_DELAY_S: Final = 0.04
+EXIT_DELAY_S: Final = 0.02
 ASIDE_M: Final = 25.0 * UM
 
 

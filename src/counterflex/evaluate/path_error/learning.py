@@ -46,8 +46,8 @@ direction to 10 to 30 um (ISO 9283 gives the range of 3 standard deviations)."""
 _SCATTER_FREEDOM: Final = (4.0, 6.0)
 """Degrees of freedom of that figure, and of one pair of parts: its scatter is smooth, so many rows are few values."""
 RATE_M_S: Final = 4.0 * MM
-SIZE_M: Final = 2.0 * MM
-"""Sizes of a step that nothing asks against: it fades over half a second where no part shows an error."""
+SIZE_M: Final = 8.0 * MM
+"""Sizes of a step that nothing asks against: it fades over two seconds where no part shows an error."""
 _FEW: Final = 30
 """Rows below which two parts say nothing about scatter or response."""
 
