@@ -7,7 +7,6 @@ stands in the place of the plan's own prediction of what remains.
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from typing import Final
 
@@ -71,13 +70,6 @@ def earlier(displacement_m: Float, time_s: Float, group: Int, early_s: Float) ->
     return out
 
 
-def largest_until(displacement_m: Float, time_s: Float, group: Int, early_s: Float) -> Float:
-    """The largest displacement (n, 3) from ``early_s`` minus :data:`LEAD_S` before to ``early_s`` later, (n, 3) m."""
-    steps = [earlier(displacement_m, time_s, group, LEAD_S + share * (early_s - LEAD_S)) for share in np.linspace(0, 1, 12)]
-    size = np.stack([np.linalg.norm(one, axis=1) for one in steps])
-    return np.take_along_axis(np.stack(steps), np.argmax(size, axis=0)[None, :, None], axis=0)[0]
-
-
 def with_measured(
     plan: Plan, loaded: static_correction.LoadedRobot, further_m: Float, remaining_m: Float, limit_m: float
 ) -> Plan:
@@ -99,8 +91,7 @@ def with_measured(
     time_s, run = inputs.path.time_s, loaded.feed_run
     before, driven = _measured(plan), _driven(plan, loaded, further_m)
     lead = lead_s(time_s, run, loaded.cut.contact)
-    ahead = earlier(further_m - driven, time_s, run, np.full(len(time_s), LEAD_S))
-    ahead += largest_until(driven, time_s, run, lead) if os.environ.get("DILATE") else earlier(driven, time_s, run, lead)
+    ahead = earlier(further_m - driven, time_s, run, np.full(len(time_s), LEAD_S)) + earlier(driven, time_s, run, lead)
     change = -static_correction.shaped(loaded, np.pad(ahead, ((0, 0), (0, 3))), np.zeros((len(ahead), 6)))[:, :3]
     change, turn = static_correction.held_in_holes(inputs.path, loaded.cut.contact, change, plan.rotvec_part)
     size = np.linalg.norm(change, axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -82,15 +83,15 @@ def test_a_tool_that_follows_as_it_should_is_right_after_one_part_in_closed_form
 def test_a_tool_that_follows_too_little_or_too_far_converges_from_part_to_part(gain: float, delay_s: float) -> None:
     errors, state = run(smooth(), lambda taken: gain * late(taken, delay_s), 5, following())
     sizes = [size(error) for error in errors]
-    assert all(after < before for before, after in zip(sizes[:3], sizes[1:4], strict=True))
+    assert all(after < before or after < 0.02 * sizes[0] for before, after in itertools.pairwise(sizes))
     assert sizes[2] < 0.5 * abs(1.0 - gain) * sizes[0] + 0.03 * sizes[0]  # faster than by the wrong gain alone
     assert sizes[4] < 0.05 * sizes[0]
-    assert np.sign(1.0 - gain) == np.sign(state.theta[0])  # an error that stays is a gain below 1
+    assert np.sign(1.0 - gain) == np.sign(state.response[0])  # an error that stays is a gain below 1
 
 
 def test_a_delay_is_learned_from_one_step() -> None:
     _, state = run(smooth(), lambda taken: late(taken, 0.03), 2, following())
-    assert 0.02 * state.theta[3] == pytest.approx(0.03, abs=0.012)
+    assert 0.02 * state.response[3] == pytest.approx(0.03, abs=0.012)
     assert state.covariance[3, 3] < 0.5
 
 
@@ -145,17 +146,17 @@ def test_scatter_is_never_zero() -> None:
 
 
 def test_scatter_alone_makes_no_correction_grow() -> None:
-    """Thirty parts that differ by chance only: the program wanders no farther than a few of the scatter."""
+    """Twenty parts that differ by chance only: the program wanders no farther than a few of the scatter."""
     rng, ways, spread = np.random.default_rng(7), following(), 10.0 * UM
     worst = []
-    for _ in range(4):
+    for _ in range(3):
         taken, parts, sizes = np.zeros((N, 3)), [], []
-        for _ in range(30):
+        for _ in range(20):
             parts.append(part_of(taken, spread * rng.standard_normal(3) - taken))
             step = best_step(learned(parts, ways), ways)
             taken = taken + (step if np.max(np.abs(step)) > LEAST else 0.0)
             sizes.append(np.max(np.abs(taken)))
-        worst.append([max(sizes[:10]), max(sizes[20:])])
+        worst.append([max(sizes[:10]), max(sizes[10:])])
     assert np.max(worst) < 3.5 * spread
     assert np.mean(worst, axis=0)[1] < 1.2 * np.mean(worst, axis=0)[0]
 

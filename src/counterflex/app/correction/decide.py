@@ -79,7 +79,7 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     requested = best_step(state, following)
     further = requested if np.max(np.abs(requested), initial=0.0) > LEAST_M else np.zeros_like(requested)
     patterns = following.patterns(further)
-    left = state.error_m - further + np.tensordot(state.theta, patterns, 1)
+    left = state.error_m - further + np.tensordot(state.response, patterns, 1)
     return Step(
         with_measured(plan, loaded, further, left, limit_m),
         further,
@@ -95,5 +95,5 @@ def unsure(state: Learned, following: Following, further_m: Float, patterns_m: F
     size, vectors = np.linalg.eigh(state.covariance)
     response = np.tensordot(vectors.T * np.sqrt(np.maximum(size, 0.0))[:, None], patterns_m, 1)
     aside = following.aside(further_m) * np.broadcast_to(np.eye(3)[:, None, :], (3, *further_m.shape))
-    out: Float = state.mismatch * np.concatenate([response, aside, LOCAL * further_m[None]])
+    out: Float = state.inflation * np.concatenate([response, aside, LOCAL * further_m[None]])
     return out

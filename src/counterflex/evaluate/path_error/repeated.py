@@ -62,9 +62,9 @@ def expected(
     sizes = SPREAD ** rng.standard_normal((count, 1)) * rng.standard_normal((count, len(unsure_m)))
     besides = np.einsum("dj,jkc->dkc", sizes, unsure_m)
     chain = estimate.nodes.chain
-    apart = rng.standard_normal((count, int(chain.max(initial=0)) + 1, 3))[:, chain]
-    apart = np.sqrt(0.5) * scatter_m * (apart + rng.standard_normal((count, 1, 3)))
-    after = [_figure(contacts, error) for error in estimate.draws_m + change_m + besides + apart]
+    offset = rng.standard_normal((count, int(chain.max(initial=0)) + 1, 3))[:, chain]
+    offset = np.sqrt(0.5) * scatter_m * (offset + rng.standard_normal((count, 1, 3)))
+    after = [_figure(contacts, error) for error in estimate.draws_m + change_m + besides + offset]
     low, median, high = np.quantile(after, (0.05, 0.5, 0.95)).tolist()
     return ExpectedSurface(surface_now(estimate, contacts), median, low, high)
 
