@@ -13,7 +13,7 @@ from counterflex.plan.static_correction import LoadedRobot
 
 # Standard deviations of how the tool follows a further correction, beside what the lead counts on: axes that turn back
 # are held by friction and play until their integrators have answered. Set on the groove, tuning seeds 1 to 3 of
-# ``wide``, whose next parts lie in the interval. Wider gains (0.1, 0.2) made the expected part 2 twice the measured one.
+# ``wide``, whose next parts lie in the interval. Wider gains (0.1, 0.2) doubled the expected part 2.
 GAIN: Final = 0.07
 WINDOW_GAIN: Final = 0.1
 DELAY_S: Final = 0.015
