@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from counterflex.app.correction import decide
-from counterflex.app.correction.decide import LEAST_M, Step, next_step
+from counterflex.app.correction.decide import LEAST_M, Step, tool_response_of, next_step
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
-from counterflex.evaluate.path_error.learning import LOCAL, Following
+from counterflex.evaluate.path_error.learning import LOCAL, ToolResponse
 from counterflex.evaluate.path_error.repeated import MeasuredError
 
 N = 12
@@ -23,10 +24,10 @@ SHARE = 1.0 / (1.0 + LOCAL**2)
 
 def step_of(parts: list[MeasuredError], monkeypatch: pytest.MonkeyPatch) -> Step:
     """The next step of a tool that is known to follow at once and whole, the plan itself left out."""
-    none = np.zeros((1, N, 3))
-    ways = Following(10.0 * np.arange(N), np.zeros(N, dtype=np.int64), none, none)
+    none, time_s = np.zeros((1, N, 3)), np.linspace(0.0, 100.0, N)
+    ways = ToolResponse(time_s, np.zeros(N, dtype=np.int64), none, none)
     monkeypatch.setattr(decide, "with_measured", lambda plan, *_: plan)
-    monkeypatch.setattr(decide, "following_of", lambda _: ways)
+    monkeypatch.setattr(decide, "tool_response_of", lambda _: ways)
     nothing: Any = None
     return next_step(nothing, nothing, parts)
 
@@ -80,3 +81,25 @@ def test_a_program_that_does_not_change_still_leaves_doubt(monkeypatch: pytest.M
     result = step_of([one], monkeypatch)
     np.testing.assert_array_equal(result.unsure_m, 0.0)
     assert result.state.scatter_m > 5.0 * UM
+
+
+def test_entries_and_exits_have_a_gain_and_a_delay_of_their_own() -> None:
+    time = np.arange(0.0, 8.0, 0.01)
+    contact = (time > 2.0) & (time < 6.0)
+    loaded: Any = SimpleNamespace(
+        inputs=SimpleNamespace(path=SimpleNamespace(time_s=time)),
+        feed_run=np.zeros(len(time), dtype=np.int64),
+        cut=SimpleNamespace(contact=contact),
+    )
+    ways = tool_response_of(loaded)
+    assert ways.gain.shape == ways.delay_s.shape == (8, len(time), 3)
+    np.testing.assert_array_equal(ways.gain[:3, 400], decide.GAIN * np.eye(3))
+    entry, plateau, leaves = (int(np.argmin(np.abs(time - at))) for at in (2.3, 4.0, 5.9))
+    for row, inside in ((entry, (True, False)), (plateau, (False, False)), (leaves, (False, True))):
+        for window, share in enumerate(inside):
+            np.testing.assert_allclose(ways.gain[3 + window, row], share * decide.WINDOW_GAIN, atol=1e-12)
+            size = (decide.ENTRY_DELAY_S, decide.EXIT_DELAY_S)[window]
+            np.testing.assert_allclose(ways.delay_s[6 + window, row], share * size, atol=1e-12)
+    np.testing.assert_allclose(ways.delay_s[5], decide.DELAY_S)
+    assert not np.any(ways.delay_s[:5])
+    assert not np.any(ways.gain[5:])

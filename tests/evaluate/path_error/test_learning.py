@@ -17,7 +17,7 @@ from counterflex.evaluate.path_error.learning import (
     RATE_M_S,
     SCATTER_M,
     SIZE_M,
-    Following,
+    ToolResponse,
     Learned,
     best_step,
     learned,
@@ -26,17 +26,17 @@ from counterflex.evaluate.path_error.learning import (
 from counterflex.evaluate.path_error.repeated import MeasuredError
 
 N = 300
-TIME = 0.012 * np.arange(N)
+TIME: Float = 0.012 * np.arange(N)
 SIGMA = 3.0 * UM
 LEAST = 5.0 * UM
 Plant = Callable[[Float], Float]
 
 
-def following(*, gain: float = 0.1, delay_s: float = 0.02) -> Following:
+def following(*, gain: float = 0.1, delay_s: float = 0.02) -> ToolResponse:
     """A gain of each axis and one delay."""
     none, axes = np.zeros((N, 3)), [np.tile(gain * axis, (N, 1)) for axis in np.eye(3)]
     late = np.stack([none, none, none, np.full((N, 3), delay_s)])
-    return Following(TIME, np.zeros(N, dtype=np.int64), np.stack([*axes, none]), late, 25.0 * UM)
+    return ToolResponse(TIME, np.zeros(N, dtype=np.int64), np.stack([*axes, none]), late, 25.0 * UM)
 
 
 def smooth() -> Float:
@@ -48,7 +48,7 @@ def part_of(taken: Float, error: Float, seen: Bool | None = None) -> MeasuredErr
     return MeasuredError(taken, error, np.full((N, 3), SIGMA), np.ones((N, 3), np.bool_) if seen is None else seen)
 
 
-def run(error: Float, plant: Plant, parts: int, ways: Following) -> tuple[list[Float], Learned]:
+def run(error: Float, plant: Plant, parts: int, ways: ToolResponse) -> tuple[list[Float], Learned]:
     """Errors of parts that are made one after the other, and what was learned from all."""
     taken, done, errors = np.zeros((N, 3)), [], []
     for _ in range(parts):

@@ -55,7 +55,7 @@ _FEW: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class ToolResponse:
     """Ways in which the tool may follow a further displacement late, too little or too far; k ways, n rows."""
 
     time_s: Float  # (n,) s, non-decreasing
@@ -100,7 +100,7 @@ class Learned:
     inflation: float  # factor of the standard deviations: errors after steps over the expected ones, >= 1
 
 
-def learned(parts: Sequence[MeasuredError], following: Following) -> Learned:
+def learned(parts: Sequence[MeasuredError], following: ToolResponse) -> Learned:
     """Combine the parts of one program, corrected from one to the next.
 
     Args:
@@ -135,7 +135,7 @@ def learned(parts: Sequence[MeasuredError], following: Following) -> Learned:
 
 
 def _after_step(
-    mean: Float, variance: Float, step: Float, following: Following, response: Float, covariance: Float
+    mean: Float, variance: Float, step: Float, following: ToolResponse, response: Float, covariance: Float
 ) -> tuple[Float, Float]:
     """Error and variance (n, 3) that are predicted after a step."""
     patterns = following.patterns(step)
@@ -170,7 +170,7 @@ def scatter_of(parts: Sequence[MeasuredError]) -> tuple[float, float]:
     return alone, float(np.sqrt(square))
 
 
-def response_of(parts: Sequence[MeasuredError], following: Following, scatter_m: float) -> tuple[Float, Float]:
+def response_of(parts: Sequence[MeasuredError], following: ToolResponse, scatter_m: float) -> tuple[Float, Float]:
     """Estimate how the tool follows from each step and the two parts before and after it.
 
     Returns:
@@ -208,7 +208,7 @@ def _alike(residual: Float, both: Bool) -> float:
     return max(1.0, square) * (1.0 + lag) / (1.0 - lag)
 
 
-def best_step(state: Learned, following: Following) -> Float:
+def best_step(state: Learned, following: ToolResponse) -> Float:
     """(n, 3) m, displacement that the next program takes back besides: the norm-optimal step of the module."""
     out = np.zeros_like(state.error_m)
     for axis in range(3):
@@ -219,7 +219,7 @@ def best_step(state: Learned, following: Following) -> Float:
     return out
 
 
-def _step_of_axis(state: Learned, following: Following, axis: int) -> Float:
+def _step_of_axis(state: Learned, following: ToolResponse, axis: int) -> Float:
     """(n,) m, solution of the normal equations of one axis."""
     D, n = following.rate, len(state.error_m)
     eye, diagonal = scipy.sparse.identity(n, format="csr"), scipy.sparse.diags
