@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from counterflex.app.correction import decide
-from counterflex.app.correction.decide import LEAST_M, Step, tool_response_of, next_step
+from counterflex.app.correction.decide import LEAST_M, Step, next_step, tool_response_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.learning import LOCAL, ToolResponse
