@@ -38,7 +38,7 @@ from counterflex.core import atomic
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.contacts import nodes_of
-from counterflex.evaluate.path_error.repeated import expected
+from counterflex.evaluate.path_error.learning import expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart
 from counterflex.plan.compensate import plan as make_plan

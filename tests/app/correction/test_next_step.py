@@ -14,8 +14,7 @@ from counterflex.app.correction import decide
 from counterflex.app.correction.decide import LEAST_M, Step, next_step, tool_response_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
-from counterflex.evaluate.path_error.learning import LOCAL, ToolResponse
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.learning import LOCAL, MeasuredError, ToolResponse
 
 N = 12
 SHARE = 1.0 / (1.0 + LOCAL**2)

@@ -12,7 +12,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.path_error.contacts import left_on
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.repeated import expected, surface_now
+from counterflex.evaluate.path_error.learning import expected, surface_now
 
 
 def an_error(groove: Groove) -> np.ndarray:

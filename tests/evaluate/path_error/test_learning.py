@@ -18,15 +18,15 @@ from counterflex.evaluate.path_error.learning import (
     SCATTER_M,
     SIZE_M,
     Learned,
+    MeasuredError,
     ToolResponse,
     best_step,
     learned,
     scatter_of,
 )
-from counterflex.evaluate.path_error.repeated import MeasuredError
 
 N = 300
-TIME: Float = 0.012 * np.arange(N)
+TIME = np.linspace(0.0, 0.012 * (N - 1), N)
 SIGMA = 3.0 * UM
 LEAST = 5.0 * UM
 Plant = Callable[[Float], Float]

@@ -34,7 +34,7 @@ from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.repeated import ExpectedSurface, MeasuredError, expected, surface_now
+from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected, surface_now
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations

@@ -15,8 +15,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.learning import LOCAL, Learned, ToolResponse, best_step, learned
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.learning import LOCAL, Learned, MeasuredError, ToolResponse, best_step, learned
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan

@@ -11,8 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.path_error.contacts import Contacts
 from counterflex.evaluate.path_error.estimate import PathError
 from counterflex.evaluate.path_error.explanations import Explanation
-from counterflex.evaluate.path_error.learning import Learned
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.learning import Learned, MeasuredError
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.plan import Plan
 
