@@ -12,18 +12,8 @@ import pytest
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
-from counterflex.evaluate.path_error.learning import (
-    LOCAL,
-    RATE_M_S,
-    SCATTER_M,
-    SIZE_M,
-    Learned,
-    MeasuredError,
-    ToolResponse,
-    best_step,
-    learned,
-    scatter_of,
-)
+from counterflex.evaluate.path_error import learning
+from counterflex.evaluate.path_error.learning import MeasuredError, ToolResponse, best_step, learned, scatter_of
 
 N = 300
 TIME = np.linspace(0.0, 0.012 * (N - 1), N)
@@ -48,7 +38,7 @@ def part_of(taken: Float, error: Float, seen: Bool | None = None) -> MeasuredErr
     return MeasuredError(taken, error, np.full((N, 3), SIGMA), np.ones((N, 3), np.bool_) if seen is None else seen)
 
 
-def run(error: Float, plant: Plant, parts: int, ways: ToolResponse) -> tuple[list[Float], Learned]:
+def run(error: Float, plant: Plant, parts: int, ways: ToolResponse) -> tuple[list[Float], learning.Learned]:
     """Errors of parts that are made one after the other, and what was learned from all."""
     taken, done, errors = np.zeros((N, 3)), [], []
     for _ in range(parts):
@@ -72,7 +62,7 @@ def test_a_tool_that_follows_as_it_should_is_right_after_one_part_in_closed_form
     even = np.tile([0.0, 200.0 * UM, -100.0 * UM], (N, 1))
     ways = following(delay_s=0.0)
     step = best_step(learned([part_of(np.zeros((N, 3)), even)], ways), ways)
-    np.testing.assert_allclose(step, even / (1.0 + 0.1**2 + LOCAL**2), rtol=1e-4, atol=1e-12)
+    np.testing.assert_allclose(step, even / (1.0 + 0.1**2 + learning.LOCAL**2), rtol=1e-4, atol=1e-12)
     errors, _ = run(smooth(), lambda taken: taken, 3, following())
     assert size(errors[1]) < 0.03 * size(errors[0])
     assert size(errors[2]) < 0.01 * size(errors[0])
@@ -105,8 +95,8 @@ def test_what_no_part_shows_stays_unchanged_and_the_step_fades_towards_it() -> N
     np.testing.assert_array_equal(step[:, 0], 0.0)
     assert step[100, 1] == pytest.approx(200.0 * UM, rel=0.03)
     assert np.all(np.diff(step[149:, 1]) <= 0.0)
-    behind = (TIME[150:] - TIME[-1]) * RATE_M_S / SIZE_M
-    closed = step[149, 1] * np.cosh(behind) / np.cosh((TIME[149] - TIME[-1]) * RATE_M_S / SIZE_M)
+    behind = (TIME[150:] - TIME[-1]) * learning.RATE_M_S / learning.SIZE_M
+    closed = step[149, 1] * np.cosh(behind) / np.cosh((TIME[149] - TIME[-1]) * learning.RATE_M_S / learning.SIZE_M)
     np.testing.assert_allclose(step[150:, 1], closed, rtol=0.02)
     other_run = replace(ways, group=np.repeat([0, 1], 150))
     np.testing.assert_array_equal(best_step(learned([one], other_run), other_run)[150:, 1], 0.0)
@@ -130,7 +120,7 @@ def test_parts_of_one_program_are_averaged_and_their_scatter_is_estimated() -> N
     parts = [part_of(np.zeros((N, 3)), UM * np.hypot(12.0, 3.0) * rng.standard_normal((N, 3))) for _ in range(4)]
     between, scatter = scatter_of(parts)
     assert between == pytest.approx(12.0 * UM, rel=0.1)
-    assert SCATTER_M < scatter < 12.0 * UM
+    assert learning.SCATTER_M < scatter < 12.0 * UM
     state = learned(parts, following())
     np.testing.assert_allclose(state.error_m, np.mean([p.error_m for p in parts], axis=0), atol=1e-12)
     np.testing.assert_allclose(state.sigma_m, np.sqrt((SIGMA**2 + scatter**2) / 4.0), rtol=1e-9)
@@ -141,8 +131,8 @@ def test_scatter_is_never_zero() -> None:
     one = part_of(np.zeros((N, 3)), smooth())
     between, scatter = scatter_of([one])
     assert np.isnan(between)
-    assert scatter == SCATTER_M
-    assert scatter_of([one, one, one])[1] > 0.3 * SCATTER_M
+    assert scatter == learning.SCATTER_M
+    assert scatter_of([one, one, one])[1] > 0.3 * learning.SCATTER_M
 
 
 def test_scatter_alone_makes_no_correction_grow() -> None:
