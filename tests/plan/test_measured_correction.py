@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.inputs import Inputs, Limits
-from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, earlier, lead_s, with_measured
+from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, earlier, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
@@ -111,3 +111,15 @@ def test_the_lead_is_longer_while_the_tool_enters_the_cut_and_time_never_runs_ba
     for number in (0, 1):
         assert np.all(np.diff((time + lead)[run == number]) > 0.0)
     np.testing.assert_allclose(lead_s(time, run, np.zeros_like(contact)), LEAD_S)
+
+
+def test_an_exit_begins_half_a_second_before_contact_ends_and_each_cut_has_its_own() -> None:
+    time = np.arange(0.0, 8.0, 0.01)
+    run = (time >= 4.0).astype(np.int64)
+    contact = ((time > 1.0) & (time < 3.0)) | ((time > 4.0) & (time < 5.0)) | ((time > 6.0) & (time < 7.0))
+    share = leaving_share(time, run, contact)
+    for leaves in (3.0, 5.0, 7.0):
+        np.testing.assert_allclose(share[(time > leaves - 0.24) & (time < leaves + 0.28)], 1.0)
+        assert 0.4 < share[np.argmin(np.abs(time - leaves + 0.375))] < 0.6
+        np.testing.assert_allclose(share[(time > leaves - 0.99) & (time < leaves - 0.52)], 0.0)
+    np.testing.assert_allclose(leaving_share(time, run, np.zeros_like(contact)), 0.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.core.units import UM
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.learning import MeasuredError
 from counterflex.files.parquet_table import Column, columns, read, write
 
 KIND: Final = "counterflex-path-error"

@@ -32,12 +32,8 @@ ENTRY_S: Final = (0.7, 1.1)
 """From contact on the lead of the entry holds for the first time, and is that of the rest at the second."""
 
 
-DELAY_S: Final = 0.02
-ENTRY_DELAY_S: Final = 0.05
-LOST_M: Final = 25.0 * UM
-"""Standard deviations of how the tool follows beside what is asked for, see :func:`unsure`: calibrated on tuning seeds
-of ``wide``, ``mild`` and ``other`` so that nine of ten of their next parts lie in the interval."""
-_STEP_S: Final = 0.04
+LEAVING_S: Final = 0.5
+"""So long before the tool leaves the cut its exit begins: the radius of a cutter at usual feeds."""
 
 
 def lead_s(time_s: Float, group: Int, contact: Bool) -> Float:
@@ -138,32 +134,15 @@ def _driven(plan: Plan, loaded: static_correction.LoadedRobot, displacement_m: F
     return out
 
 
-def unsure(plan: Plan, loaded: static_correction.LoadedRobot, further_m: Float) -> Float:
-    """Uncertain parts of the response to a further correction, as patterns of one standard deviation each.
-
-    Axes that turn back are held by friction and play until their integrators have answered: the tool follows earlier or
-    later than the lead counts on, by :data:`DELAY_S` and in the entry along the plan's own correction by
-    :data:`ENTRY_DELAY_S`, and it may stay aside by :data:`LOST_M`.
-
-    Args:
-        plan: That the measured part was made by.
-        loaded: The robot under load along its path.
-        further_m: (n, 3) m, what is taken back besides; where nothing is, every pattern is zero.
-
-    Returns:
-        (5, n, 3) m: delay, delay in the entry, and lost motion along each axis of the part.
-    """
-    time_s, run = loaded.inputs.path.time_s, loaded.feed_run
-    entering = ((lead_s(time_s, run, loaded.cut.contact) - LEAD_S) / (ENTRY_LEAD_S - LEAD_S))[:, None]
-    driven, aside = _driven(plan, loaded, further_m), LOST_M * float(np.any(further_m))
-    slow = _rate(further_m - driven * entering, time_s, run) * DELAY_S
-    entry = _rate(driven, time_s, run) * entering * ENTRY_DELAY_S
-    lost = [np.tile(aside * axis, (len(time_s), 1)) for axis in np.eye(3)]
-    return np.stack([slow, entry, *lost])
-
-
-def _rate(values_m: Float, time_s: Float, group: Int) -> Float:
-    """(n, 3) m/s, over :data:`_STEP_S` within a group of rows."""
-    half = np.full(len(time_s), 0.5 * _STEP_S)
-    out: Float = (earlier(values_m, time_s, group, half) - earlier(values_m, time_s, group, -half)) / _STEP_S
+def leaving_share(time_s: Float, group: Int, contact: Bool) -> Float:
+    """(n,) 1 where the tool leaves the cut: from half of :data:`LEAVING_S` before the end of contact, rising from 0."""
+    out = np.zeros(len(time_s))
+    for number in np.unique(group[contact]):
+        rows = np.flatnonzero(group == number)
+        cuts = rows[contact[rows]]
+        ends = cuts[np.diff(time_s[cuts], append=np.inf) > static_correction.APPROACH_S]
+        for at in time_s[ends]:
+            before = at - time_s[rows]
+            own = np.interp(before, (0.5 * LEAVING_S, LEAVING_S), (1.0, 0.0))
+            out[rows] = np.maximum(out[rows], np.where(before < -static_correction.APPROACH_S, 0.0, own))
     return out

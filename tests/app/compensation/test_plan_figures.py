@@ -30,7 +30,7 @@ from counterflex.core.units import DEG, MM, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.explanations import Explanation
-from counterflex.evaluate.path_error.repeated import MeasuredError
+from counterflex.evaluate.path_error.learning import MeasuredError
 from counterflex.files.part_deviations import MeasuredPart
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 from counterflex.plan.chip_range import uncertainty

@@ -10,8 +10,9 @@ from tests.evaluate.path_error.conftest import Groove
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
+from counterflex.evaluate.path_error.contacts import left_on
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.repeated import expected
+from counterflex.evaluate.path_error.learning import expected, surface_now
 
 
 def an_error(groove: Groove) -> np.ndarray:
@@ -50,14 +51,30 @@ def test_noise_alone_is_no_error(groove: Groove, together: bool) -> None:
     assert found.noise_m == pytest.approx(20 * UM, rel=0.1)
 
 
+NOTHING = np.zeros((0, 1, 3))
+
+
 def test_what_is_taken_back_is_gone_in_the_prediction_and_what_is_not_stays(groove: Groove) -> None:
     found = path_error(groove.scan(an_error(groove), 20 * UM, 4), groove.nodes, groove.contacts)
-    nothing = expected(found, groove.contacts, np.zeros_like(found.error_m))
+    nothing = expected(found, groove.contacts, np.zeros_like(found.error_m), NOTHING, 1 * UM)
     assert nothing.low_m <= nothing.now_m * 1.1
     assert nothing.high_m >= nothing.now_m * 0.9
-    taken = expected(found, groove.contacts, found.error_m)
+    assert nothing.now_m == surface_now(found, groove.contacts)
+    taken = expected(found, groove.contacts, -found.error_m, NOTHING, 1 * UM)
     assert taken.high_m < 0.6 * nothing.now_m
     assert taken.low_m < taken.median_m < taken.high_m
+
+
+@pytest.mark.parametrize("scatter_um", [5.0, 20.0])
+def test_nine_of_ten_parts_of_the_same_program_lie_in_the_interval(groove: Groove, scatter_um: float) -> None:
+    """Nothing changes but by chance: each part is off as a whole and by runs of its own."""
+    true, rng = 0.2 * an_error(groove), np.random.default_rng(11)
+    found = path_error(groove.scan(true, 20 * UM, 6), groove.nodes, groove.contacts)
+    predicted = expected(found, groove.contacts, np.zeros_like(true), NOTHING, scatter_um * UM)
+    parts = [true + scatter_um * UM * rng.standard_normal(3) for _ in range(200)]
+    figures = np.array([np.quantile(np.abs(left_on(groove.contacts, part)), 0.997) for part in parts])
+    inside = float(np.mean((predicted.low_m <= figures) & (figures <= predicted.high_m)))
+    assert 0.8 <= inside <= 0.98
 
 
 def test_a_scan_of_another_part_is_refused(groove: Groove) -> None:

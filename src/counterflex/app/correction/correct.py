@@ -1,7 +1,7 @@
 """The job ``correct``: measured parts in, the program for the next part out, and what explains them.
 
 read (program, plan, scans, history) -> which stretch made which place (``evaluate.path_error.contacts``) -> error of
-the path (``estimate``) -> what repeats (``repeated``) -> plan (``plan.measured_correction``) -> write.
+the path (``estimate``) -> next step (``learning``) -> plan (``plan.measured_correction``) -> write.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.evaluate.path_error.band_solver import Observations
 from counterflex.evaluate.path_error.contacts import Nodes, nodes_of
 from counterflex.evaluate.path_error.explanations import ALIKE, explanations
-from counterflex.evaluate.path_error.repeated import ExpectedSurface, MeasuredError, expected
+from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected, surface_now
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
 from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
@@ -166,7 +166,7 @@ def correct(
     parts[PLANNING](0.0)
     with faults_in(job):
         step = next_step(plan, loaded, [*(part.error for part in history), *(one.error for one in measured)], limit_m)
-    next_plan, further, together = step.plan, step.further_m, step.together
+    next_plan, further, state = step.plan, step.further_m, step.state
     parts[EXPLAINING](0.0)
     last = measured[-1].estimate
     known = causes_of(plan, cell, nodes.row)
@@ -179,12 +179,14 @@ def correct(
     summary = summary_of(job, next_plan, cell, language, files=files, written=facts, tolerance_m=5.0 * UM)
     change = next_plan.correction_part - plan.correction_part
     new_parts = [Part(one.error, _facts(one)) for one in measured]
-    prediction = expected(last, measured[-1].contacts, further[nodes.row], step.unsure_m[:, nodes.row])
+    ahead = step.next_error_m[nodes.row] - measured[-1].error.error_m[nodes.row]
+    prediction = expected(last, measured[-1].contacts, ahead, step.unsure_m[:, nodes.row], state.scatter_m)
     summary |= in_plane_of(cell)
     summary["job"] = "correct"
     summary["correct"] = {
         "parts": trend([*history, *new_parts]),
-        "between_parts_um": None if np.isnan(together.between_m) else round(together.between_m / UM, 1),
+        "between_parts_um": None if np.isnan(state.between_m) else round(state.between_m / UM, 1),
+        "scatter_um": round(state.scatter_m / UM, 1),
         "change_um": round(float(np.max(np.linalg.norm(change, axis=1))) / UM, 1),
         "changed": bool(np.any(further)),
         "expected": _shown(prediction),
@@ -196,7 +198,7 @@ def correct(
     summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
     progress(1.0)
     return Corrected(
-        next_plan, files, job.program.encoding, measured, together, step.taken, weighed, job, cell, change, summary
+        next_plan, files, job.program.encoding, measured, state, step.taken, weighed, job, cell, change, summary
     )
 
 
@@ -240,7 +242,6 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
 def _facts(one: Measured) -> dict[str, Any]:
     """Figures of a part, shop units."""
     estimate = one.estimate
-    now = expected(estimate, one.contacts, np.zeros_like(estimate.error_m))
     return {
         "source": one.scan.part.source,
         "simulated": one.scan.simulated,
@@ -249,7 +250,7 @@ def _facts(one: Measured) -> dict[str, Any]:
         "noise_um": round(estimate.noise_m / UM, 1),
         "variance_of_means": round(estimate.inflation, 2),
         "outliers_percent": round(100.0 * estimate.outliers, 2),
-        "surface_p997_um": round(now.now_m / UM, 1),
+        "surface_p997_um": round(surface_now(estimate, one.contacts) / UM, 1),
         "explained_percent": round(100.0 * estimate.explained, 1),
         "log_evidence": round(estimate.log_evidence, 1),
         "believed": bool(np.any(estimate.believed)),

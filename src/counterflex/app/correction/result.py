@@ -11,7 +11,7 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.path_error.contacts import Contacts
 from counterflex.evaluate.path_error.estimate import PathError
 from counterflex.evaluate.path_error.explanations import Explanation
-from counterflex.evaluate.path_error.repeated import MeasuredError, Repeated
+from counterflex.evaluate.path_error.learning import Learned, MeasuredError
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.plan import Plan
 
@@ -34,7 +34,7 @@ class Corrected:
     files: dict[str, str]
     encoding: str
     measured: list[Measured]
-    together: Repeated  # What they and the earlier parts say
+    state: Learned  # Error of the next part without a change, and response of the tool, from all parts
     taken: MeasuredError  # What the next program takes back, and the error that is expected
     explained: list[Explanation]
     job: Job
