@@ -15,9 +15,8 @@ from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
 from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
-from counterflex.protocols.session import session as session_module
+from counterflex.protocols.session.record import RecordWriter
 from counterflex.protocols.session.session import OnlineSession
-from counterflex.runtime.loop import Loop
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import MotionLimit
@@ -235,15 +234,16 @@ def _nobody_looks_at_a_guided_one(patch: pytest.MonkeyPatch) -> None:
 
 
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
-    right = vars(session_module)["write_record"]
+    right = RecordWriter.write
 
-    def write(ring: Any, link: Any, loop: Loop, *rest: Any) -> None:
+    def write(self: RecordWriter, received: int, sent: int) -> None:
+        loop = self._loop
         kept = float(loop.given.wrench[1])
         loop.given.wrench[1] = kept + 1e-9 * (loop.cycle % 500 == 0)
-        right(ring, link, loop, *rest)
+        right(self, received, sent)
         loop.given.wrench[1] = kept
 
-    patch.setattr(session_module, "write_record", write)
+    patch.setattr(RecordWriter, "write", write)
 
 
 def _silence_is_patience(patch: pytest.MonkeyPatch) -> None:

@@ -132,7 +132,8 @@ class FakeEgm:
     def telegram(self, report: Report) -> bytes:
         """The message of the next cycle."""
         self.counter += 1
-        self._follow(report.T_part_nominal)
+        if not self.guides:
+            self._follow(report.T_part_nominal)
         if self._now is None:
             self._now = report.T_part_nominal.copy()
         planned = report.T_part_nominal if self.context.mode == "path" else self._now
@@ -208,7 +209,7 @@ class FakeEgm:
         else:
             R = self._T_part_frame[:3, :3]
             self.reference = self._T_part_frame @ T_frame_tcp
-            self._twist = np.r_[R @ twist[:3], R @ twist[3:]]
+            self._twist = np.concatenate((R @ twist[:3], R @ twist[3:]))
         return ""
 
     def _follow(self, T_part_tcp: Float) -> None:
@@ -220,10 +221,10 @@ class FakeEgm:
         if length < 1e-9:
             return
         x = move / length
-        y = np.cross(x, T_part_tcp[:3, 2])
+        y = rotation.cross(x, T_part_tcp[:3, 2])
         size = float(np.linalg.norm(y))
         if size > 1e-6:
-            self._R_part_path = np.stack([x, y / size, np.cross(x, y / size)], axis=1)
+            self._R_part_path = np.array([x, y / size, rotation.cross(x, y / size)]).T.copy()
 
     def _go(self) -> None:
         """One cycle after the reference."""
@@ -236,7 +237,8 @@ class FakeEgm:
             return
         T_target, twist = self._queue.pop(0)
         T_target = self._filtered(T_target)
-        error = np.r_[T_target[:3, 3] - now[:3, 3], rotation.log(T_target[:3, :3] @ now[:3, :3].T)]
+        turn = rotation.log(T_target[:3, :3] @ now[:3, :3].T)
+        error = np.concatenate((T_target[:3, 3] - now[:3, 3], turn))
         ramp = min(1.0, self._guided_s / context.ramp_in_s) if context.ramp_in_s > 0.0 else 1.0
         speed = ramp * (context.gain_per_s * error + twist)
         self.utilization = max(

@@ -316,14 +316,14 @@ def _pose(cartesian: Any) -> Float:
         angles = [_finite(v) * DEG for v in (cartesian.euler.z, cartesian.euler.y, cartesian.euler.x)]
         return pose.make(rotation.from_zyx(np.array(angles)), p)
     u = cartesian.orient
-    quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
-    size = math.hypot(*quat.tolist())
+    quat = [_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)]
+    size = math.hypot(*quat)
     if abs(size - 1.0) > _UNIT:
         raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
-    return pose.make(rotation.from_quat_wxyz(quat / size), p)
+    return pose.make(rotation.from_quat_wxyz(np.array([v / size for v in quat])), p)
 
 
 def _fill(cartesian: Any, T: Float) -> None:
-    cartesian.pos.x, cartesian.pos.y, cartesian.pos.z = (T[:3, 3] / MM).tolist()
-    u = cartesian.orient
+    p, u = cartesian.pos, cartesian.orient
+    p.x, p.y, p.z = (T[:3, 3] / MM).tolist()
     u.u0, u.u1, u.u2, u.u3 = rotation.quat_wxyz(T[:3, :3]).tolist()
