@@ -25,6 +25,7 @@ from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
 from counterflex_lab.composed.story import Fault, Story, as_text, draw, read_stories
+from counterflex_lab.composed.told import TOLD
 from counterflex_lab.composed.world import World
 
 KEPT = Path(__file__).parents[1] / "data" / "composed_stories.json"
@@ -366,3 +367,46 @@ def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, m
         raise KeyboardInterrupt
 
     assert campaign.run(tmp_path / "two", minutes=1.0, progress=interrupts).interrupted
+
+
+def _summary(out: Path) -> dict[str, Any]:
+    table: dict[str, Any] = json.loads((out / campaign.SUMMARY).read_text(encoding="utf-8"))
+    return {name: value for name, value in table.items() if name != "simulated_by_processor_time"}
+
+
+def test_an_interrupted_campaign_goes_on_behind_its_last_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    short = _told("measured", Fault("operator-stop", 1.0, 1.0), length_s=1.6)
+    seeds: list[int] = []
+
+    def draws(seed: int) -> Story:
+        seeds.append(seed)
+        return Story(seed, short.mode, 1.6, short.faults)
+
+    def interrupts(fraction: float, what: str = "") -> None:
+        if len(seeds) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "draw", draws)
+    _never_stops(monkeypatch)
+    monkeypatch.setattr(campaign, "shrunk", lambda one, _rule: one)
+    campaign.run(tmp_path / "whole", minutes=0.1, seed=9)
+    assert seeds == [9, 10, 11, 12]
+    seeds.clear()
+    cut = tmp_path / "cut"
+    assert campaign.run(cut, minutes=0.1, seed=9, progress=interrupts).stories == 2
+    with (cut / TOLD).open("a", encoding="utf-8") as file:
+        file.write('{"story": {"se')  # as of a process that was killed while it wrote
+    campaign.run(cut, minutes=0.1, seed=9)
+    assert seeds == [9, 10, 11, 12]
+    assert _summary(cut) == _summary(tmp_path / "whole")
+    assert (cut / campaign.STORIES).read_bytes() == (tmp_path / "whole" / campaign.STORIES).read_bytes()
+    seeds.clear()
+    campaign.run(cut, minutes=0.05, seed=10)  # others: the file begins anew
+    assert seeds == [10, 11]
+
+
+@pytest.mark.long
+def test_several_processes_tell_what_one_tells(tmp_path: Path) -> None:
+    for workers in (1, 2):
+        campaign.run(tmp_path / f"{workers}", minutes=1.1, seed=6000, workers=workers)
+    assert _summary(tmp_path / "1") == _summary(tmp_path / "2")

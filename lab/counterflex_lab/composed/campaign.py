@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import time
+import contextlib
+import itertools
+import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from counterflex.app.long_jobs.workers import count_of
 from counterflex.core import atomic
 from counterflex.core.errors import Interrupted
 from counterflex.core.progress import Progress, silent
 from counterflex.files.summary_file import write_summary
-from counterflex_lab.composed.play import Outcome, shrunk, tell
+from counterflex_lab.composed.play import shrunk, tell
 from counterflex_lab.composed.story import Story, as_text, draw
+from counterflex_lab.composed.told import Told, ToldFile, in_order
 
 STORIES: Final = "stories.json"
 SUMMARY: Final = "summary.json"
@@ -61,9 +66,12 @@ class Campaign:
         """Simulated time by the processor's."""
         return self.simulated_s / self.computing_s if self.computing_s else 0.0
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, told: Told) -> None:
         """Count a story."""
+        outcome = told.outcome
         self.stories += 1
+        self.computing_s += told.computing_s
+        self.kept += told.kept
         self.cycles += outcome.cycles
         self.simulated_s += outcome.cycles * outcome.story.period_s
         self.compared += outcome.compared
@@ -92,15 +100,25 @@ class Campaign:
 
 
 def run(
-    out: str | Path, *, minutes: float, seed: int = 0, shrink: bool = True, progress: Progress = silent
+    out: str | Path,
+    *,
+    minutes: float,
+    seed: int = 0,
+    shrink: bool = True,
+    workers: int | None = 1,
+    progress: Progress = silent,
 ) -> Campaign:
     """Tell stories until so many minutes of cells are simulated; write what came of them.
 
+    The result is the same for any number of processes. One that was interrupted goes on where it ended.
+
     Args:
-        out: Folder: ``summary.json``, and ``stories.json`` with the shortened stories that broke a rule.
+        out: Folder: ``summary.json``, ``stories.json`` with the shortened stories that broke a rule, and ``told.jsonl``
+            with the outcome of each story, written when it is told.
         minutes: Simulated, at least one story.
         seed: Of the first story; the next one has the next.
         shrink: Make stories that break a rule shorter.
+        workers: Processes that tell them; None: one for each core. Never more than minutes.
         progress: Progress callback, fraction 0 to 1; an interruption ends the campaign with what was told.
 
     Raises:
@@ -108,19 +126,36 @@ def run(
     """
     campaign = Campaign(seed)
     try:
-        while campaign.minutes < minutes or not campaign.stories:
-            story = draw(seed + campaign.stories)
-            progress(min(1.0, campaign.minutes / minutes), f"seed {story.seed}, {len(campaign.broken)} broken")
-            begin = time.process_time()
-            outcome = tell(story)
-            campaign.computing_s += time.process_time() - begin
-            campaign.add(outcome)
-            for one in outcome.broken:
-                shortest = shrunk(story, one.rule) if shrink else story
-                campaign.kept.append((f"{one.rule}: {one.words}", shortest))
+        with ToldFile(Path(out), seed=seed, shrink=shrink) as file:
+            _tell_on(campaign, file, minutes, shrink, count_of(workers, math.ceil(minutes)), progress)
     except (KeyboardInterrupt, Interrupted):
         campaign.interrupted = True
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / STORIES, as_text(campaign.kept))
         write_summary(staging / SUMMARY, campaign.summary())
     return campaign
+
+
+def _tell_on(
+    campaign: Campaign, file: ToldFile, minutes: float, shrink: bool, workers: int, progress: Progress
+) -> None:
+    """Count what stands in the file, then tell the stories behind it."""
+    shorten = shrunk if shrink else _as_it_is
+    seeds = itertools.count(campaign.seed + len(file.before))
+    with contextlib.closing(in_order(map(draw, seeds), tell, shorten, workers)) as new:
+        for told in itertools.chain(file.before, _written(new, file)):
+            campaign.add(told)
+            share = min(1.0, campaign.minutes / minutes)
+            progress(share, f"seed {campaign.seed + campaign.stories}, {len(campaign.broken)} broken")
+            if campaign.minutes >= minutes:
+                break
+
+
+def _written(new: Iterator[Told], file: ToldFile) -> Iterator[Told]:
+    for told in new:
+        file.add(told)
+        yield told
+
+
+def _as_it_is(story: Story, _rule: str) -> Story:
+    return story

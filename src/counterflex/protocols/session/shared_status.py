@@ -18,6 +18,8 @@ from counterflex.runtime.state.states import State
 _TALLIES: Final = struct.Struct(f"{len(Tally)}q")
 _SHOWN: Final = struct.Struct(f"{len(Shown)}q")
 """Numbers that are written at once: three times as fast as a part of an array."""
+_TALLIES_AT: Final = 8 * REQUESTS
+_SHOWN_AT: Final = 8 * min(Shown)
 _LOOP: Final = int(Life.LOOP_NS)
 _NOTHING: Final = -1
 _MOST: Final = 2.0**62
@@ -95,7 +97,7 @@ class Teller:
         fx, fy, fz, mx, my, mz = tare.mean.tolist()
         _TALLIES.pack_into(
             control,
-            8 * REQUESTS,
+            _TALLIES_AT,
             counters.foreign,
             counters.malformed,
             counters.old + counters.astray,
@@ -118,7 +120,7 @@ class Teller:
         place = self._loop.place
         _SHOWN.pack_into(
             control,
-            8 * min(Shown),
+            _SHOWN_AT,
             result.state,
             result.cause or result.soft,
             result.hard,

@@ -113,13 +113,13 @@ class StrainLink(DatagramLink):
     def saturated(self) -> bool:
         """So many bridges are beyond their range that too few are left."""
         outside = sum(self._outside.tolist())
-        return outside > 0 and self.bridges - outside - sum(self._missing.tolist()) < self._least
+        return outside > 0 and bool(self.bridges - outside - sum(self._missing.tolist()) < self._least)
 
     @property
     def frozen(self) -> bool:
         """Too few bridges show a new number."""
         still = [same >= reading.FROZEN - 1 for same in self._same[: self.bridges].tolist()].count(True)
-        return self.bridges - still - sum(self._missing.tolist()) < self._least
+        return bool(self.bridges - still - sum(self._missing.tolist()) < self._least)
 
     def out_of_order(self) -> list[str]:
         """Faults of bridges in the last datagram, in words: ``bridge 2 broken``."""

@@ -76,12 +76,13 @@ def read_robot(data: bytes) -> RobotState:
         )
     back, planned = message.feedBack, message.planned
     guided = message.mciState.state == MCI_RUNNING
+    no_joints, no_pose = _six_joints(back), _whole_pose(back)
     missing = [
         name
         for name, there in (
             ("header.seqno", message.header.HasField("seqno")),
-            (_six_joints(back), not _six_joints(back)),
-            (_whole_pose(back), not _whole_pose(back)),
+            (no_joints, not no_joints),
+            (no_pose, not no_pose),
             ("mciState", message.HasField("mciState")),
         )
         if not there
@@ -89,8 +90,8 @@ def read_robot(data: bytes) -> RobotState:
     return RobotState(
         sequence=message.header.seqno,
         time_ms=message.header.tm,
-        q=None if _six_joints(back) else _joints(back),
-        T_frame_tcp=None if _whole_pose(back) else _pose(back.cartesian),
+        q=None if no_joints else _joints(back),
+        T_frame_tcp=None if no_pose else _pose(back.cartesian),
         T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
         motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
         guided=guided,
