@@ -25,7 +25,6 @@ from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
 from counterflex_lab.composed.story import Fault, Story, as_text, draw, read_stories
-from counterflex_lab.composed.told import TOLD
 from counterflex_lab.composed.world import World
 
 KEPT = Path(__file__).parents[1] / "data" / "composed_stories.json"
@@ -394,7 +393,7 @@ def test_an_interrupted_campaign_goes_on_behind_its_last_story(tmp_path: Path, m
     seeds.clear()
     cut = tmp_path / "cut"
     assert campaign.run(cut, minutes=0.1, seed=9, progress=interrupts).stories == 2
-    with (cut / TOLD).open("a", encoding="utf-8") as file:
+    with (cut / campaign.TOLD).open("a", encoding="utf-8") as file:
         file.write('{"story": {"se')  # as of a process that was killed while it wrote
     campaign.run(cut, minutes=0.1, seed=9)
     assert seeds == [9, 10, 11, 12]

@@ -71,8 +71,7 @@ class Loop:
         monitor: Process monitoring and feed override.
         records: LOOP and PLAN, for a kernel that reads them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
-        cycles: (1,) view: cycles run since the start or the last :meth:`reset`.
-        state_cycles: Cycles from one snapshot of its memory to the next, for the record.
+        cycles: (1,) view: cycles run so far; ``state_cycles`` is those from one snapshot of its memory to the next.
 
     Raises:
         InputError: The settings need a plan and there is none, or the monitor has another cycle.
