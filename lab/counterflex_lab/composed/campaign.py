@@ -75,9 +75,9 @@ def in_order(stories: Iterator[Story], tell: Teller, shorten: Shortener, workers
         stories: Without end.
         tell: Tells one.
         shorten: Makes one shorter.
-        workers: Processes; 1: this one.
+        workers: Processes; 0: this one.
     """
-    if workers == 1:
+    if workers == 0:
         for story in stories:
             yield tell_one(story, tell, shorten)
         return
@@ -235,7 +235,7 @@ def run(
     minutes: float,
     seed: int = 0,
     shrink: bool = True,
-    workers: int | None = 1,
+    workers: int | None = 0,
     progress: Progress = silent,
 ) -> Campaign:
     """Tell stories until so many minutes of cells are simulated; write what came of them.
@@ -248,7 +248,8 @@ def run(
         minutes: Simulated, at least one story.
         seed: Of the first story; the next one has the next.
         shrink: Make stories that break a rule shorter.
-        workers: Processes that tell them; None: one for each core. Never more than minutes.
+        workers: Processes that tell them, one thread each: the last bits of linear algebra depend on the number of
+            threads. Never more than minutes. None: one for each core; 0: this process.
         progress: Progress callback, fraction 0 to 1; an interruption ends the campaign with what was told.
 
     Raises:
@@ -257,7 +258,8 @@ def run(
     campaign = Campaign(seed)
     try:
         with ToldFile(Path(out), seed=seed, shrink=shrink) as file:
-            _tell_on(campaign, file, minutes, shrink, count_of(workers, math.ceil(minutes)), progress)
+            count = 0 if workers == 0 else count_of(workers, math.ceil(minutes))
+            _tell_on(campaign, file, minutes, shrink, count, progress)
     except (KeyboardInterrupt, Interrupted):
         campaign.interrupted = True
     with atomic.atomic_folder(out) as staging:

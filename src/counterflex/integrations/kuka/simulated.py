@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -244,7 +243,7 @@ class FakeRsi:
         return out
 
 
-def _sources(sent: Sequence[Value], *, currents: bool) -> tuple[list[str], list[int]]:
+def _sources(sent: tuple[Value, ...], *, currents: bool) -> tuple[list[str], list[int]]:
     """Return the names of the program's own numbers, and which of all numbers each sent value is.
 
     All are, in order: the measured elements, six numbers each; Delay and Stat; those of the program.

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.pair import PairSource
@@ -33,7 +31,7 @@ class RecordWriter:
         self._second: Float = np.zeros(record.GIVEN - record.SECOND)
         fast, tests, events = loop.monitor.columns
         # In the order of a row: one call copies them all.
-        self._parts: list[np.ndarray[Any, Any]] = [self._head, fast, self._sensor, self._second]
+        self._parts: list[Float | Int] = [self._head, fast, self._sensor, self._second]
         self._parts += [*loop.inputs, *loop.answers, tests, events, loop.cycles]
 
     def write(self, received: int, sent: int) -> None:

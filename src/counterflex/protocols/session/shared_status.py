@@ -93,10 +93,10 @@ class Teller:
             tracker_age: Cycles since the last good pose.
             spikes: Of the force sensor, left out so far.
         """
-        counters, tare, control = self._counters, self._tare, self._control
+        counters, tare, words = self._counters, self._tare, self._control.data
         fx, fy, fz, mx, my, mz = tare.mean.tolist()
         _TALLIES.pack_into(
-            control,
+            words,
             _TALLIES_AT,
             counters.foreign,
             counters.malformed,
@@ -119,7 +119,7 @@ class Teller:
         result, planned = self._result, self._planned
         place = self._loop.place
         _SHOWN.pack_into(
-            control,
+            words,
             _SHOWN_AT,
             result.state,
             result.cause or result.soft,
@@ -138,7 +138,7 @@ class Teller:
             *self._slow(cycles),
             spikes,
         )
-        control[_LOOP] = now_ns
+        self._control[_LOOP] = now_ns
 
     def _missing(self) -> tuple[int, int]:
         """Return what is missing of the correction at the robot, and the largest so far."""
