@@ -6,7 +6,6 @@ each, below a row that says what they were told with. Where that is another prog
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
 import math
@@ -274,13 +273,16 @@ def _tell_on(
     """Count what stands in the file, then tell the stories behind it."""
     shorten = shrunk if shrink else _as_it_is
     seeds = itertools.count(campaign.seed + len(file.before))
-    with contextlib.closing(in_order(map(draw, seeds), tell, shorten, workers)) as new:
+    new = in_order(map(draw, seeds), tell, shorten, workers)
+    try:
         for told in itertools.chain(file.before, _written(new, file)):
             campaign.add(told)
             share = min(1.0, campaign.minutes / minutes)
             progress(share, f"seed {campaign.seed + campaign.stories}, {len(campaign.broken)} broken")
             if campaign.minutes >= minutes:
                 break
+    finally:
+        new.close()
 
 
 def _written(new: Iterator[Told], file: ToldFile) -> Iterator[Told]:
