@@ -82,11 +82,15 @@ def in_order(stories: Iterator[Story], tell: Teller, shorten: Shortener, workers
         return
     with pool_of(workers) as pool:
         waiting: deque[Any] = deque()
-        for story in stories:
-            with interrupts_deferred():
-                waiting.append(pool.submit(tell_one, story, tell, shorten))
-            if len(waiting) == _AHEAD * workers:
-                yield waiting.popleft().result()
+        try:
+            for story in stories:
+                with interrupts_deferred():
+                    waiting.append(pool.submit(tell_one, story, tell, shorten))
+                if len(waiting) == _AHEAD * workers:
+                    yield waiting.popleft().result()
+        except GeneratorExit:  # enough: those that are being told end by themselves, and free their shared memory
+            for one in waiting:
+                one.cancel()
 
 
 class ToldFile:
