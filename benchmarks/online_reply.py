@@ -42,7 +42,6 @@ from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.integrations.kuka.link.config import read_config
 from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.protocols.processes.control_array import Request
-from counterflex.protocols.session import session as online
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
@@ -150,7 +149,7 @@ def _timed(session: OnlineSession) -> dict[str, list[int]]:
     watch(session.tracker, "drain", "    poses taken in")
     watch(session.loop, "run", "  step")
     watch(session.link, "answer", "  answer written and sent")
-    watch(online, "write_record", "  record, behind the answer")
+    watch(session._record, "write", "  record, behind the answer")
     return times
 
 

@@ -15,9 +15,8 @@ from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
 from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
-from counterflex.protocols.session import session as session_module
+from counterflex.protocols.session.record import RecordWriter
 from counterflex.protocols.session.session import OnlineSession
-from counterflex.runtime.loop import Loop
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import MotionLimit
@@ -235,15 +234,16 @@ def _nobody_looks_at_a_guided_one(patch: pytest.MonkeyPatch) -> None:
 
 
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
-    right = vars(session_module)["write_record"]
+    right = RecordWriter.write
 
-    def write(ring: Any, link: Any, loop: Loop, *rest: Any) -> None:
+    def write(self: RecordWriter, received: int, sent: int) -> None:
+        loop = self._loop
         kept = float(loop.given.wrench[1])
         loop.given.wrench[1] = kept + 1e-9 * (loop.cycle % 500 == 0)
-        right(ring, link, loop, *rest)
+        right(self, received, sent)
         loop.given.wrench[1] = kept
 
-    patch.setattr(session_module, "write_record", write)
+    patch.setattr(RecordWriter, "write", write)
 
 
 def _silence_is_patience(patch: pytest.MonkeyPatch) -> None:
@@ -366,3 +366,46 @@ def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, m
         raise KeyboardInterrupt
 
     assert campaign.run(tmp_path / "two", minutes=1.0, progress=interrupts).interrupted
+
+
+def _summary(out: Path) -> dict[str, Any]:
+    table: dict[str, Any] = json.loads((out / campaign.SUMMARY).read_text(encoding="utf-8"))
+    return {name: value for name, value in table.items() if name != "simulated_by_processor_time"}
+
+
+def test_an_interrupted_campaign_goes_on_behind_its_last_story(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    short = _told("measured", Fault("operator-stop", 1.0, 1.0), length_s=1.6)
+    seeds: list[int] = []
+
+    def draws(seed: int) -> Story:
+        seeds.append(seed)
+        return Story(seed, short.mode, 1.6, short.faults)
+
+    def interrupts(fraction: float, what: str = "") -> None:
+        if len(seeds) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(campaign, "draw", draws)
+    _never_stops(monkeypatch)
+    monkeypatch.setattr(campaign, "shrunk", lambda one, _rule: one)
+    campaign.run(tmp_path / "whole", minutes=0.1, seed=9)
+    assert seeds == [9, 10, 11, 12]
+    seeds.clear()
+    cut = tmp_path / "cut"
+    assert campaign.run(cut, minutes=0.1, seed=9, progress=interrupts).stories == 2
+    with (cut / campaign.TOLD).open("a", encoding="utf-8") as file:
+        file.write('{"story": {"se')  # as of a process that was killed while it wrote
+    campaign.run(cut, minutes=0.1, seed=9)
+    assert seeds == [9, 10, 11, 12]
+    assert _summary(cut) == _summary(tmp_path / "whole")
+    assert (cut / campaign.STORIES).read_bytes() == (tmp_path / "whole" / campaign.STORIES).read_bytes()
+    seeds.clear()
+    campaign.run(cut, minutes=0.05, seed=10)  # others: the file begins anew
+    assert seeds == [10, 11]
+
+
+@pytest.mark.long
+def test_several_processes_tell_what_one_tells(tmp_path: Path) -> None:
+    for workers in (1, 2):
+        campaign.run(tmp_path / f"{workers}", minutes=1.1, seed=6000, workers=workers)
+    assert _summary(tmp_path / "1") == _summary(tmp_path / "2")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Final
@@ -256,15 +256,13 @@ def test_what_was_asked_for_in_vain_arms_as_soon_as_nothing_is_wrong_but_never_o
 
 
 @pytest.fixture(scope="module")
-def fused() -> Iterator[Session]:
+def fused() -> Session:
     """A plan is left where there is no force; records are counted."""
     p = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
     plan = LoopPlan(p, np.array([0.0, 1.0]), np.zeros((2, 6)), np.ones(2), np.zeros((2, 6)))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("counterflex.protocols.session.session.write_record", lambda *_: None)
-        session = Session(ForceMode.FUSED, plan)
-        session.run.ring = session.ring
-        yield session
+    session = Session(ForceMode.FUSED, plan)
+    session.run.ring = session.ring
+    return session
 
 
 HOLDS: Final = {

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import LARGEST_SEED
+from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS
 from counterflex.cli.commands.program import Out
 from counterflex.cli.output import print_json, print_table, progress_bar
 
@@ -42,6 +42,10 @@ def faults(
         float, typer.Option("--minutes", help="Simulated minutes of cells, with --random.", min=0.01, max=1e7)
     ] = 5.0,
     seed: Annotated[int, typer.Option("--seed", help="Of everything that is random.", min=0, max=LARGEST_SEED)] = 0,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", help="Processes with --random; by default one per core.", min=1, max=MOST_WORKERS),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
     """Inject faults into the online loop and evaluate its reaction.
@@ -50,12 +54,13 @@ def faults(
     faults.md and summary.json. Ends with status 1 when a requirement does not hold.
 
     With --random stories of several faults are composed from the seed, the next story from the next seed, and rules are
-    checked in every cycle. A story that breaks one is shortened and written to stories.json.
+    checked in every cycle. A story that breaks one is shortened and written to stories.json. The result does not depend
+    on --workers, and an interrupted campaign goes on with the same --seed and --out.
 
     Example: `counterflex faults --quick --no-realtime --out out/faults`
     """
     if random:
-        _composed(out, minutes, seed, as_json=as_json, others=bool(only) or quick or sensors != "force")
+        _composed(out, minutes, seed, workers, as_json=as_json, others=bool(only) or quick or sensors != "force")
         return
     from counterflex_lab.faults import faults as job
     from counterflex_lab.faults.scenario import Effort
@@ -89,7 +94,7 @@ def faults(
         raise typer.Exit(1)
 
 
-def _composed(out: Path, minutes: float, seed: int, *, as_json: bool, others: bool) -> None:
+def _composed(out: Path, minutes: float, seed: int, workers: int | None, *, as_json: bool, others: bool) -> None:
     from counterflex.core.errors import InputError
     from counterflex_lab.composed import campaign as job
 
@@ -100,7 +105,7 @@ def _composed(out: Path, minutes: float, seed: int, *, as_json: bool, others: bo
             hint="Leave out --only, --quick and --sensors",
         )
     with progress_bar("telling stories") as progress:
-        campaign = job.run(out, minutes=minutes, seed=seed, progress=progress)
+        campaign = job.run(out, minutes=minutes, seed=seed, workers=workers, progress=progress)
     if as_json:
         print_json(campaign.summary())
     else:

@@ -65,6 +65,7 @@ class Program:
         R: (3, 3) of the tool, the same everywhere.
         T_base_part: (4, 4) the program's BASE.
         end: Last row of the program; behind it the way back.
+        cuts: For each row whether a force is planned.
     """
 
     p: Float
@@ -73,6 +74,7 @@ class Program:
     R: Float
     T_base_part: Float
     end: int
+    cuts: list[bool]
 
 
 @functools.cache
@@ -120,7 +122,8 @@ def program() -> Program:
     T_base_part: Float = forward(chain, Q) @ pose.inverse(T[0])
     q: Float = inverse_path(chain, T_base_part @ T, Q).q
     whole = np.concatenate([force, np.zeros((rows_back - 1, 3))])
-    return Program(p_all, q, whole, R, T_base_part, len(p) - 1)
+    cuts: list[bool] = whole.any(axis=1).tolist()
+    return Program(p_all, q, whole, R, T_base_part, len(p) - 1, cuts)
 
 
 @functools.cache

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from dataclasses import replace
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -48,8 +48,7 @@ GUIDED: Final = Delays(12.0 * MS, (20.0 * 2.0 * np.pi * 20.0) ** 0.5, 0.5 * (20.
 """Of a guided robot, as identified: dead time, low-pass of 20 Hz and gain of 20 1/s, together 70 ms."""
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(NamedTuple):
     """An answer of the loop.
 
     Attributes:
@@ -138,6 +137,7 @@ class RsiController:
 
     def __init__(self, story: Story, timeout: int, active: Active, rng: np.random.Generator) -> None:
         self._story, self._rng = story, rng
+        self._by_axes = story.mode.endswith("axes")
         self._context = RsiContext(timeout=timeout, cycle_s=story.period_s)
         self._config = bench.config(currents=story.currents)
         self._motors: Motors | None = None
@@ -199,7 +199,7 @@ class RsiController:
 
     def drive_torque(self, row: int, force: Float) -> Float:
         """As in :class:`Controller`."""
-        return np.zeros(6) if self._motors is None else self._motors.torque(row, force)
+        return _NO_TORQUE if self._motors is None else self._motors.torque(row, force)
 
     def shows_force(self, w_sensor: Float | None) -> None:
         """As in :class:`Controller`; it has no such sensor."""
@@ -216,7 +216,7 @@ class RsiController:
     def correction_m(self, row: int) -> Float:
         """As in :class:`Controller`."""
         out: Float = self.device.correction[:3]
-        return bench.jacobian()[row] @ self.device.axes if self._story.mode.endswith("axes") else out
+        return bench.jacobian()[row] @ self.device.axes if self._by_axes else out
 
     def strange(self, telegram: bytes) -> bytes:
         """As in :class:`Controller`."""
@@ -354,7 +354,7 @@ class EgmController:
     def drive_torque(self, row: int, force: Float) -> Float:
         """As in :class:`Controller`."""
         del row, force
-        return np.zeros(6)
+        return _NO_TORQUE
 
     def shows_force(self, w_sensor: Float | None) -> None:
         """As in :class:`Controller`."""
@@ -378,6 +378,9 @@ class EgmController:
             part.cartesian.pos.x = STRANGE_M / MM
         out: bytes = message.SerializeToString()
         return out
+
+
+_NO_TORQUE: Final = np.zeros(6)
 
 
 @functools.cache

@@ -146,10 +146,8 @@ class DiskLog(KeptLog):
                 read += len(segment.rows)
                 at = np.searchsorted(taken[:, CYCLE], segment.rows[:, CYCLE])
                 same = at < len(taken)
-                same[same] = [
-                    np.array_equal(taken[k], row, equal_nan=True)
-                    for k, row in zip(at[same], segment.rows[same], strict=True)
-                ]
+                was, rows = taken[at[same]], segment.rows[same]
+                same[same] = ((was == rows) | (np.isnan(was) & np.isnan(rows))).all(axis=1)
                 if not same.all():
                     self.unread = f"{int((~same).sum())} records of {segment.name} are not those that were taken"
                 self.replay(segment.rows, segment.states)

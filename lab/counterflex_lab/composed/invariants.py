@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from counterflex_lab.composed.robot import follow
 from counterflex_lab.composed.story import Story
 from counterflex_lab.composed.world import World
 
+Point: TypeAlias = list[float]
+"""Three coordinates in m: numbers of Python, as arrays of three take longer."""
 SPEED_M_S: Final = 20.0 * MM
 """Of the correction."""
 _MADE_UP: Final = 5
@@ -60,7 +62,10 @@ _BELIEVED: Final = 25
 _MOVES_M_S: Final = 1e-3
 _RADIUS_M: Final = 15.0 * MM
 """Of the arcs, on which the path frame of EGM turns."""
+_OBEYS_RAD_S: Final = 2.0 * np.pi * 4.0
+_PANEL, _GONE, _RUN, _TROUBLE = int(Panel.NS), int(Life.GONE), int(Life.RUN_NS), int(Kept.TROUBLE)
 _STATES: Final = tuple(State)
+_NAMES: Final = {state: state.name for state in State}
 _CAUSES: Final = {int(cause): cause for cause in Cause}
 
 
@@ -104,8 +109,9 @@ class Invariants:
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
-        self._before: Float = np.zeros(3)
-        self._own: Float = np.zeros(3)
+        self._before: Point = [0.0, 0.0, 0.0]
+        self._own: Point = [0.0, 0.0, 0.0]
+        self._nominal: Float = np.zeros(12)
         self._cycles = 0
         self._number = 0
         self._state = State.IDLE
@@ -115,37 +121,43 @@ class Invariants:
         self._since: dict[str, int] = {}
         self._cycle = 0
         self._uncorrected = self._missing = self._clean = self._silent = 0
-        self._model: Float = np.zeros(3)
-        self._rate: Float = np.zeros(3)
+        self._model: Point = [0.0, 0.0, 0.0]
+        self._rate: Point = [0.0, 0.0, 0.0]
         self._stand: Float = np.zeros(12)
         self._last_active_s = 0.0
         self._acted = False
         self._yielding = frozenset({0})
+        # What depends on the story alone.
+        self._by_rsi, self._by_path = story.link == "rsi", story.link == "egm-path"
+        self._planned, self._forced = story.planned, story.forced
+        self._needs_force = story.mode.startswith(("measured", "pilot", "scale"))
+        self._log_holds, self._panel_holds = story.without_log == "hold", story.without_panel == "hold"
 
     def __call__(self, world: World) -> None:
         """Look at the end of a cycle of the controller."""
-        correction = world.correction_m
+        correction: Point = world.correction_m.tolist()
         self._step(world, correction)
         session = world.session
         if session is None:
             self._state, self._in_state = State.IDLE, 0
-            self._before = correction.copy()
+            self._before = correction
             self._number = world.number
             return
         if world.runs != self._runs:
             self._runs, self._since, self._state, self._in_state = world.runs, {}, State.IDLE, 0
             self._yielding = yielding(session.loop.records[0]["settings"][0])
+            self._nominal = session.loop.given.nominal
             self._acted = False
-        state = _STATES[session.loop.quick_result.state]
-        name = state.name
+        result = session.loop.quick_result
+        state = _STATES[result.state]
+        name = _NAMES[state]
         self.states[name] = self.states.get(name, 0) + 1
         self._in_state = self._in_state + 1 if state == self._state else 0
         self._by_state(world, state, correction)
         self._causes(world, state)
         self._visible(world, state)
         self._senders(world)
-        result = session.loop.quick_result
-        unarmed = world.story.link != "rsi" and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
+        unarmed = not self._by_rsi and (result.stop == 1 or state < State.ARMED)  # EGM stops by silence
         self._answers(world, result.silent == 1 or unarmed or session.searches)
         self._in_the_cut(world, state)
         self._obeyed(world, state, correction)
@@ -156,8 +168,8 @@ class Invariants:
             self._break("replays bit for bit", world, f"{difference}")
         if state == State.ACTIVE:
             self._last_active_s, self._acted = world.now_s, True
-        self._state, self._cause = state, int(session.loop.quick_result.cause)
-        self._before = correction.copy()
+        self._state, self._cause = state, int(result.cause)
+        self._before = correction
         self._number = world.number
 
     def end(self, world: World) -> None:
@@ -185,7 +197,7 @@ class Invariants:
         if rule not in self.broken:
             self.broken[rule] = Broken(rule, round(world.now_s, 4), words)
 
-    def _step(self, world: World, correction: Float) -> None:
+    def _step(self, world: World, correction: Point) -> None:
         """At the controller: no step from one answer of the loop to its next beyond the limiter's; no size.
 
         Answers of another program between them are not the loop's: it neither sees nor continues them.
@@ -195,20 +207,20 @@ class Invariants:
             self._break("within its limit", world, f"{size / MM:.4f} mm > {LARGEST_M / MM:g} mm")
         self._cycles += 1
         if world.number != self._number:
-            self._before, self._own, self._cycles, self._sent = np.zeros(3), correction.copy(), 0, 0
+            self._before, self._own, self._cycles, self._sent = [0.0, 0.0, 0.0], correction, 0, 0
             return
         if not world.side.corrects:
-            self._own, self._cycles = correction.copy(), 0
+            self._own, self._cycles = correction, 0
             return
         if world.obeyed_other or world.age > 0:
             return
         cycles = min(_MADE_UP, self._cycles)
-        if world.story.link != "rsi":  # it takes any answer, however late: what may have changed since that was sent
+        if not self._by_rsi:  # it takes any answer, however late: what may have changed since that was sent
             sent = world.side.accepted.cycle if world.side.accepted is not None else 0
             cycles, self._sent = max(1, abs(sent - self._sent)), sent
-        step = _size(correction - self._own)
+        step = math.dist(correction, self._own)
         most = self._step_m * cycles + self._turns(world, size) * self._cycles + self._rounded
-        self._own, self._cycles = correction.copy(), 0
+        self._own, self._cycles = correction, 0
         if step > most:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
 
@@ -217,15 +229,15 @@ class Invariants:
 
         Of a guided robot the part across the path is seen, segment by segment: one that is at rest turns out of it.
         """
-        if world.story.link == "rsi":
+        if self._by_rsi:
             return 0.0
         way = world.robot.speed * self._period_s
-        if world.story.link == "egm-path" or world.session is None:
+        if self._by_path or world.session is None:
             return 2.0 * size * way / _RADIUS_M
-        whole = _size(world.session.loop.correction[:3])
+        whole = _size(world.session.loop.correction[:3].tolist())
         return whole * (way + bench.SPACING_M) / _RADIUS_M if way > 0.0 else 0.0
 
-    def _by_state(self, world: World, state: State, correction: Float) -> None:
+    def _by_state(self, world: World, state: State, correction: Point) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""
         if world.age > 0 or world.controller.stopped or not world.sends or world.obeyed_other:
             self._in_state = 0
@@ -239,7 +251,7 @@ class Invariants:
             self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
         if self._in_state < self._braked or world.number != self._number:
             return
-        moved = _size(correction - self._before)
+        moved = math.dist(correction, self._before)
         if state in (State.HOLD, State.FAULT) and moved > rounded:
             self._break("at rest in hold", world, f"moved by {moved / MM:.4f} mm in {state.name}")
         if state == State.RAMP_OUT and size > before + rounded:
@@ -265,7 +277,7 @@ class Invariants:
                 self._break("one cause", world, f"{Cause(self._cause).name} became {cause.name} in {state.name}")
 
     def _true(self, world: World) -> frozenset[Cause]:
-        cannot_hold = {"ignores-hold"} if world.story.link == "egm-path" else set()
+        cannot_hold = {"ignores-hold"} if self._by_path else set()
         return _allowed(frozenset(world.active.begun) | cannot_hold)
 
     def _visible(self, world: World, state: State) -> None:
@@ -273,38 +285,39 @@ class Invariants:
         session = world.session
         if session is None:
             return
-        story, control, clock = world.story, world.control, world.clock_ns()
+        control, clock, since, line = world.control, world.clock_ns(), self._since, "no telegrams"
         given = session.loop.quick_given
-        needs_force = story.mode.startswith(("measured", "pilot", "scale"))
-        panel_silent = clock - int(control[Panel.NS]) > _PANEL_SILENT_NS
-        seen = {
-            "a stop": (world.stop_asked and given.elapsed > 0, _VISIBLE),
-            "a dead process": (bool(control[Life.GONE]), _VISIBLE),
-            "a silent run": (clock - int(control[Life.RUN_NS]) > _RUN_SILENT_NS, _VISIBLE),
-            "a lost log": (story.without_log == "hold" and bool(control[Kept.TROUBLE]), _VISIBLE),
-            "a lost panel": (story.without_panel == "hold" and panel_silent, _VISIBLE),
-            "a cause": (given.hard != 0 or int(given.soft) not in self._yielding, _VISIBLE),
-            "no telegrams": (world.now_s - world.received_at > _LATE_CYCLES * self._period_s, _VISIBLE),
-            "no Enable": (world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
-            "no force": (needs_force and not _SILENT.isdisjoint(world.active.now), self._stale),
-        }
+        late = world.now_s - world.received_at > _LATE_CYCLES * self._period_s
+        panel_silent = clock - int(control[_PANEL]) > _PANEL_SILENT_NS
+        seen = (
+            ("a stop", world.stop_asked and given.elapsed > 0, _VISIBLE),
+            ("a dead process", bool(control[_GONE]), _VISIBLE),
+            ("a silent run", clock - int(control[_RUN]) > _RUN_SILENT_NS, _VISIBLE),
+            ("a lost log", self._log_holds and bool(control[_TROUBLE]), _VISIBLE),
+            ("a lost panel", self._panel_holds and panel_silent, _VISIBLE),
+            ("a cause", given.hard != 0 or given.soft not in self._yielding, _VISIBLE),
+            (line, late, _VISIBLE),
+            ("no Enable", world.disabled > 0 and given.elapsed > 0, _DEBOUNCED),
+            ("no force", self._needs_force and not _SILENT.isdisjoint(world.active.now), self._stale),
+        )
         cycle = session.cycles
         if world.frozen:
-            self._since.pop("no telegrams", None)
-        elif seen["no telegrams"][0]:
-            self._silent = world.cycles if "no telegrams" not in self._since else self._silent
+            since.pop(line, None)
+        elif late:
+            self._silent = world.cycles if line not in since else self._silent
             silent = world.cycles - self._silent
             if state == State.ACTIVE and silent > _VISIBLE:
                 self._break("reacts to no telegrams", world, f"ACTIVE {silent} cycles after it, {_VISIBLE} may be")
-        for what, (there, within) in seen.items():
+        for what, there, within in seen:
             if not there:
-                self._since.pop(what, None)
+                if what in since:
+                    del since[what]
                 continue
-            first = self._since.setdefault(what, cycle)
+            first = since.setdefault(what, cycle)
             if state == State.ACTIVE and cycle - first > within:
                 self._break(f"reacts to {what}", world, f"ACTIVE {cycle - first} cycles after it, {within} may be")
-        if state in (State.ARMED, State.ACTIVE) and self._state < State.ARMED and control[Kept.TROUBLE]:
-            self._break("not armed without a log", world, f"{state.name} with trouble {int(control[Kept.TROUBLE])}")
+        if state in (State.ARMED, State.ACTIVE) and self._state < State.ARMED and control[_TROUBLE]:
+            self._break("not armed without a log", world, f"{state.name} with trouble {int(control[_TROUBLE])}")
 
     def _senders(self, world: World) -> None:
         """Never two senders obeyed, and only the controller answered."""
@@ -316,7 +329,7 @@ class Invariants:
             world.misdirected.clear()
         session.link.fill_actual(self._stand)
         own = "message-damaged" not in world.active.begun  # which may stand for any number
-        if own and max(session.loop.given.nominal[9], self._stand[9]) > STRANGE_M / 2.0:
+        if own and max(self._nominal[9], self._stand[9]) > STRANGE_M / 2.0:
             self._break("one sender", world, "a stranger's pose came into the loop")
 
     def _answers(self, world: World, silent: bool) -> None:
@@ -334,21 +347,30 @@ class Invariants:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
         robot = world.robot
         goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
-        measured = world.story.forced and not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
-        tells = world.story.planned or measured  # else nothing says that material is cut
-        if goes_on and tells and not world.side.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
+        if (
+            goes_on
+            and self._tells(world)
+            and not world.side.held
+            and state not in (State.ACTIVE, State.HOLD, State.FAULT)
+        ):
             self._uncorrected += 1
             if self._uncorrected > self._most_uncorrected:
                 self._break("no cut without its correction", world, f"{state.name} for {self._uncorrected} cycles")
         else:
             self._uncorrected = 0
 
-    def _obeyed(self, world: World, state: State, sent: Float) -> None:
+    def _tells(self, world: World) -> bool:
+        """Return whether plan or force says that material is cut."""
+        if self._planned or not self._forced:
+            return self._planned
+        return not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
+
+    def _obeyed(self, world: World, state: State, sent: Point) -> None:
         """A robot that makes far less of the correction for long is not corrected on, and it is told."""
         robot = world.robot
-        follow(self._model, self._rate, sent, 2.0 * np.pi * 4.0, 0.8, self._period_s)
-        missing = _size(self._model - robot.made_m)
-        told = world.story.link != "egm-path"  # whether its planned pose contains the correction is not documented
+        follow(self._model, self._rate, sent, _OBEYS_RAD_S, 0.8, self._period_s)
+        missing = math.dist(self._model, robot.made_m.tolist())
+        told = not self._by_path  # whether its planned pose contains the correction is not documented
         if told and state == State.ACTIVE and missing > _MISSING_M and robot.speed > _MOVES_M_S:
             self._missing += 1
             if self._missing > self._most_missing:
@@ -357,8 +379,8 @@ class Invariants:
             self._missing = 0
 
 
-def _size(v: Float) -> float:
-    return math.hypot(*v.tolist())
+def _size(v: Point) -> float:
+    return math.hypot(*v)
 
 
 def _allowed(kinds: frozenset[str]) -> frozenset[Cause]:

@@ -65,7 +65,7 @@ class Robot:
         self.place = self.speed = 0.0
         self.runs = False
         self.made_m: Float = np.zeros(3)
-        self._rate: Float = np.zeros(3)
+        self._rate = [0.0, 0.0, 0.0]
         self._sent: deque[Float] = deque([np.zeros(3)] * 200, maxlen=200)
         self.force: Float = np.zeros(3)
         self._harder = float(rng.uniform(0.93, 1.07))
@@ -100,7 +100,8 @@ class Robot:
         """Stand at the beginning of the program, no correction in force."""
         self.place = self.speed = 0.0
         self.runs = False
-        self.made_m[:] = self._rate[:] = 0.0
+        self.made_m[:] = 0.0
+        self._rate = [0.0, 0.0, 0.0]
         self._sent.extend([np.zeros(3)] * self._sent.maxlen if self._sent.maxlen else [])
 
     def move(self, correction_m: Float, *, holds: bool, stopped: bool, override: float) -> None:
@@ -121,7 +122,7 @@ class Robot:
             requested = 0.0
         most = _BRAKES_M_S2 * dt
         self.speed += min(most, max(-most, requested - self.speed))
-        last = len(self._program.p) - 1
+        last = self.last
         self.place = min(self.place + self.speed * dt / bench.SPACING_M, float(last))
         self._sent.append(correction_m)
         if not stopped:
@@ -160,13 +161,16 @@ class Robot:
     def _follow(self, now: Mapping[str, object]) -> None:
         u = self._asked(now, self._dead)
         if "robot-stays" in now:
-            self._rate[:] = 0.0
+            self._rate = [0.0, 0.0, 0.0]
             return
-        follow(self.made_m, self._rate, u, self._natural, self._damping, self._dt)
+        made = self.made_m.tolist()
+        follow(made, self._rate, u.tolist(), self._natural, self._damping, self._dt)
+        self.made_m[:] = made
 
     def _cut(self, now: Mapping[str, object]) -> None:
-        planned = self._program.force[int(self.place)]
-        if self.speed <= 1e-4 or not planned.any():
+        row = int(self.place)
+        planned = self._program.force[row]
+        if self.speed <= 1e-4 or not self._program.cuts[row]:
             self.force = 0.1 * planned
             return
         scale = self._harder * (self.speed / bench.FEED_M_S) ** 0.7
@@ -301,20 +305,21 @@ _TURNED: Final = tuple(rotation.quat_wxyz(rotation.about_x(np.pi)).tolist())
 _MOMENTS: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
 
 
-def follow(value: Float, rate: Float, u: Float, w: float, damping: float, time_s: float) -> None:
+def follow(value: list[float], rate: list[float], goals: list[float], w: float, damping: float, time_s: float) -> None:
     """Follow ``x'' + 2 zeta w x' + w^2 x = w^2 u`` for a while.
 
     Args:
-        value: (3,) x; changed.
-        rate: (3,) its rate; changed.
-        u: (3,) held.
+        value: x of each coordinate; changed.
+        rate: Its rate; changed.
+        goals: u, held.
         w: rad/s.
         damping: Ratio.
         time_s: A multiple of 4 ms.
     """
     steps = max(1, round(time_s / _STEP_S))
     dt, spring, drag = time_s / steps, w * w, 2.0 * damping * w
-    for k, (x, v, goal) in enumerate(zip(value.tolist(), rate.tolist(), u.tolist(), strict=True)):
+    for k, goal in enumerate(goals):
+        x, v = value[k], rate[k]
         for _ in range(steps):  # numbers of Python: arrays of three take three times as long
             v += dt * (spring * (goal - x) - drag * v)
             x += dt * v

@@ -234,14 +234,23 @@ def read_stories(path: Path) -> list[tuple[str, Story]]:
     Raises:
         InputError: A kind or a mode that there is not.
     """
+    return stories_in(json.loads(path.read_text(encoding="utf-8")), str(path))
+
+
+def stories_in(tables: Iterable[dict[str, Any]], where: str) -> list[tuple[str, Story]]:
+    """Stories of tables, each with why it is kept.
+
+    Raises:
+        InputError: A kind that there is not.
+    """
     out = []
-    for one in json.loads(path.read_text(encoding="utf-8")):
+    for one in tables:
         table: dict[str, Any] = dict(one)
         why = str(table.pop("why"))
         faults = tuple(Fault(**fault) for fault in table.pop("faults"))
         for fault in faults:
             if fault.kind not in KINDS:
-                raise InputError("no such kind of fault", where=str(path), value=fault.kind)
+                raise InputError("no such kind of fault", where=where, value=fault.kind)
         out.append((why, Story(**table, faults=faults)))
     return out
 

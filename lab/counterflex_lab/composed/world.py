@@ -106,6 +106,9 @@ class World:
         self.robot = Robot(
             self.active, np.random.default_rng([story.seed, 3]), self.period_s, measures_axes=story.link != "rsi"
         )
+        self._own_force = story.has("force-short")
+        self._sampled = story.forced and story.sensor != "egm"
+        self._tracked = story.tracked
         self._bridges = None
         if story.has("strain-silent"):
             rng = np.random.default_rng([story.seed, 5])
@@ -313,15 +316,15 @@ class World:
         if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
-            if self.story.has("force-short"):
+            if self._own_force:
                 self.side.shows_force(self.robot.own_force())
             torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
             self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
         if self.session is not None:
-            if self.story.forced and self.story.sensor != "egm":
+            if self._sampled:
                 samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)
                 self.force.waiting.extend(samples)
-            if self.story.tracked and (datagram := self.robot.pose(self.now_s)) is not None:
+            if self._tracked and (datagram := self.robot.pose(self.now_s)) is not None:
                 self.tracker.waiting.append(datagram)
         period = self.period_s * (1.0 + active.size("cycle-drift"))
         self._push(self.now_s + period, _CYCLE, None)

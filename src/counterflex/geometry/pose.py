@@ -47,7 +47,7 @@ def make(R: Float | None = None, p: Float | None = None) -> Float:
     """Pose of a rotation (..., 3, 3) and a position (..., 3) in m; what is left out is identity or zero."""
     R = np.eye(3) if R is None else np.asarray(R, dtype=np.float64)
     p = np.zeros(3) if p is None else np.asarray(p, dtype=np.float64)
-    lead = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
+    lead = () if R.ndim == 2 and p.ndim == 1 else np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
     T = np.zeros((*lead, 4, 4))
     T[..., :3, :3] = R
     T[..., :3, 3] = p

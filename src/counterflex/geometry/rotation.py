@@ -12,6 +12,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 
 _SMALL = 1e-4  # rad; below this the Taylor series is exact to double precision
+_UNIT = np.eye(3)
+_UNIT.flags.writeable = False
 
 
 def skew(v: Float) -> Float:
@@ -60,6 +62,8 @@ def exp(rotvec: Float) -> Float:
         (..., 3, 3).
     """
     v = np.asarray(rotvec, dtype=np.float64)
+    if v.ndim == 1:
+        return _exp_of_one(*v.tolist())
     t = np.linalg.norm(v, axis=-1)
     t2 = t * t
     small = t < _SMALL
@@ -68,6 +72,18 @@ def exp(rotvec: Float) -> Float:
     b = np.where(small, 0.5 - t2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
     k = skew(v)
     out: Float = np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+    return out
+
+
+def _exp_of_one(x: float, y: float, z: float) -> Float:
+    """As :func:`exp`, to the bit, for one vector: a robot that is guided takes several in every cycle."""
+    t = math.sqrt(x * x + y * y + z * z)
+    if t < _SMALL:
+        a, b = 1.0 - t * t / 6.0, 0.5 - t * t / 24.0
+    else:  # of NumPy, whose last bit need not be that of the library of C
+        a, b = np.sin(t) / t, (1.0 - np.cos(t)) / (t * t)
+    k: Float = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    out: Float = _UNIT + a * k + b * (k @ k)
     return out
 
 
@@ -84,6 +100,8 @@ def log(R: Float) -> Float:
         (..., 3) rad, norm in 0..pi.
     """
     q = quat_wxyz(R)
+    if q.ndim == 1:
+        return _log_of_one(*q.tolist())
     w, v = q[..., 0], q[..., 1:]
     s = np.linalg.norm(v, axis=-1)
     angle = 2.0 * np.arctan2(s, w)
@@ -91,6 +109,13 @@ def log(R: Float) -> Float:
     scale = np.where(small, 2.0 / np.where(w == 0.0, 1.0, w), angle / np.where(small, 1.0, s))
     out: Float = v * scale[..., None]
     return out
+
+
+def _log_of_one(w: float, x: float, y: float, z: float) -> Float:
+    """Rotation vector of one unit quaternion, to the bit that of many."""
+    s = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 / (w if w != 0.0 else 1.0) if s < 1e-9 else 2.0 * np.arctan2(s, w) / s
+    return np.array((x * scale, y * scale, z * scale))
 
 
 def quat_wxyz(R: Float) -> Float:
@@ -155,9 +180,20 @@ def from_quat_wxyz(q: Float) -> Float:
         (..., 3, 3).
     """
     q = np.asarray(q, dtype=np.float64)
+    if q.ndim == 1:
+        return _of_one_quat(*q.tolist())
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     k = skew(q[..., 1:])
     return np.eye(3) + 2.0 * q[..., :1, None] * k + 2.0 * (k @ k)
+
+
+def _of_one_quat(w: float, x: float, y: float, z: float) -> Float:
+    """As :func:`from_quat_wxyz`, to the bit, for one; not a number where it has no length."""
+    size = math.sqrt(w * w + x * x + y * y + z * z) or math.nan
+    w, x, y, z = w / size, x / size, y / size, z / size
+    k: Float = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+    out: Float = _UNIT + 2.0 * w * k + 2.0 * (k @ k)
+    return out
 
 
 def about_x(angle: Float | float) -> Float:

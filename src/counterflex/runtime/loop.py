@@ -71,7 +71,7 @@ class Loop:
         monitor: Process monitoring and feed override.
         records: LOOP and PLAN, for a kernel that reads them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.
-        state_cycles: Cycles from one snapshot of its memory to the next, for the record.
+        cycles: (1,) view: cycles run so far; ``state_cycles`` is those from one snapshot of its memory to the next.
 
     Raises:
         InputError: The settings need a plan and there is none, or the monitor has another cycle.
@@ -136,7 +136,7 @@ class Loop:
             self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
         self._axis_pid = axis_pid(settings)
         self._place: Float = self.step_state.place
-        self._cycles: Int = self._loop["state"]["cycles"]
+        self.cycles: Int = self._loop["state"]["cycles"]
         self.state_cycles = max(1, round(_STATE_S / settings.period_s))
         self._table = self._arrays()
         self.memory = self._memory()
@@ -321,7 +321,7 @@ class Loop:
     @property
     def cycle(self) -> int:
         """Cycles run since the start or the last :meth:`reset`; after the first :meth:`run` it is 1."""
-        return int(self._cycles[0])
+        return int(self.cycles[0])
 
     def sha256(self) -> str:
         """Hash over every number the step is given besides its inputs: two loops that agree in it compute the same."""

@@ -30,6 +30,9 @@ FREE: Final = 0
 CORRECTING: Final = 1
 CLAMPED: Final = 2
 _MEASURED: Final = ("RIst", "RSol", "AIPos", "ASPos")
+_UNITS: Final = (MM, MM, MM, DEG, DEG, DEG)
+_NO_TAG: Final = -1
+"""Place of a tag that the configuration does not have."""
 _LOCKED: Final = 1e-12
 """Cosine of B below which only A -+ C is determined."""
 
@@ -83,11 +86,12 @@ class FakeRsi:
     ) -> None:
         self.config, self.context = config, context
         sent = config.sent()
-        self._sources = [_source(value) for value in sent]
         self._currents = currents
         self._job = job if any(v.name == "Enable" and v.kind != "BOOL" for v in sent) else 0
         self._has_currents = currents is not None and any(value.element == "MACur" for value in sent)
+        self._free_names, self._sent_places = _sources(sent, currents=self._has_currents)
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
+        self._sentype = config.sentype.encode("ascii")
         self.frees: dict[str, float] = dict(frees or {})
         self.counter = context.first_counter - self._increment  # IPOC of the telegram to be answered
         self.late = 0  # Late or unusable answers so far (``Delay``); never counted back
@@ -106,10 +110,11 @@ class FakeRsi:
         self._sent = 0
         self._hold = np.array([value.tag.hold for value in received])
         self._latched: Float = np.array([100.0 if value.name == "Override" else 0.0 for value in received])
-        self._pose_places = [places.get(f"RKorr.{a}") for a in "XYZABC"]
-        self._axis_places = [(places.get(f"AKorr.A{i}"), places.get(f"AK.A{i}")) for i in range(1, 7)]
-        self._hold_place, self._state_place = places.get("FeedHold"), places.get("State")
-        self._override_place, self._stop_place = places.get("Override"), places.get("Stop")
+        self._pose_places = [places.get(f"RKorr.{a}", _NO_TAG) for a in "XYZABC"]
+        self._axis_places = [(places.get(f"AKorr.A{i}", _NO_TAG), places.get(f"AK.A{i}", _NO_TAG)) for i in range(1, 7)]
+        self._hold_place, self._state_place, self._override_place, self._stop_place = (
+            places.get(name, _NO_TAG) for name in ("FeedHold", "State", "Override", "Stop")
+        )
 
     @property
     def _increment(self) -> int:
@@ -145,25 +150,21 @@ class FakeRsi:
         self._sent += 1
         if self.context.empty_first and self._sent == 1:
             return f'<Rob Type="KUKA"><IPOC>{self.counter}</IPOC></Rob>'.encode("ascii")
-        measured = {
-            "RIst": _frame(report.T_part_actual),
-            "RSol": _frame(report.T_part_nominal),
-            "AIPos": (self.context.axes.shown(report.q_actual) / DEG).tolist(),
-            "ASPos": (self.context.axes.shown(report.q_command) / DEG).tolist(),
-        }
+        axes, frees = self.context.axes, self.frees
+        currents: list[float] = []
         if self._currents is not None and self._has_currents:
-            measured["MACur"] = self._currents(report.drive_torque).tolist()
-        numbers = []
-        for element, place, name in self._sources:
-            if element in measured:
-                numbers.append(measured[element][place])
-            elif name == "Delay.D":
-                numbers.append(float(self.late))
-            elif name.endswith(".Stat"):
-                numbers.append(float(self.stat))
-            else:
-                numbers.append(self.frees.get(name, 0.0))
-        self._writer.values[:] = numbers
+            currents = self._currents(report.drive_torque).tolist()
+        numbers = (
+            *_frame(report.T_part_actual),
+            *_frame(report.T_part_nominal),
+            *(axes.shown(report.q_actual) / DEG).tolist(),
+            *(axes.shown(report.q_command) / DEG).tolist(),
+            *currents,
+            float(self.late),
+            float(self.stat),
+            *[frees.get(name, 0.0) for name in self._free_names],
+        )
+        self._writer.values[:] = [numbers[k] for k in self._sent_places]
         return self._writer.telegram(self.counter)
 
     def answers(self, data: bytes) -> bool:
@@ -190,20 +191,20 @@ class FakeRsi:
         if data is None:
             return "no answer"
         match = _TYPE.match(data)
-        if match is None or match.group(1) != self.config.sentype.encode("ascii"):
+        if match is None or match.group(1) != self._sentype:
             return "SENTYPE"
         status = self._reader.read_bytes(data)
         if status not in (OK, MISSING):
             return "unreadable"
         if self._reader.counter != self.counter:
             return "IPOC"
-        self._latched[self._reader.seen] = self._reader.values[self._reader.seen]
+        np.copyto(self._latched, self._reader.values, where=self._reader.seen)
         return ""
 
     def _apply(self) -> None:
-        context, number = self.context, self._value
-        pose = [number(k) * unit for k, unit in zip(self._pose_places, (MM, MM, MM, DEG, DEG, DEG), strict=True)]
-        axis = [(number(one) + number(other)) * DEG for one, other in self._axis_places]
+        context, number = self.context, [*self._latched.tolist(), 0.0]  # the last one: what there is no tag for
+        pose = [number[k] * unit for k, unit in zip(self._pose_places, _UNITS, strict=True)]
+        axis = [(number[one] + number[other]) * DEG for one, other in self._axis_places]
         if context.mode == "relative":
             pose = [a + b for a, b in zip(self.correction.tolist(), pose, strict=True)]
             axis = [a + b for a, b in zip(context.axes.shown_change(self.axes).tolist(), axis, strict=True)]
@@ -214,18 +215,15 @@ class FakeRsi:
         self.stat = CLAMPED if over else CORRECTING if any(clamped) or any(axis_clamped) else FREE
         if math.hypot(*clamped[:3]) > context.monitor_m or max(map(abs, clamped[3:])) > context.monitor_rad:
             self.stopped = "POSCORRMON"
-        self._command()
+        self._command(number)
 
-    def _value(self, place: int | None, without: float = 0.0) -> float:
-        """Number of the answer in force; ``without`` where the configuration has no such tag."""
-        return without if place is None else float(self._latched[place])
-
-    def _command(self) -> None:
+    def _command(self, number: list[float]) -> None:
         """Feed hold, state, override and stop of the answer in force."""
-        self.feed_hold = self._value(self._hold_place) > 0.5
-        self.reported_state = int(self._value(self._state_place, -1.0))
-        self.override = min(1.0, max(0.0, self._value(self._override_place, 100.0) / 100.0))
-        if self._value(self._stop_place) > 0.5:
+        self.feed_hold = number[self._hold_place] > 0.5
+        self.reported_state = -1 if self._state_place == _NO_TAG else int(number[self._state_place])
+        override = 100.0 if self._override_place == _NO_TAG else number[self._override_place]
+        self.override = min(1.0, max(0.0, override / 100.0))
+        if number[self._stop_place] > 0.5:
             self.stopped = "Stop"
 
     def again(self, ahead_ms: int) -> FakeRsi:
@@ -245,12 +243,27 @@ class FakeRsi:
         return out
 
 
-def _source(value: Value) -> tuple[str, int, str]:
-    """Return element and place of the measured value, or no element; and its name."""
-    if value.element != "MACur" and not (value.element in _MEASURED and value.tag.tag.startswith("DEF_")):
-        return "", 0, value.name
-    place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
-    return value.element, place, value.name
+def _sources(sent: tuple[Value, ...], *, currents: bool) -> tuple[list[str], list[int]]:
+    """Return the names of the program's own numbers, and which of all numbers each sent value is.
+
+    All are, in order: the measured elements, six numbers each; Delay and Stat; those of the program.
+    """
+    measured = (*_MEASURED, "MACur") if currents else _MEASURED
+    delay = 6 * len(measured)
+    frees: list[str] = []
+    places: list[int] = []
+    for value in sent:
+        if value.element in measured and (value.element == "MACur" or value.tag.tag.startswith("DEF_")):
+            place = "XYZABC".index(value.attribute) if value.element[0] == "R" else int(value.attribute[1:]) - 1
+            places.append(6 * measured.index(value.element) + place)
+        elif value.name == "Delay.D":
+            places.append(delay)
+        elif value.name.endswith(".Stat"):
+            places.append(delay + 1)
+        else:
+            places.append(delay + 2 + len(frees))
+            frees.append(value.name)
+    return frees, places
 
 
 def _clamped(value: float, limit: float) -> float:

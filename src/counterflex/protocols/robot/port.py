@@ -68,6 +68,7 @@ class RobotPort:
         data: (largest,) bytes of the datagram that is being read.
         name: (NAME,) the peer's address, as the system has it.
         counters: See :class:`Counters`.
+        peer: Peer that is answered, or None before the first good telegram.
 
     Raises:
         InputError: The peer's name is none.
@@ -79,18 +80,12 @@ class RobotPort:
     ) -> None:
         self._allowed = None if peer is None else (host_address(peer[0]), peer[1])
         self._sender = _NOBODY
+        self.peer: tuple[str, int] | None = None
         self._wire = UdpWire(host, port, largest) if wire is None else wire
         self.address: tuple[str, int] = self._wire.address
         self.data: Bytes = self._wire.rows[0]
         self.name: Bytes = np.zeros(system_calls.NAME, dtype=np.uint8)
         self.counters = Counters()
-
-    @property
-    def peer(self) -> tuple[str, int] | None:
-        """Peer that is answered, or None before the first good telegram."""
-        if self._sender == _NOBODY:
-            return None
-        return socket.inet_ntoa((self._sender >> 16).to_bytes(4, "big")), self._sender & 0xFFFF
 
     def wait(self, timeout_s: float, read: Callable[[int], Verdict]) -> bool:
         """Wait for a datagram, then take all that are there.
@@ -134,6 +129,7 @@ class RobotPort:
             return False
         if sender != self._sender:
             self._sender = self.counters.sender = sender
+            self.peer = socket.inet_ntoa((sender >> 16).to_bytes(4, "big")), sender & 0xFFFF
             self.name[:] = self._wire.names[row]
         counters.malformed_in_a_row = 0
         if verdict is _NEW:
@@ -151,13 +147,11 @@ class RobotPort:
     def forget(self) -> None:
         """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
         self._sender = self.counters.sender = _NOBODY
+        self.peer = None
 
     def send(self, data: bytes | memoryview) -> bool:
         """Send to the peer; False where there is none yet or the system does not take it."""
-        peer = self.peer
-        if peer is None:
-            return False
-        return self._wire.send(data, peer)
+        return self.peer is not None and self._wire.send(data, self.peer)
 
     @property
     def target(self) -> int:

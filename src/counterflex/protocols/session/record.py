@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from counterflex.core.arrays import Float, Int
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.pair import PairSource
@@ -10,36 +13,43 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import RecordRing
 
 
-def write_record(
-    ring: RecordRing, link: RobotLink, loop: Loop, force: ForceSource | None, received: int, sent: int
-) -> None:
-    """Write what a cycle was given and what it gave into the ring.
+class RecordWriter:
+    """Writes what a cycle was given and what it gave into the ring.
 
     Args:
         ring: See there.
         link: The robot.
-        loop: As the cycle left it.
+        loop: Its arrays stay where they are.
         force: Force sensor, or None.
-        received: When the telegram had come, ns, monotonic.
-        sent: When the answer was out.
     """
-    row = ring.row()
-    row[0], row[1], row[2] = link.counter, received, sent
-    row[3] = link.elapsed
-    row[4] = 0.0 if force is None else force.good
-    row[record.SENSOR : record.SECOND] = 0.0 if force is None else force.w_sensor
-    row[record.SECOND : record.GIVEN] = 0.0
-    if isinstance(force, PairSource):
-        row[record.SECOND : record.SECOND + 6], row[record.GIVEN - 2], row[record.GIVEN - 1] = force.record
-    row[record.GIVEN : record.FLAGS] = loop.inputs[0]
-    row[record.FLAGS : record.RESULTS] = loop.inputs[1]
-    row[record.RESULTS : record.OUTCOME] = loop.answers[0]
-    row[record.OUTCOME : record.MONITOR] = loop.answers[1]
-    fast, tests, events = loop.monitor.columns
-    row[record.FAST : record.SENSOR] = fast
-    row[record.MONITOR : record.MONITOR_OUTCOME] = tests
-    row[record.MONITOR_OUTCOME : record.CYCLE] = events
-    row[record.CYCLE] = loop.cycle
-    ring.commit()
-    if loop.cycle % loop.state_cycles == 0:
-        ring.states.put(loop.cycle, received, loop.memory)
+
+    def __init__(self, ring: RecordRing, link: RobotLink, loop: Loop, force: ForceSource | None) -> None:
+        self._ring, self._link, self._loop, self._force = ring, link, loop, force
+        self._pair = force if isinstance(force, PairSource) else None
+        self._head: Float = np.zeros(record.FAST)
+        self._sensor: Float = np.zeros(record.SECOND - record.SENSOR)
+        self._second: Float = np.zeros(record.GIVEN - record.SECOND)
+        fast, tests, events = loop.monitor.columns
+        # In the order of a row: one call copies them all.
+        self._parts: list[Float | Int] = [self._head, fast, self._sensor, self._second]
+        self._parts += [*loop.inputs, *loop.answers, tests, events, loop.cycles]
+
+    def write(self, received: int, sent: int) -> None:
+        """Write a cycle, as the loop left it.
+
+        Args:
+            received: When the telegram had come, ns, monotonic.
+            sent: When the answer was out.
+        """
+        ring, link, loop, force, second = self._ring, self._link, self._loop, self._force, self._second
+        good = 0.0
+        if force is not None:
+            self._sensor[:], good = force.w_sensor, force.good
+        if self._pair is not None:
+            second[:6], second[-2], second[-1] = self._pair.record
+        self._head[:] = link.counter, received, sent, link.elapsed, good
+        np.concatenate(self._parts, out=ring.row(), casting="unsafe")
+        ring.commit()
+        cycle = loop.cycle
+        if cycle % loop.state_cycles == 0:
+            ring.states.put(cycle, received, loop.memory)

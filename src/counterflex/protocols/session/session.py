@@ -20,7 +20,7 @@ from counterflex.protocols.processes.last_answer import LastAnswer
 from counterflex.protocols.robot.link import RobotLink
 from counterflex.protocols.session.checks import SessionChecks as SessionChecks
 from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
-from counterflex.protocols.session.record import write_record
+from counterflex.protocols.session.record import RecordWriter
 from counterflex.protocols.session.senses import Senses, Sensing
 from counterflex.protocols.session.shared_status import Teller
 from counterflex.protocols.session.standing import Standing, begin_held
@@ -102,6 +102,7 @@ class OnlineSession:
         self._q: Float = loop.given.q
         self._given, self._result = loop.quick_given, loop.quick_result
         self._stand: Float = np.zeros(12)
+        self._record = None if ring is None else RecordWriter(ring, link, loop, force)
         self._nominal: Float = loop.given.nominal
         self._reported: Float = loop.given.reported
         self.control: Int = np.zeros(REQUESTS, dtype=np.int64) if control is None else control
@@ -202,8 +203,8 @@ class OnlineSession:
         sent = self._clock_ns()
         self.compute_ns = sent - received_ns
         self.cycles += int(received)
-        if self.ring is not None:
-            write_record(self.ring, link, loop, self.force, received_ns, sent)
+        if self._record is not None:
+            self._record.write(received_ns, sent)
         self._tell(sent, received_ns, received)
         return received
 

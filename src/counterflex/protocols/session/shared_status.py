@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Final
 
 from counterflex.core.arrays import Int
@@ -14,8 +15,11 @@ from counterflex.runtime.loop import Loop
 from counterflex.runtime.plausibility.axis_check import AxisCheck
 from counterflex.runtime.state.states import State
 
-_TALLIES: Final = slice(REQUESTS, REQUESTS + len(Tally))
-_SHOWN: Final = slice(min(Shown), max(Shown) + 1)
+_TALLIES: Final = struct.Struct(f"{len(Tally)}q")
+_SHOWN: Final = struct.Struct(f"{len(Shown)}q")
+"""Numbers that are written at once: three times as fast as a part of an array."""
+_TALLIES_AT: Final = 8 * REQUESTS
+_SHOWN_AT: Final = 8 * min(Shown)
 _LOOP: Final = int(Life.LOOP_NS)
 _NOTHING: Final = -1
 _MOST: Final = 2.0**62
@@ -89,8 +93,11 @@ class Teller:
             tracker_age: Cycles since the last good pose.
             spikes: Of the force sensor, left out so far.
         """
-        counters, tare, control = self._counters, self._tare, self._control
-        control[_TALLIES] = (
+        counters, tare, words = self._counters, self._tare, self._control.data
+        fx, fy, fz, mx, my, mz = tare.mean.tolist()
+        _TALLIES.pack_into(
+            words,
+            _TALLIES_AT,
             counters.foreign,
             counters.malformed,
             counters.old + counters.astray,
@@ -100,8 +107,8 @@ class Teller:
             clock_jumps,
             set_back,
             tare.refusals,
-            _whole(1e3, *tare.mean[:3]),
-            _whole(1e3, *tare.mean[3:]),
+            _whole(1e3, fx, fy, fz),
+            _whole(1e3, mx, my, mz),
         )
         if received:
             self._robot_ns = now_ns
@@ -111,7 +118,9 @@ class Teller:
             self._tracker_ns = now_ns
         result, planned = self._result, self._planned
         place = self._loop.place
-        control[_SHOWN] = (
+        _SHOWN.pack_into(
+            words,
+            _SHOWN_AT,
             result.state,
             result.cause or result.soft,
             result.hard,
@@ -129,7 +138,7 @@ class Teller:
             *self._slow(cycles),
             spikes,
         )
-        control[_LOOP] = now_ns
+        self._control[_LOOP] = now_ns
 
     def _missing(self) -> tuple[int, int]:
         """Return what is missing of the correction at the robot, and the largest so far."""

@@ -32,6 +32,7 @@ class StrainLink(DatagramLink):
 
     Attributes:
         address: Where datagrams are expected.
+        bridges: Number of bridges expected.
         strain: (MOST_SAMPLES, 12) of the last drain, row by row; NaN where a bridge is not believed.
         warm_c: (MOST_SAMPLES,) deg C, NaN where not measured.
         times_ns: (MOST_SAMPLES,) clock of the source.
@@ -61,6 +62,7 @@ class StrainLink(DatagramLink):
             raise InputError("bridges of the holder", value=bridges, limit=f"{reading.FEWEST}..{reading.MOST}")
         if not range_ > 0.0:
             raise InputError("the range of the bridges is not above 0", value=range_)
+        self.bridges = bridges
         self._least = min(least, bridges)
         self.address = host, port
         if inbox is None:
@@ -110,19 +112,14 @@ class StrainLink(DatagramLink):
     @property
     def saturated(self) -> bool:
         """So many bridges are beyond their range that too few are left."""
-        outside = int(self._outside.sum())
-        return outside > 0 and self.bridges - outside - int(self._missing.sum()) < self._least
+        outside = sum(self._outside.tolist())
+        return outside > 0 and bool(self.bridges - outside - sum(self._missing.tolist()) < self._least)
 
     @property
     def frozen(self) -> bool:
         """Too few bridges show a new number."""
-        still = int(np.count_nonzero(self._same[: self.bridges] >= reading.FROZEN - 1))
-        return self.bridges - still - int(self._missing.sum()) < self._least
-
-    @property
-    def bridges(self) -> int:
-        """Bridges expected."""
-        return int(self.received.bridges)
+        still = [same >= reading.FROZEN - 1 for same in self._same[: self.bridges].tolist()].count(True)
+        return bool(self.bridges - still - sum(self._missing.tolist()) < self._least)
 
     def out_of_order(self) -> list[str]:
         """Faults of bridges in the last datagram, in words: ``bridge 2 broken``."""

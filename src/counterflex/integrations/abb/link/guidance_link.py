@@ -115,7 +115,7 @@ class EgmGuidanceLink(EgmLink):
             self._T_hold = self._T_part_actual.copy()
         running = self.phase == Phase.RUNNING
         if running:
-            off = float(np.linalg.norm(self._T_part_actual[:3, 3] - self._sent[self._place]))
+            off = math.dist(self._T_part_actual[:3, 3].tolist(), self._sent[self._place].tolist())
             self._lagging = self._lagging + 1 if off > self.guidance.follow_m else 0
         self.clamped = self.clamped or self._lagging >= _LAGGING_CYCLES
         self.enable = running and self.guided and not self.stream.finished
@@ -155,7 +155,7 @@ class EgmGuidanceLink(EgmLink):
             ProtocolError: The robot is to start, but stands elsewhere.
         """
         self._stopping = stop
-        if axes is not None or self.empty or not all(map(math.isfinite, correction)):
+        if axes is not None or self.empty or not all(map(math.isfinite, correction.tolist())):
             return False
         held = stop or feed_hold
         if self.phase == Phase.WAITING and not held:

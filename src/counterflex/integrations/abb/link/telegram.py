@@ -76,12 +76,13 @@ def read_robot(data: bytes) -> RobotState:
         )
     back, planned = message.feedBack, message.planned
     guided = message.mciState.state == MCI_RUNNING
+    no_joints, no_pose = _six_joints(back), _whole_pose(back)
     missing = [
         name
         for name, there in (
             ("header.seqno", message.header.HasField("seqno")),
-            (_six_joints(back), not _six_joints(back)),
-            (_whole_pose(back), not _whole_pose(back)),
+            (no_joints, not no_joints),
+            (no_pose, not no_pose),
             ("mciState", message.HasField("mciState")),
         )
         if not there
@@ -89,8 +90,8 @@ def read_robot(data: bytes) -> RobotState:
     return RobotState(
         sequence=message.header.seqno,
         time_ms=message.header.tm,
-        q=None if _six_joints(back) else _joints(back),
-        T_frame_tcp=None if _whole_pose(back) else _pose(back.cartesian),
+        q=None if no_joints else _joints(back),
+        T_frame_tcp=None if no_pose else _pose(back.cartesian),
         T_frame_tcp_planned=_pose(planned.cartesian) if _placed(planned) else None,
         motors_on=message.motorState.state == MOTORS_ON if message.HasField("motorState") else guided,
         guided=guided,
@@ -316,14 +317,14 @@ def _pose(cartesian: Any) -> Float:
         angles = [_finite(v) * DEG for v in (cartesian.euler.z, cartesian.euler.y, cartesian.euler.x)]
         return pose.make(rotation.from_zyx(np.array(angles)), p)
     u = cartesian.orient
-    quat = np.array([_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)])
-    size = math.hypot(*quat.tolist())
+    quat = [_finite(v) for v in (u.u0, u.u1, u.u2, u.u3)]
+    size = math.hypot(*quat)
     if abs(size - 1.0) > _UNIT:
         raise ProtocolError("an EGM quaternion is not of unit length", value=size, limit="1 +- 0.001")
-    return pose.make(rotation.from_quat_wxyz(quat / size), p)
+    return pose.make(rotation.from_quat_wxyz(np.array([v / size for v in quat])), p)
 
 
 def _fill(cartesian: Any, T: Float) -> None:
-    cartesian.pos.x, cartesian.pos.y, cartesian.pos.z = (T[:3, 3] / MM).tolist()
-    u = cartesian.orient
+    p, u = cartesian.pos, cartesian.orient
+    p.x, p.y, p.z = (T[:3, 3] / MM).tolist()
     u.u0, u.u1, u.u2, u.u3 = rotation.quat_wxyz(T[:3, :3]).tolist()
