@@ -6,6 +6,7 @@ printing) is done by other processes.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -28,6 +29,7 @@ from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import AnotherSession, TelegramWatch, WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import feeds_about
 from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.record_ring import RecordRing
@@ -133,6 +135,8 @@ class OnlineSession:
         self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
+        if loop.planned and hasattr(link, "feeds"):
+            link.feeds = functools.partial(feeds_about, loop.records[1], loop.step_state.place)
         self.cycles = self.compute_ns = 0
 
     def follow(self, last: LastAnswer, *, not_closed: bool) -> None:
