@@ -6,6 +6,7 @@ A rule is broken once per story and named with the cycle in which it was.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
@@ -61,6 +62,8 @@ _BELIEVED: Final = 25
 _MOVES_M_S: Final = 1e-3
 _RADIUS_M: Final = 15.0 * MM
 """Of the arcs, on which the path frame of EGM turns."""
+_PLACES: Final = 64
+"""Cycles for which the robot's places are known: more than an answer is late."""
 _SPOILED: Final = 2
 """Motions that are not the path's, of one pose that is wrong."""
 _POSES: Final = frozenset(("message-damaged", "message-short"))
@@ -109,7 +112,7 @@ class Invariants:
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
-        self._ways = 0.0, 0.0
+        self._places: deque[int] = deque(maxlen=_PLACES)
         self._shows = self._old = 0
         self._base_off = False
         self._before: Float = np.zeros(3)
@@ -227,7 +230,7 @@ class Invariants:
         A message that is lost shows no motion, one whose pose is wrong shows two that are; the frame follows behind
         them in one answer.
         """
-        self._ways = self._ways[1], world.robot.speed * self._period_s
+        self._places.append(int(world.robot.place))
         before, self._base_off = self._base_off, "base-off" in world.active.now
         whole = world.age == 0 and _POSES.isdisjoint(world.active.now) and before == self._base_off
         self._shows = self._shows + 1 if whole else 0
@@ -238,16 +241,19 @@ class Invariants:
 
         Sent is what of the whole correction c lies square to the path, ``y (c . y)``. Where the path turns by a, and x
         along it with y, this changes by ``x (c . y) + y (c . x)`` times a: by ``|c| a``, even where nothing of c lies
-        across. The tangent is that of the last message: a is the greater of the last two ways through the radius; rows
-        of the program make it uncertain by one. Of a guided robot the part across the path is seen, segment by segment.
+        across. The tangent is that between two messages, so a is that of the program from one motion before the oldest
+        message to here. Of a guided robot the part across the path is seen, segment by segment, from where it was sent.
         """
-        way = max(self._ways)
-        if world.story.link == "rsi" or way == 0.0:
+        if world.story.link == "rsi":
             return 0.0
-        if world.story.link == "egm-path":
-            cycles = max(cycles, 1 + self._old)
         whole = size if world.session is None else max(size, _size(world.session.loop.correction[:3]))
-        return whole * (way + bench.SPACING_M) / _RADIUS_M * cycles
+        if world.story.link == "egm-path":
+            back = max(cycles, 1 + self._old) + 2
+            first, here = self._places[max(0, len(self._places) - back)] - 1, self._places[-1] + 1
+            one, other = bench.feeds()[[max(0, first), min(here, world.robot.last)]]
+            return whole * math.acos(min(1.0, float(one @ other)))
+        way = world.robot.speed * self._period_s
+        return whole * (way + bench.SPACING_M) / _RADIUS_M * cycles if way > 0.0 else 0.0
 
     def _by_state(self, world: World, state: State, correction: Float) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""

@@ -60,7 +60,8 @@ class GuidanceSettings:
 class EgmGuidanceLink(EgmLink):
     """Answers with ``EgmSensor``: a pose, and if wanted a speed reference.
 
-    While the robot waits it is sent where it stands. The path begins when the loop allows it and the robot stands at
+    While the robot waits it is sent where it stands, once two messages in a row show it there: it would go to a pose of
+    one message that is wrong. The path begins when the loop allows it and the robot stands at
     its beginning; from there the reference goes over to the path without a step. The feed is held by not going on
     along the path. A telegram that was lost is not made up for: the path waits. Told to stop, the link brings the
     reference to rest on the path and then says nothing more; the controller stops by its CommTimeout.
@@ -83,6 +84,8 @@ class EgmGuidanceLink(EgmLink):
         self._sent: Float = np.tile(first[:3, 3], (lag, 1))
         self._place = 0
         self._T_hold: Float | None = None
+        self._T_before: Float | None = None
+        self._stands = False  # Where the message before had it
         self._offset: Float = np.zeros(6)
         self._faded, self._fade = 0, max(1, round(guidance.blend_s / stream.period_s))
         self._stopping = False
@@ -100,6 +103,9 @@ class EgmGuidanceLink(EgmLink):
         return received
 
     def _watch(self) -> None:
+        before, self._T_before = self._T_before, self._T_part_actual
+        if self._T_hold is None:
+            self._stands = before is not None and self._within(*_apart(self._T_part_actual, before))
         if self.restarted or not self.guided:  # one that has restarted may guide again, from another place
             self._T_hold = None
             if self.phase == Phase.RUNNING:
@@ -111,7 +117,7 @@ class EgmGuidanceLink(EgmLink):
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
                         hint="Its event log says why: convergence (CondTime), a limit, motors off, a stop",
                     )
-        elif self._T_hold is None:
+        elif self._T_hold is None and self._stands:
             self._T_hold = self._T_part_actual.copy()
         running = self.phase == Phase.RUNNING
         if running:
@@ -149,7 +155,7 @@ class EgmGuidanceLink(EgmLink):
 
         Returns:
             Whether an answer was sent: not, where a number is not finite, the robot is to stop and the reference is
-            at rest, or it has not said where it is.
+            at rest, or it has not said twice where it is.
 
         Raises:
             ProtocolError: The robot is to start, but stands elsewhere.
@@ -169,6 +175,8 @@ class EgmGuidanceLink(EgmLink):
         else:
             # Where it stands it stands with what was corrected before: that is not added once more.
             nominal = self._T_part_actual if self._T_hold is None else self._T_hold
+            if self._T_hold is None and not self._stands:
+                return False
         T = nominal.copy()
         if self.phase == Phase.RUNNING:
             T[:3, 3] += correction[:3]
@@ -189,10 +197,9 @@ class EgmGuidanceLink(EgmLink):
         if not allowed:
             return
         first = self.stream.pose(0.0)
-        self._offset[:3] = self._T_hold[:3, 3] - first[:3, 3]
-        self._offset[3:] = rotation.log(self._T_hold[:3, :3] @ first[:3, :3].T)
+        self._offset[:3], self._offset[3:] = _apart(self._T_hold, first)
         away, turned = float(np.linalg.norm(self._offset[:3])), float(np.linalg.norm(self._offset[3:]))
-        if away <= self.guidance.tolerance_m and turned <= self.guidance.tolerance_rad:
+        if self._within(self._offset[:3], self._offset[3:]):
             self.phase = Phase.RUNNING
             return
         self._away += 1
@@ -203,6 +210,11 @@ class EgmGuidanceLink(EgmLink):
                 limit=f"{self.guidance.tolerance_m / MM:g} mm and {self.guidance.tolerance_rad / DEG:g} deg",
                 hint="Check tool, work object and frame of EGMActPose, and that the plan belongs to the program",
             )
+
+    def _within(self, away: Float, turned: Float) -> bool:
+        """Return whether a distance (3,) m and a rotation vector (3,) are within what a robot may stand off."""
+        limits = self.guidance
+        return bool(np.linalg.norm(away) <= limits.tolerance_m and np.linalg.norm(turned) <= limits.tolerance_rad)
 
     def _on_path(self) -> Float:
         """Pose of the path, and what is left of the way from where the robot stood."""
@@ -228,6 +240,11 @@ class EgmGuidanceLink(EgmLink):
                 twist = np.r_[R @ twist[:3], R @ twist[3:]]
         sequence, clock_ms = self._numbered()
         return self._port.send(write_guidance(sequence, T, clock_ms, twist))
+
+
+def _apart(T: Float, T_from: Float) -> tuple[Float, Float]:
+    """Pose minus another one: (3,) m and rotation vector (3,)."""
+    return T[:3, 3] - T_from[:3, 3], rotation.log(T[:3, :3] @ T_from[:3, :3].T)
 
 
 def commanded_poses(Rs_part_tcp: Float, p_part_tcp: Float, contained: Float) -> Float:
