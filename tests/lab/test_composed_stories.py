@@ -91,7 +91,6 @@ def test_a_cell_without_a_fault_corrects_and_breaks_no_rule(name: str) -> None:
     assert made[-1] > 0.4e-3
 
 
-@pytest.mark.parametrize("mode", ["measured", "measured-axes", "pilot-observer", "integrator", "fused"])
 def test_the_plan_tells_the_link_of_egm_where_the_path_turns() -> None:
     """Feed directions about the place, as the program has them: the two of a straight, more of an arc, all of both."""
     seen: list[tuple[float, np.ndarray]] = []
@@ -110,6 +109,7 @@ def test_the_plan_tells_the_link_of_egm_where_the_path_turns() -> None:
     assert any(np.ptp(feeds, axis=0).max() > 0.1 for _, feeds in seen)
 
 
+@pytest.mark.parametrize("mode", ["measured", "measured-axes", "pilot-observer", "integrator", "fused"])
 def test_a_loop_started_again_behind_a_killed_one_goes_on_from_what_stands(mode: str) -> None:
     """No answer further from the one before than one cycle of the limiter; the feed is held, the ramp ends at zero."""
     told = Story(107, mode, 5.2, (Fault("loop-killed", 2.6, 1.0),))
