@@ -182,7 +182,7 @@ def _sign(correction: np.ndarray, _said: dict[str, Any]) -> np.ndarray:
 
 def _drifts_in_hold(correction: np.ndarray, said: dict[str, Any]) -> np.ndarray:
     if said.get("state") == State.HOLD:
-        correction[0] += 1e-3 * np.sin(_drifts_in_hold.count)  # type: ignore[attr-defined]
+        correction[1] += 1e-3 * np.sin(_drifts_in_hold.count)  # type: ignore[attr-defined]
         _drifts_in_hold.count += 0.01  # type: ignore[attr-defined]
     return correction
 
@@ -256,7 +256,7 @@ def _nobody_looks_at_a_guided_one(patch: pytest.MonkeyPatch) -> None:
 
 
 def _any_motion_turns_the_path(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(EgmPathLink, "_believed", lambda _self, _course: True)
+    patch.setattr(EgmPathLink, "_believed", lambda *_: True)
 
 
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
@@ -285,6 +285,7 @@ def _told(mode: str, *faults: Fault, **chosen: Any) -> Story:
 
 
 EGM_PATH: dict[str, Any] = {"link": "egm-path", "period_ms": 24}
+OWN_FORCE: dict[str, Any] = {"sensor": "egm", "frame": "base", "without_log": "hold", "force_offset": "plan"}
 _DISOBEYS = (Fault("harder", 0.5, 2.5, 2.6), Fault("robot-share", 0.5, 0.05, 2.6))
 
 
@@ -345,7 +346,7 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
     ),
     "any pose turns the path frame of EGM": (
         _any_motion_turns_the_path,
-        _told("measured", Fault("message-damaged", 4.4, 0.7, 1.0), length_s=5.6, **EGM_PATH),
+        Story(41719, "pilot-observer", 5.4, (Fault("message-damaged", 4.9748, 0.7197, 0.0329),), **EGM_PATH, **OWN_FORCE),
         "no step",
     ),
     "the correction moves in hold on the path of EGM": (

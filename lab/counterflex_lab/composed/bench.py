@@ -161,8 +161,9 @@ def jacobian() -> Float:
 @functools.cache
 def feeds() -> Float:
     """(n, 3) unit vectors from each row of the program to the next, part axes."""
-    step: Float = np.diff(program().p, axis=0, append=2.0 * program().p[-1:] - program().p[-2:-1])
-    return step / np.linalg.norm(step, axis=1, keepdims=True)
+    step = np.diff(program().p, axis=0, append=2.0 * program().p[-1:] - program().p[-2:-1])
+    out: Float = step / np.linalg.norm(step, axis=1, keepdims=True)
+    return out
 
 
 @functools.cache

@@ -210,6 +210,7 @@ def test_a_correction_that_is_held_is_not_answered_with_zero_before_a_path_frame
         begins = answered(link, controller, robot(2, (0, 0, 0)), State.ACTIVE)  # nothing was ever in force
         np.testing.assert_array_equal(begins, np.zeros(3))
         moves = answered(link, controller, robot(3, ALONG), State.HOLD)
+        assert moves is not None
         np.testing.assert_allclose(moves, [0.0, *ACROSS[1:3]], atol=1e-9)
 
 

@@ -105,7 +105,7 @@ class EgmGuidanceLink(EgmLink):
     def _watch(self) -> None:
         before, self._T_before = self._T_before, self._T_part_actual
         if self._T_hold is None:
-            self._stands = before is not None and self._within(*_apart(self._T_part_actual, before))
+            self._stands = before is not None and self._within(*_difference(self._T_part_actual, before))
         if self.restarted or not self.guided:  # one that has restarted may guide again, from another place
             self._T_hold = None
             if self.phase == Phase.RUNNING:
@@ -197,7 +197,7 @@ class EgmGuidanceLink(EgmLink):
         if not allowed:
             return
         first = self.stream.pose(0.0)
-        self._offset[:3], self._offset[3:] = _apart(self._T_hold, first)
+        self._offset[:3], self._offset[3:] = _difference(self._T_hold, first)
         away, turned = float(np.linalg.norm(self._offset[:3])), float(np.linalg.norm(self._offset[3:]))
         if self._within(self._offset[:3], self._offset[3:]):
             self.phase = Phase.RUNNING
@@ -242,7 +242,7 @@ class EgmGuidanceLink(EgmLink):
         return self._port.send(write_guidance(sequence, T, clock_ms, twist))
 
 
-def _apart(T: Float, T_from: Float) -> tuple[Float, Float]:
+def _difference(T: Float, T_from: Float) -> tuple[Float, Float]:
     """Pose minus another one: (3,) m and rotation vector (3,)."""
     return T[:3, 3] - T_from[:3, 3], rotation.log(T[:3, :3] @ T_from[:3, :3].T)
 
