@@ -168,7 +168,7 @@ def _answers(
     right = link.answer
 
     def answer(self: Any, correction: Any, axes: Any = None, **said: Any) -> bool:
-        return right(self, change(np.array(correction), said), axes, **said)
+        return bool(right(self, change(np.array(correction), said), axes, **said))
 
     def plant(patch: pytest.MonkeyPatch) -> None:
         patch.setattr(link, "answer", answer)
@@ -346,7 +346,9 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
     ),
     "any pose turns the path frame of EGM": (
         _any_motion_turns_the_path,
-        Story(41719, "pilot-observer", 5.4, (Fault("message-damaged", 4.9748, 0.7197, 0.0329),), **EGM_PATH, **OWN_FORCE),
+        Story(
+            41719, "pilot-observer", 5.4, (Fault("message-damaged", 4.9748, 0.7197, 0.0329),), **EGM_PATH, **OWN_FORCE
+        ),
         "no step",
     ),
     "the correction moves in hold on the path of EGM": (

@@ -308,11 +308,7 @@ class EgmController:
             return data
         message = MESSAGES["EgmRobot"]()
         message.ParseFromString(data)
-        if "base-off" in now:
-            off = base_off_m if self._T_part_frame is None else self._T_part_frame[:3, :3].T @ base_off_m
-            for part in (message.feedBack, message.planned):
-                at = part.cartesian.pos
-                at.x, at.y, at.z = (np.array([at.x, at.y, at.z]) + off / MM).tolist()
+        self._shift(message, base_off_m)
         if flickers:
             message.mciState.state = MCI_STOPPED
         if "sequence-stuck" in now and self._rng.random() < size("sequence-stuck"):
@@ -334,6 +330,12 @@ class EgmController:
             part.ClearField(field)
         out: bytes = message.SerializeToString()
         return out
+
+    def _shift(self, message: Any, base_off_m: Float) -> None:
+        off = base_off_m if self._T_part_frame is None else self._T_part_frame[:3, :3].T @ base_off_m
+        for part in (message.feedBack, message.planned):
+            at = part.cartesian.pos
+            at.x, at.y, at.z = (np.array([at.x, at.y, at.z]) + off / MM).tolist()
 
     def _falsify_force(self, message: Any) -> None:
         """Force control that is not active, or another number of forces."""

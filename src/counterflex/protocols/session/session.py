@@ -58,6 +58,12 @@ def compile_kernels() -> None:
     compile_stated(*(f"counterflex.{room}" for room in _ROOMS))
 
 
+def _show_plan(link: RobotLink, loop: Loop) -> None:
+    """Give a link that sends in axes of the path the plan's feed directions about the last known place."""
+    if loop.planned and hasattr(link, "feeds"):
+        link.feeds = functools.partial(feeds_about, loop.records[1], loop.step_state.place)
+
+
 class OnlineSession:
     """Ties links, sensors and loop together.
 
@@ -135,8 +141,7 @@ class OnlineSession:
         self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
-        if loop.planned and hasattr(link, "feeds"):
-            link.feeds = functools.partial(feeds_about, loop.records[1], loop.step_state.place)
+        _show_plan(link, loop)
         self.cycles = self.compute_ns = 0
 
     def follow(self, last: LastAnswer, *, not_closed: bool) -> None:

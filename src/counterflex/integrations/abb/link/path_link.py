@@ -123,13 +123,10 @@ class EgmPathLink(EgmLink):
             return False
         if self.guided and not self._watch_only and state < State.ARMED:
             return False
-        y = z = 0.0
-        if self._R_part_path is None:
-            if state > State.ACTIVE and correction[:3].any():  # taken over from a loop that was killed: zero is a step
-                return False
-        else:
-            c = self._R_part_path.T @ correction[:3]
-            y, z = float(c[1]), float(c[2])
+        R = self._R_part_path
+        if R is None and state > State.ACTIVE and correction[:3].any():  # taken over from a killed loop: zero is a step
+            return False
+        y, z = (0.0, 0.0) if R is None else (R.T @ correction[:3])[1:].tolist()
         sequence, clock_ms = self._numbered()
         return self._port.send(write_path_correction(sequence, y, z, 0.0, clock_ms))
 
