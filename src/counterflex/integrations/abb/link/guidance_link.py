@@ -103,9 +103,7 @@ class EgmGuidanceLink(EgmLink):
         return received
 
     def _watch(self) -> None:
-        before, self._T_before = self._T_before, self._T_part_actual
-        if self._T_hold is None:
-            self._stands = before is not None and self._within(*_difference(self._T_part_actual, before))
+        stands = self._look_where_it_stands()
         if self.restarted or not self.guided:  # one that has restarted may guide again, from another place
             self._T_hold = None
             if self.phase == Phase.RUNNING:
@@ -117,7 +115,7 @@ class EgmGuidanceLink(EgmLink):
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
                         hint="Its event log says why: convergence (CondTime), a limit, motors off, a stop",
                     )
-        elif self._T_hold is None and self._stands:
+        elif stands:
             self._T_hold = self._T_part_actual.copy()
         running = self.phase == Phase.RUNNING
         if running:
@@ -125,6 +123,14 @@ class EgmGuidanceLink(EgmLink):
             self._lagging = self._lagging + 1 if off > self.guidance.follow_m else 0
         self.clamped = self.clamped or self._lagging >= _LAGGING_CYCLES
         self.enable = running and self.guided and not self.stream.finished
+
+    def _look_where_it_stands(self) -> bool:
+        """Return whether the newest message shows where a robot stands of which that is not known."""
+        before, self._T_before = self._T_before, self._T_part_actual
+        if self._T_hold is not None:
+            return False
+        self._stands = before is not None and self._within(*_difference(self._T_part_actual, before))
+        return self._stands
 
     def fill(self, nominal: Float, q: Float) -> None:
         """Write the planned pose that the robot should be at, and its axis angles."""
@@ -175,8 +181,7 @@ class EgmGuidanceLink(EgmLink):
         else:
             # Where it stands it stands with what was corrected before: that is not added once more.
             nominal = self._T_part_actual if self._T_hold is None else self._T_hold
-            if self._T_hold is None and not self._stands:
-                return False
+            stop |= not self._stands
         T = nominal.copy()
         if self.phase == Phase.RUNNING:
             T[:3, 3] += correction[:3]
