@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
+from counterflex.integrations.abb.link.path_link import EgmPathLink
 from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
@@ -20,7 +21,7 @@ from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import MotionLimit
-from counterflex_lab.composed import campaign, cell
+from counterflex_lab.composed import bench, campaign, cell
 from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
@@ -89,6 +90,24 @@ def test_a_cell_without_a_fault_corrects_and_breaks_no_rule(name: str) -> None:
     assert made[-1] > 0.4e-3
 
 
+def test_the_plan_tells_the_link_of_egm_where_the_path_turns() -> None:
+    """Feed directions about the place, as the program has them: the two of a straight, more of an arc, all of both."""
+    seen: list[tuple[float, np.ndarray]] = []
+
+    def look(world: World) -> None:
+        link = None if world.session is None else world.session.link
+        if isinstance(link, EgmPathLink) and link.feeds is not None and world.robot.speed > 0.02:
+            seen.append((world.robot.place, link.feeds(2e-3)))
+
+    World(Story(3, "measured", 8.5, **EGM_PATH), look).run()
+    for place, feeds in seen[20::20]:
+        here = bench.feeds()[int(place)]
+        turned = np.arccos(np.clip(feeds @ here, -1.0, 1.0))
+        assert turned.min() < 0.1
+        assert turned.max() < 4e-3 / 15e-3
+    assert any(np.ptp(feeds, axis=0).max() > 0.1 for _, feeds in seen)
+
+
 @pytest.mark.parametrize("mode", ["measured", "measured-axes", "pilot-observer", "integrator", "fused"])
 def test_a_loop_started_again_behind_a_killed_one_goes_on_from_what_stands(mode: str) -> None:
     """No answer further from the one before than one cycle of the limiter; the feed is held, the ramp ends at zero."""
@@ -141,15 +160,17 @@ def _limiter(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cell, "settings_of", _no_limits(cell.settings_of))
 
 
-def _answers(change: Callable[[np.ndarray, dict[str, Any]], np.ndarray]) -> Callable[[pytest.MonkeyPatch], None]:
+def _answers(
+    change: Callable[[np.ndarray, dict[str, Any]], np.ndarray], link: Any = RsiLink
+) -> Callable[[pytest.MonkeyPatch], None]:
     """The answer says something else than the loop computed."""
-    right = RsiLink.answer
+    right = link.answer
 
-    def answer(self: RsiLink, correction: Any, axes: Any = None, **said: Any) -> bool:
-        return right(self, change(np.array(correction), said), axes, **said)
+    def answer(self: Any, correction: Any, axes: Any = None, **said: Any) -> bool:
+        return bool(right(self, change(np.array(correction), said), axes, **said))
 
     def plant(patch: pytest.MonkeyPatch) -> None:
-        patch.setattr(RsiLink, "answer", answer)
+        patch.setattr(link, "answer", answer)
 
     return plant
 
@@ -160,7 +181,7 @@ def _sign(correction: np.ndarray, _said: dict[str, Any]) -> np.ndarray:
 
 def _drifts_in_hold(correction: np.ndarray, said: dict[str, Any]) -> np.ndarray:
     if said.get("state") == State.HOLD:
-        correction[0] += 1e-3 * np.sin(_drifts_in_hold.count)  # type: ignore[attr-defined]
+        correction[1] += 1e-3 * np.sin(_drifts_in_hold.count)  # type: ignore[attr-defined]
         _drifts_in_hold.count += 0.01  # type: ignore[attr-defined]
     return correction
 
@@ -233,6 +254,10 @@ def _nobody_looks_at_a_guided_one(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(EgmGuidanceLink, "fill_reported", lambda _self, _out: False)
 
 
+def _any_motion_turns_the_path(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(EgmPathLink, "_believed", lambda *_: True)
+
+
 def _records_another_number(patch: pytest.MonkeyPatch) -> None:
     right = RecordWriter.write
 
@@ -259,6 +284,8 @@ def _told(mode: str, *faults: Fault, **chosen: Any) -> Story:
     return Story(3, mode, chosen.pop("length_s", 5.0), faults, **chosen)
 
 
+EGM_PATH: dict[str, Any] = {"link": "egm-path", "period_ms": 24}
+OWN_FORCE: dict[str, Any] = {"sensor": "egm", "frame": "base", "without_log": "hold", "force_offset": "plan"}
 _DISOBEYS = (Fault("harder", 0.5, 2.5, 2.6), Fault("robot-share", 0.5, 0.05, 2.6))
 
 
@@ -316,6 +343,18 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
         _nobody_looks_at_a_guided_one,
         _told("measured", *_DISOBEYS, link="egm-pose", length_s=3.2),
         "obedience is checked",
+    ),
+    "any pose turns the path frame of EGM": (
+        _any_motion_turns_the_path,
+        Story(
+            41719, "pilot-observer", 5.4, (Fault("message-damaged", 4.9748, 0.7197, 0.0329),), **EGM_PATH, **OWN_FORCE
+        ),
+        "no step",
+    ),
+    "the correction moves in hold on the path of EGM": (
+        _answers(_drifts_in_hold, EgmPathLink),
+        _told("measured", Fault("force-silent", 4.4, 1.0, 0.5), length_s=5.6, **EGM_PATH),
+        "at rest in hold",
     ),
     "the log holds another number": (_records_another_number, _told("measured"), "replays bit for bit"),
     "a line that is silent is waited for": (

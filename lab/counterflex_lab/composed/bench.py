@@ -162,6 +162,14 @@ def jacobian() -> Float:
 
 
 @functools.cache
+def feeds() -> Float:
+    """(n, 3) unit vectors from each row of the program to the next, part axes."""
+    step = np.diff(program().p, axis=0, append=2.0 * program().p[-1:] - program().p[-2:-1])
+    out: Float = step / np.linalg.norm(step, axis=1, keepdims=True)
+    return out
+
+
+@functools.cache
 def angles() -> Float:
     """(n, 6, 3) rad/m of the axes for a displacement of the tool that does not turn, part axes."""
     own = program()

@@ -99,8 +99,8 @@ class Controller(Protocol):
     def link(self, wire: Wire, clock_ns: Callable[[], int]) -> RobotLink:
         """The loop's side."""
 
-    def telegram(self, report: Report, enable: float) -> bytes:
-        """The telegram of the next cycle; the program says ``enable``."""
+    def telegram(self, report: Report, enable: float, base_off_m: Float) -> bytes:
+        """The telegram of the next cycle; the program says ``enable``, its BASE or TOOL is off by (3,) m."""
 
     def take(self, arrived: Sequence[Answer], *, other: bool) -> bool:
         """Take what came in the cycle; returns whether it obeyed another program.
@@ -179,8 +179,10 @@ class RsiController:
         host, port = wire.address
         return RsiLink(self._config, host=host, port=port, wire=wire, period_s=self._story.period_s)
 
-    def telegram(self, report: Report, enable: float) -> bytes:
+    def telegram(self, report: Report, enable: float, base_off_m: Float) -> bytes:
         """As in :class:`Controller`."""
+        for T in (report.T_part_nominal, report.T_part_actual):
+            T[:3, 3] += base_off_m
         self.device.frees["Enable"] = enable
         data = self.device.telegram(report)
         return data if self._motors is None else self._motors.left_out(data)
@@ -282,7 +284,8 @@ class EgmController:
     def restart(self, counter: int) -> None:
         """As in :class:`Controller`; a session of EGM counts its messages from 0 on, ``counter`` is its clock, ms."""
         other, self._begins_other = self._begins_other or "frame-other" in self._active.now, False
-        self.device = FakeEgm(replace(self._context, first_ms=counter), _frame(self._frame, other=other))
+        self._T_part_frame = _frame(self._frame, other=other)
+        self.device = FakeEgm(replace(self._context, first_ms=counter), self._T_part_frame)
         self.accepted = None
 
     def link(self, wire: Wire, clock_ns: Callable[[], int]) -> RobotLink:
@@ -295,8 +298,8 @@ class EgmController:
             return self._link
         return EgmPathLink(watch_only=False, period_s=self._period_s, **where)
 
-    def telegram(self, report: Report, enable: float) -> bytes:
-        """As in :class:`Controller`."""
+    def telegram(self, report: Report, enable: float, base_off_m: Float) -> bytes:
+        """As in :class:`Controller`; its path frame is that of the path, wherever the poses are said to lie."""
         now, size = self._active.now, self._active.size
         flickers = "enable-flickers" in now and enable == 0.0  # in the message; the movement goes on
         self.device.enabled = self.device.enabled if flickers else enable > 0.0
@@ -305,6 +308,7 @@ class EgmController:
             return data
         message = MESSAGES["EgmRobot"]()
         message.ParseFromString(data)
+        self._shift(message, base_off_m)
         if flickers:
             message.mciState.state = MCI_STOPPED
         if "sequence-stuck" in now and self._rng.random() < size("sequence-stuck"):
@@ -326,6 +330,12 @@ class EgmController:
             part.ClearField(field)
         out: bytes = message.SerializeToString()
         return out
+
+    def _shift(self, message: Any, base_off_m: Float) -> None:
+        off = base_off_m if self._T_part_frame is None else self._T_part_frame[:3, :3].T @ base_off_m
+        for part in (message.feedBack, message.planned):
+            at = part.cartesian.pos
+            at.x, at.y, at.z = (np.array([at.x, at.y, at.z]) + off / MM).tolist()
 
     def _falsify_force(self, message: Any) -> None:
         """Force control that is not active, or another number of forces."""
@@ -413,6 +423,7 @@ def _frame(name: str, *, other: bool = False) -> Float | None:
 
 _FALSIFYING: Final = frozenset(
     (
+        "base-off",
         "enable-flickers",
         "sequence-stuck",
         "clock-missing",

@@ -6,6 +6,7 @@ A rule is broken once per story and named with the cycle in which it was.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -16,6 +17,7 @@ from counterflex.core.units import MM
 from counterflex.protocols.processes.control_array import Kept, Life, Panel
 from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.state.states import Cause, State
+from counterflex.runtime.step.place import FAULT_LOST
 from counterflex_lab.composed import bench
 from counterflex_lab.composed.controllers import STRANGE_M
 from counterflex_lab.composed.kinds import ALWAYS, KINDS
@@ -63,6 +65,12 @@ _MOVES_M_S: Final = 1e-3
 _RADIUS_M: Final = 15.0 * MM
 """Of the arcs, on which the path frame of EGM turns."""
 _OBEYS_RAD_S: Final = 2.0 * np.pi * 4.0
+_PLACES: Final = 64
+"""Cycles for which the robot's places are known: more than an answer is late."""
+_SPOILED: Final = 2
+"""Motions that are not the path's, of one pose that is wrong."""
+_POSES: Final = frozenset(("message-damaged", "message-short"))
+"""Faults whose messages show another pose, or none."""
 _PANEL, _GONE, _RUN, _TROUBLE = int(Panel.NS), int(Life.GONE), int(Life.RUN_NS), int(Kept.TROUBLE)
 _STATES: Final = tuple(State)
 _NAMES: Final = {state: state.name for state in State}
@@ -109,6 +117,9 @@ class Invariants:
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
         self.incidents: dict[str, int] = {}
+        self._places: deque[int] = deque(maxlen=_PLACES)
+        self._shows = self._old = 0
+        self._base_off = False
         self._before: Point = [0.0, 0.0, 0.0]
         self._own: Point = [0.0, 0.0, 0.0]
         self._nominal: Float = np.zeros(12)
@@ -136,6 +147,7 @@ class Invariants:
     def __call__(self, world: World) -> None:
         """Look at the end of a cycle of the controller."""
         correction: Point = world.correction_m.tolist()
+        self._watch_frame(world)
         self._step(world, correction)
         session = world.session
         if session is None:
@@ -219,23 +231,41 @@ class Invariants:
             sent = world.side.accepted.cycle if world.side.accepted is not None else 0
             cycles, self._sent = max(1, abs(sent - self._sent)), sent
         step = math.dist(correction, self._own)
-        most = self._step_m * cycles + self._turns(world, size) * self._cycles + self._rounded
+        most = self._step_m * cycles + self._turns(world, size, max(cycles, self._cycles)) + self._rounded
         self._own, self._cycles = correction, 0
         if step > most:
             self._break("no step", world, f"{step / MM:.4f} mm > {most / MM:.4f} mm")
 
-    def _turns(self, world: World, size: float) -> float:
-        """By how much a correction turns in a cycle with the path frame of EGM, the controller's and the sender's.
+    def _watch_frame(self, world: World) -> None:
+        """Count the cycles by which the sender's path frame may be older than the controller's.
 
-        Of a guided robot the part across the path is seen, segment by segment: one that is at rest turns out of it.
+        A message that is lost shows no motion, one whose pose is wrong shows two that are; the frame follows behind
+        them in one answer.
+        """
+        self._places.append(int(world.robot.place))
+        before, self._base_off = self._base_off, "base-off" in world.active.now
+        whole = world.age == 0 and _POSES.isdisjoint(world.active.now) and before == self._base_off
+        self._shows = self._shows + 1 if whole else 0
+        self._old = 0 if self._shows > _SPOILED else min(FAULT_LOST, self._old + (not whole))
+
+    def _turns(self, world: World, size: float, cycles: int) -> float:
+        """By how much a correction turns in some cycles with the path frame of EGM, the controller's and the sender's.
+
+        Sent is what of the whole correction c lies square to the path, ``y (c . y)``. Where the path turns by a, and x
+        along it with y, this changes by ``x (c . y) + y (c . x)`` times a: by ``|c| a``, even where nothing of c lies
+        across. The tangent is that between two messages, so a is that of the program from one motion before the oldest
+        message to here. Of a guided robot the part across the path is seen, segment by segment, from where it was sent.
         """
         if self._by_rsi:
             return 0.0
+        whole = size if world.session is None else max(size, _size(world.session.loop.correction[:3].tolist()))
+        if self._by_path:
+            back = max(cycles, 1 + self._old) + 2
+            first, here = self._places[max(0, len(self._places) - back)] - 1, self._places[-1] + 1
+            one, other = bench.feeds()[[max(0, first), min(here, world.robot.last)]]
+            return whole * math.acos(min(1.0, float(one @ other)))
         way = world.robot.speed * self._period_s
-        if self._by_path or world.session is None:
-            return 2.0 * size * way / _RADIUS_M
-        whole = _size(world.session.loop.correction[:3].tolist())
-        return whole * (way + bench.SPACING_M) / _RADIUS_M if way > 0.0 else 0.0
+        return whole * (way + bench.SPACING_M) / _RADIUS_M * cycles if way > 0.0 else 0.0
 
     def _by_state(self, world: World, state: State, correction: Point) -> None:
         """What is sent in each state: zero, at rest, or towards zero."""
@@ -246,7 +276,7 @@ class Invariants:
         if told != int(state) or self._told != int(state):
             return
         size, before = _size(correction), _size(self._before)
-        rounded = self._rounded + self._turns(world, size)
+        rounded = self._rounded + self._turns(world, size, 1)
         if state <= State.ARMED and size > rounded:
             self._break("zero unless it acts", world, f"{size / MM:.4f} mm in {state.name}")
         if self._in_state < self._braked or world.number != self._number:

@@ -189,8 +189,6 @@ class Robot:
             q = q + share * (program.q[row + 1] - q)
         T, made = self._T.copy(), self._T.copy()
         now = active.now
-        if "base-off" in now:
-            p = p + active.size("base-off") * self._direction
         T[:3, 3] = p
         made[:3, 3] = p + self.made_m
         if "pose-off" in now:
@@ -202,6 +200,12 @@ class Robot:
         if self._measures_axes:
             actual = q + bench.angles()[row] @ self.made_m
         return Report(time_s, T, made, q, actual, self.runs, self.at_end, drive_torque)
+
+    @property
+    def base_off_m(self) -> Float:
+        """(3,) by which BASE or TOOL of the program is off: its poses, not its path; part axes."""
+        out: Float = self._active.size("base-off") * self._direction
+        return out
 
     def samples(self) -> list[bytes]:
         """Records of the force sensor in this cycle."""

@@ -319,7 +319,8 @@ class World:
             if self._own_force:
                 self.side.shows_force(self.robot.own_force())
             torque = self.side.drive_torque(int(self.robot.place), self.robot.force)
-            self._telegram(self.side.telegram(self.robot.report(self.now_s, torque), enable))
+            report = self.robot.report(self.now_s, torque)
+            self._telegram(self.side.telegram(report, enable, self.robot.base_off_m))
         if self.session is not None:
             if self._sampled:
                 samples = self.robot.samples() if self._bridges is None else self._bridges.samples(self.robot.force)

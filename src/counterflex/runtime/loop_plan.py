@@ -13,6 +13,7 @@ from counterflex.runtime.monitoring.override_plan import SpeedPlan, speed_plan
 from counterflex.runtime.monitoring.override_settings import OverrideSettings
 from counterflex.runtime.monitoring.plan import monitor_plan
 from counterflex.runtime.monitoring.settings import MonitorSettings
+from counterflex.runtime.primitives.localize import SEEK_ROWS
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.planned import PLAN
 from counterflex.signals.ahead import Ahead
@@ -106,3 +107,18 @@ class LoopPlan:
             lost = 0.0 if self.w_lost_part is None else self.w_lost_part
             ahead = self.ahead.command(self.w_tcp_part * smaller, slowed.time_s, lost) / smaller
         return replace(self, speed=slowed.speed, w_ahead_part=ahead)
+
+
+def feeds_about(plan: Records, place: Float, way_m: float) -> Float:
+    """(n, 3) unit feed directions of a plan up to a way behind and ahead of a place, part axes.
+
+    Args:
+        plan: PLAN, as :meth:`LoopPlan.packed`.
+        place: (2,) row and fraction; row below 0: not known, and there are none.
+        way_m: Along the plan, m.
+    """
+    row = int(place[0])
+    near = plan[max(0, row - SEEK_ROWS) : row + SEEK_ROWS] if row >= 0 else plan[:0]
+    way = np.cumsum(np.linalg.norm(np.diff(near["point"], axis=0, prepend=near["point"][:1]), axis=1))
+    feeds: Float = near["direction"][np.abs(way - way[min(row, SEEK_ROWS)]) <= way_m] if len(near) else np.zeros((0, 3))
+    return feeds[np.any(feeds != 0.0, axis=1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import socket
 from collections.abc import Iterator
 from dataclasses import replace
@@ -130,6 +131,87 @@ def test_a_correction_in_part_axes_goes_out_in_path_axes_without_its_part_along_
         np.testing.assert_allclose(sent, [0.0, correction[:3] @ left, correction[2]], atol=1e-12)
         back = sent[1] * left + sent[2] * np.array([0.0, 0.0, 1.0])
         np.testing.assert_allclose(back, correction[:3] - direction * (correction[:3] @ direction), atol=1e-12)
+
+
+ALONG = np.array([0.6e-3, 0.0, 0.0])
+"""Motion in a message: 25 mm/s and 24 ms."""
+ACROSS = np.array([0.0, -0.9e-3, 0.05e-3, 0.0, 0.0, 0.0])
+
+
+def answered(link: EgmPathLink, controller: Controller, message: bytes, state: State = State.ACTIVE) -> Float | None:
+    """Offset (3,) of the answer to a message, path frame, or None."""
+    controller.send(message)
+    nominal, q = np.zeros(12), np.zeros(6)
+    if link.wait(1e-3):
+        link.fill(nominal, q)
+        link.answer(ACROSS, state=state)
+    data = controller.receive()
+    return None if data is None else read_path_correction(data)[1]
+
+
+TURNED_ROUND = pose.make(DOWN @ rotation.about_y(np.pi), 5 * ALONG)
+"""Of a quaternion with a wrong sign in one of its numbers."""
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"T_frame_tcp_planned": pose.make(DOWN, np.array([-6.2, 0.0, 11.0]))},
+        {"T_frame_tcp_planned": pose.make(DOWN, np.array([1e38, 1e30, 3e38]))},
+        {"T_frame_tcp_planned": pose.make(DOWN, 4 * ALONG - [0.8e-3, 0.0, 0.0])},
+        {"T_frame_tcp_planned": pose.make(DOWN, 5 * ALONG + [0.0, 0.9e-3, 0.0])},
+        {"T_frame_tcp_planned": TURNED_ROUND},
+        {"T_frame_tcp_planned": None, "T_frame_tcp": pose.make(DOWN, 2 * ALONG)},
+    ],
+    ids=["far", "beyond all numbers", "back", "aside", "turned round", "no plan"],
+)
+def test_one_wrong_pose_does_not_turn_the_correction(wrong: dict[str, Any]) -> None:
+    """Its answer and those behind it say what the one before said, or there is none: the robot keeps what it has."""
+    link = EgmPathLink(port=0)
+    with joined(link) as controller:
+        messages = [robot(k, k * ALONG, **(wrong if k == 5 else {})) for k in range(10)]
+        sent = [answered(link, controller, message) for message in messages]
+        assert sent[5] is not None or wrong["T_frame_tcp_planned"] is None
+        for offset in (one for one in sent[2:] if one is not None):
+            np.testing.assert_allclose(offset[1:], ACROSS[1:3], atol=1e-9)
+        assert sum(one is None for one in sent) <= 1
+
+
+@pytest.mark.parametrize("planned", [True, False])
+def test_a_corner_turns_the_correction_at_once_where_the_plan_has_it_else_with_the_next_message(planned: bool) -> None:
+    link = EgmPathLink(port=0)
+    corner = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    link.feeds = (lambda _way_m: corner) if planned else None
+    with joined(link) as controller:
+        points = [k * ALONG for k in range(6)] + [5 * ALONG + k * ALONG[[1, 0, 2]] for k in range(1, 4)]
+        sent = [answered(link, controller, robot(k, p)) for k, p in enumerate(points)]
+        y = [math.nan if one is None else one[1] for one in sent]
+        turned = 0.0 if planned else -0.9e-3
+        np.testing.assert_allclose(y[5:], [-0.9e-3, turned, 0.0, 0.0], atol=1e-12)  # behind it, it lies along the path
+
+
+def test_between_the_two_directions_of_a_rounded_corner_the_frame_follows() -> None:
+    link = EgmPathLink(port=0)
+    link.feeds = lambda _way_m: np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    turn = np.radians([0.0, 0.0, 0.0, 30.0, 60.0, 90.0])
+    points = np.cumsum(0.6e-3 * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1), axis=0)
+    with joined(link) as controller:
+        sent = [answered(link, controller, robot(k, p)) for k, p in enumerate(points)]
+        y = [math.nan if one is None else one[1] for one in sent]
+        np.testing.assert_allclose(y[2:], -0.9e-3 * np.cos(turn[2:]), atol=1e-12)
+
+
+def test_a_correction_that_is_held_is_not_answered_with_zero_before_a_path_frame_is_known() -> None:
+    """A loop that took it over from one that was killed, while the robot stands: silence, and CommTimeout stops it."""
+    link = EgmPathLink(port=0)
+    with joined(link) as controller:
+        assert answered(link, controller, robot(0, (0, 0, 0)), State.HOLD) is None
+        assert answered(link, controller, robot(1, (0, 0, 0)), State.RAMP_OUT) is None
+        begins = answered(link, controller, robot(2, (0, 0, 0)), State.ACTIVE)  # nothing was ever in force
+        np.testing.assert_array_equal(begins, np.zeros(3))
+        moves = answered(link, controller, robot(3, ALONG), State.HOLD)
+        assert moves is not None
+        np.testing.assert_allclose(moves, [0.0, *ACROSS[1:3]], atol=1e-9)
 
 
 def test_axes_of_an_arm_with_a_parallel_rod_become_angles_of_the_model() -> None:
@@ -461,7 +543,7 @@ def test_what_a_guided_robot_makes_of_a_correction_is_reported() -> None:
     up = np.array([0.0, 0.0, 0.4e-3, 0.0, 0.0, 0.0])
     for k in range(300):
         run.cycle(State.ARMED if k < 20 else State.ACTIVE, up)
-        assert run.link.fill_reported(shown) is (k >= 124)  # the reference has gone over to the path
+        assert run.link.fill_reported(shown) is (k >= 125)  # the reference has gone over to the path
     assert shown[11] - run.pose[11] == pytest.approx(0.4e-3, abs=1e-6)
     run.T = run.T.copy()
     run.T[2, 3] -= 0.9 * 0.4e-3
@@ -478,7 +560,7 @@ def test_the_start_is_bumpless_from_where_the_robot_stands() -> None:
     run = guided(start)
     run.fake.enabled = True
     for k in range(260):
-        run.cycle(State.READY if k < 5 else State.ACTIVE)
+        run.cycle(State.READY if k < 6 else State.ACTIVE)  # the first message is not answered
     sent = np.array([T[:3, 3] for T in run.sent])
     np.testing.assert_allclose(run.sent[0], start, atol=1e-9)
     np.testing.assert_allclose(run.sent[4], start, atol=1e-9)
@@ -507,6 +589,21 @@ def test_it_waits_until_the_loop_is_armed_and_never_starts_elsewhere() -> None:
     assert other.link.phase == Phase.WAITING
     np.testing.assert_allclose(other.sent[-1], away, atol=1e-9)
     other.close()
+
+
+@pytest.mark.parametrize("at", [0, 1, 5])
+def test_a_robot_that_waits_is_not_sent_to_a_pose_that_one_message_shows(at: int) -> None:
+    start = stream().pose(0.0)
+    run = guided(start)
+    run.fake.enabled = True
+    for k in range(60):
+        run.T = start.copy()
+        run.T[2, 3] += 0.4 if k == at else 0.0
+        run.cycle(State.READY)
+    for T in run.sent:
+        np.testing.assert_allclose(T, start, atol=1e-9)
+    assert len(run.sent) >= 57
+    run.close()
 
 
 def test_watching_only_the_path_runs_uncorrected() -> None:

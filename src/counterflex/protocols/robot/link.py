@@ -13,7 +13,9 @@ class RobotLink(Protocol):
     """One session with a controller, from the sensor program's side.
 
     A link may have ``repeat(*, stop, feed_hold, override, state, silent)`` too, where its protocol has telegrams that
-    can be answered although they cannot be read: told after each answer what to say to them beside the correction.
+    can be answered although they cannot be read: told after each answer what to say to them beside the correction. One
+    that sends a correction in axes that turn with the path has ``feeds``, see
+    :class:`counterflex.integrations.abb.link.path_link.EgmPathLink`.
     """
 
     counters: Counters

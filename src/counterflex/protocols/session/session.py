@@ -6,6 +6,7 @@ printing) is done by other processes.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -28,6 +29,7 @@ from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import AnotherSession, TelegramWatch, WatchSettings
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.loop import Loop
+from counterflex.runtime.loop_plan import feeds_about
 from counterflex.runtime.plausibility.axis_check import ABSENT, AxisCheck
 from counterflex.runtime.primitives.causes import yielding
 from counterflex.runtime.record_ring import RecordRing
@@ -54,6 +56,12 @@ _ROOMS: Final = ("core", "robot.elasticity.kernels.batch", "signals", "sensing",
 def compile_kernels() -> None:
     """Compile every kernel that a session may call, or read it from the cache: no cycle waits for a compilation."""
     compile_stated(*(f"counterflex.{room}" for room in _ROOMS))
+
+
+def _show_plan(link: RobotLink, loop: Loop) -> None:
+    """Give a link that sends in axes of the path the plan's feed directions about the last known place."""
+    if loop.planned and hasattr(link, "feeds"):
+        link.feeds = functools.partial(feeds_about, loop.records[1], loop.step_state.place)
 
 
 class OnlineSession:
@@ -134,6 +142,7 @@ class OnlineSession:
         self._next = AnotherSession(link.counters)
         self._another, self._answered = False, True
         self._repeat = getattr(link, "repeat", None)  # a link that cannot do it leaves it out
+        _show_plan(link, loop)
         self.cycles = self.compute_ns = 0
 
     def follow(self, last: LastAnswer, *, not_closed: bool) -> None:

@@ -60,7 +60,8 @@ class GuidanceSettings:
 class EgmGuidanceLink(EgmLink):
     """Answers with ``EgmSensor``: a pose, and if wanted a speed reference.
 
-    While the robot waits it is sent where it stands. The path begins when the loop allows it and the robot stands at
+    While the robot waits it is sent where it stands, once two messages in a row show it there: it would go to a pose of
+    one message that is wrong. The path begins when the loop allows it and the robot stands at
     its beginning; from there the reference goes over to the path without a step. The feed is held by not going on
     along the path. A telegram that was lost is not made up for: the path waits. Told to stop, the link brings the
     reference to rest on the path and then says nothing more; the controller stops by its CommTimeout.
@@ -83,6 +84,8 @@ class EgmGuidanceLink(EgmLink):
         self._sent: Float = np.tile(first[:3, 3], (lag, 1))
         self._place = 0
         self._T_hold: Float | None = None
+        self._T_before: Float | None = None
+        self._stands = False  # Where the message before had it
         self._offset: Float = np.zeros(6)
         self._faded, self._fade = 0, max(1, round(guidance.blend_s / stream.period_s))
         self._stopping = False
@@ -100,6 +103,7 @@ class EgmGuidanceLink(EgmLink):
         return received
 
     def _watch(self) -> None:
+        stands = self._look_where_it_stands()
         if self.restarted or not self.guided:  # one that has restarted may guide again, from another place
             self._T_hold = None
             if self.phase == Phase.RUNNING:
@@ -111,7 +115,7 @@ class EgmGuidanceLink(EgmLink):
                         value=f"{self.stream.at * self.period_s:.2f} s of {self.stream.duration_s:.2f} s",
                         hint="Its event log says why: convergence (CondTime), a limit, motors off, a stop",
                     )
-        elif self._T_hold is None:
+        elif stands:
             self._T_hold = self._T_part_actual.copy()
         running = self.phase == Phase.RUNNING
         if running:
@@ -119,6 +123,14 @@ class EgmGuidanceLink(EgmLink):
             self._lagging = self._lagging + 1 if off > self.guidance.follow_m else 0
         self.clamped = self.clamped or self._lagging >= _LAGGING_CYCLES
         self.enable = running and self.guided and not self.stream.finished
+
+    def _look_where_it_stands(self) -> bool:
+        """Return whether the newest message shows where a robot stands of which that is not known."""
+        before, self._T_before = self._T_before, self._T_part_actual
+        if self._T_hold is not None:
+            return False
+        self._stands = before is not None and self._within(*_difference(self._T_part_actual, before))
+        return self._stands
 
     def fill(self, nominal: Float, q: Float) -> None:
         """Write the planned pose that the robot should be at, and its axis angles."""
@@ -149,7 +161,7 @@ class EgmGuidanceLink(EgmLink):
 
         Returns:
             Whether an answer was sent: not, where a number is not finite, the robot is to stop and the reference is
-            at rest, or it has not said where it is.
+            at rest, or it has not said twice where it is.
 
         Raises:
             ProtocolError: The robot is to start, but stands elsewhere.
@@ -169,6 +181,7 @@ class EgmGuidanceLink(EgmLink):
         else:
             # Where it stands it stands with what was corrected before: that is not added once more.
             nominal = self._T_part_actual if self._T_hold is None else self._T_hold
+            stop |= not self._stands
         T = nominal.copy()
         if self.phase == Phase.RUNNING:
             T[:3, 3] += correction[:3]
@@ -189,10 +202,9 @@ class EgmGuidanceLink(EgmLink):
         if not allowed:
             return
         first = self.stream.pose(0.0)
-        self._offset[:3] = self._T_hold[:3, 3] - first[:3, 3]
-        self._offset[3:] = rotation.log(self._T_hold[:3, :3] @ first[:3, :3].T)
+        self._offset[:3], self._offset[3:] = _difference(self._T_hold, first)
         away, turned = float(np.linalg.norm(self._offset[:3])), float(np.linalg.norm(self._offset[3:]))
-        if away <= self.guidance.tolerance_m and turned <= self.guidance.tolerance_rad:
+        if self._within(self._offset[:3], self._offset[3:]):
             self.phase = Phase.RUNNING
             return
         self._away += 1
@@ -203,6 +215,11 @@ class EgmGuidanceLink(EgmLink):
                 limit=f"{self.guidance.tolerance_m / MM:g} mm and {self.guidance.tolerance_rad / DEG:g} deg",
                 hint="Check tool, work object and frame of EGMActPose, and that the plan belongs to the program",
             )
+
+    def _within(self, away: Float, turned: Float) -> bool:
+        """Return whether a distance (3,) m and a rotation vector (3,) are within what a robot may stand off."""
+        limits = self.guidance
+        return bool(np.linalg.norm(away) <= limits.tolerance_m and np.linalg.norm(turned) <= limits.tolerance_rad)
 
     def _on_path(self) -> Float:
         """Pose of the path, and what is left of the way from where the robot stood."""
@@ -228,6 +245,11 @@ class EgmGuidanceLink(EgmLink):
                 twist = np.r_[R @ twist[:3], R @ twist[3:]]
         sequence, clock_ms = self._numbered()
         return self._port.send(write_guidance(sequence, T, clock_ms, twist))
+
+
+def _difference(T: Float, T_from: Float) -> tuple[Float, Float]:
+    """Pose minus another one: (3,) m and rotation vector (3,)."""
+    return T[:3, 3] - T_from[:3, 3], rotation.log(T[:3, :3] @ T_from[:3, :3].T)
 
 
 def commanded_poses(Rs_part_tcp: Float, p_part_tcp: Float, contained: Float) -> Float:

@@ -142,7 +142,7 @@ class EgmLink:
             state = read_robot(self._port.data[:length].tobytes())
         except ProtocolError:
             return Verdict.MALFORMED
-        if self._located and (state.q is None or state.T_frame_tcp is None):
+        if self._located and self._lacks(state):
             return Verdict.MALFORMED
         if self._incomplete is not None:
             self._watch_what_is_there(state)
@@ -150,6 +150,10 @@ class EgmLink:
         if verdict == Verdict.NEW:
             self._state = state
         return verdict
+
+    def _lacks(self, state: RobotState) -> bool:
+        """Return whether a message leaves out what those before it had, and what cannot be done without."""
+        return state.q is None or state.T_frame_tcp is None
 
     def _count(self) -> None:
         state, last, counters = self._state, self._last, self.counters
