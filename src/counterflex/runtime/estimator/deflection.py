@@ -277,8 +277,6 @@ def estimate_deviation(
     bend(fusion, C, settings.R_base_part[:])
     here = state.ring_row
     now = ring[here]
-    for k in range(12):
-        now.nominal[k] = given.nominal[k]
     for k in range(6):
         now.contained[k] = cycle.contained[k]
         now.in_effect[k] = state.in_effect[k]
