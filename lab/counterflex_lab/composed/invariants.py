@@ -53,6 +53,11 @@ _UNPLANNED_S: Final = 52e-3
 """Later, where no plan tells of the cut: its filtered force does."""
 _MISSING_M: Final = 0.7 * MM
 _MISSING_S: Final = 1.2
+_LEFT: Final = 0.5
+"""Share of the deflection across the path that may remain in a cut without any fault: by compliances that are off by
+8 %, by the plan and by the holder a third remains."""
+_SETTLED_S: Final = 1.0
+"""From the entry on: the force rises for 0.16 s, the correction takes 0.3 s."""
 _CLEAN: Final = 30
 """Cycles from which a line is taken to be without faults again."""
 _BELIEVED: Final = 25
@@ -100,6 +105,8 @@ class Invariants:
         self._most_uncorrected = _UNCORRECTED + math.ceil(uncorrected_s / period)
         self._most_missing = round(_MISSING_S / period)
         self._stale = _STALE + round(_BRIDGED_S / period)
+        slow = story.mode == "integrator"  # which goes on by a share per cycle
+        self._settled = round(_SETTLED_S / (4e-3 if slow else period))
         self._sent = self._told = 0
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
@@ -114,7 +121,7 @@ class Invariants:
         self._runs = 0
         self._since: dict[str, int] = {}
         self._cycle = 0
-        self._uncorrected = self._missing = self._clean = self._silent = 0
+        self._uncorrected = self._missing = self._clean = self._silent = self._cutting = 0
         self._model: Float = np.zeros(3)
         self._rate: Float = np.zeros(3)
         self._stand: Float = np.zeros(12)
@@ -149,6 +156,7 @@ class Invariants:
         self._answers(world, result.silent == 1 or unarmed or session.searches)
         self._in_the_cut(world, state)
         self._obeyed(world, state, correction)
+        self._corrects(world, state)
         if session.trouble:
             self._break("no exception", world, session.trouble)
         difference = world.log.replay.difference
@@ -217,7 +225,7 @@ class Invariants:
 
         Of a guided robot the part across the path is seen, segment by segment: one that is at rest turns out of it.
         """
-        if world.story.link == "rsi":
+        if world.story.link == "rsi" or world.robot.cuts:  # the cuts are straight, and begin behind the arcs
             return 0.0
         way = world.robot.speed * self._period_s
         if world.story.link == "egm-path" or world.session is None:
@@ -257,7 +265,8 @@ class Invariants:
             if state != self._state and self._state == State.ACTIVE:
                 key = cause.name.lower()
                 self.incidents[key] = self.incidents.get(key, 0) + 1
-            if cause not in self._true(world):
+            goes_on = self._state in (State.HOLD, State.RAMP_OUT, State.FAULT) and int(cause) == self._cause
+            if not goes_on and cause not in self._true(world):
                 kinds = ", ".join(world.active.begun) or "nothing"
                 self._break("the true cause", world, f"{state.name} by {cause.name} after {kinds}")
             held = self._cause != int(Cause.PROGRAM)  # the ordinary end of a program is no hold, and may become one
@@ -266,7 +275,11 @@ class Invariants:
 
     def _true(self, world: World) -> frozenset[Cause]:
         cannot_hold = {"ignores-hold"} if world.story.link == "egm-path" else set()
-        return _allowed(frozenset(world.active.begun) | cannot_hold)
+        causes = set(_allowed(frozenset(world.active.begun) | cannot_hold))
+        causes.update(*(KINDS[kind].acting for kind in world.active.now))
+        if world.story.tracked:
+            causes.update(*(KINDS[kind].tracked for kind in world.active.begun))
+        return frozenset(causes)
 
     def _visible(self, world: World, state: State) -> None:
         """Out of ACTIVE within two cycles of what the loop can see."""
@@ -332,8 +345,10 @@ class Invariants:
 
     def _in_the_cut(self, world: World, state: State) -> None:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
+        if not world.talks:  # no answer reaches it: neither counted nor forgotten
+            return
         robot = world.robot
-        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
+        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0
         measured = world.story.forced and not any(kind.startswith(("force-", "strain-")) for kind in world.active.now)
         tells = world.story.planned or measured  # else nothing says that material is cut
         if goes_on and tells and not world.side.held and state not in (State.ACTIVE, State.HOLD, State.FAULT):
@@ -355,6 +370,17 @@ class Invariants:
                 self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
         else:
             self._missing = 0
+
+    def _corrects(self, world: World, state: State) -> None:
+        """Where nothing has gone wrong the tool is nearer to its path than it would be without the correction."""
+        robot = world.robot
+        cuts = robot.cuts and state == State.ACTIVE and not world.active.begun
+        self._cutting = self._cutting + 1 if cuts else 0
+        if self._cutting < self._settled or not robot.cuts_fully:
+            return
+        left, bent = _size((robot.made_m + robot.bent_m)[1:]), _size(robot.bent_m[1:])
+        if left > _LEFT * bent:
+            self._break("corrects", world, f"{left / MM:.3f} mm of {bent / MM:.3f} mm remain")
 
 
 def _size(v: Float) -> float:
