@@ -17,7 +17,8 @@ from counterflex.core.arrays import Float
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.protocols.force.frame_format import CHANNELS, COMPONENTS, FrameField, FrameFormat
 from counterflex.protocols.force.polled import PolledForce
-from counterflex.protocols.force.stream import FROZEN, RESTART, SATURATED, SampleStream
+from counterflex.protocols.force.stream import FROZEN, SATURATED, SampleStream
+from counterflex.protocols.sequence_kernel import RESTART
 
 QUICK = settings(max_examples=60)
 seed = st.integers(0, 2**31)

@@ -429,6 +429,17 @@ def test_tracker_both_ways_take_a_constant_error_out_and_the_observer_sooner() -
     assert np.max(observer[soon[1] :]) < 0.15 * start
 
 
+def test_the_observer_leaves_alone_what_the_force_explains() -> None:
+    """Robot and model agree: the tracker shows what the force has told, and the correction is not doubled."""
+    w, delays = six((-150.0, 400.0, -80.0)), replace(Delays(), tracker_s=0.0)
+    chosen = OnlineSettings(force=ForceMode.MEASURED, tracker=TrackerMode.OBSERVER, delays=delays, **WIDE)
+    loop, robot = armed(straight(), chosen), DelayedRobot(delays, part_deflection(w))
+    for k in range(200):  # fewer than the loop remembers
+        nominal = np.array([0.05 + 1e-5 * k, 0.0, 0.0])
+        mill(loop, float(nominal[0]), w, T_part_actual=pose.make(R, nominal + robot(loop.correction)))
+    np.testing.assert_allclose(loop.correction[1:3], -part_deflection(w)[1:], rtol=0.05)
+
+
 def test_settings_that_need_a_plan_say_so() -> None:
     with pytest.raises(InputError, match="needs a plan"):
         Loop(CELL.chain, OnlineSettings(force=ForceMode.PILOT), CELL.T_base_part)

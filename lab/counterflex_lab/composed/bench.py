@@ -46,6 +46,8 @@ _PLAN_ROWS: Final = 5
 """Rows of the program's table per row of the plan."""
 _FORCE_N: Final = np.array([-80.0, 250.0, -60.0])
 """Along the feed, across it, along z."""
+FULL_N2: Final = 0.99 * float(_FORCE_N[1]) ** 2
+"""Square of the force across the feed of which a cut is a whole one."""
 _AROUND: Final = 60
 """Rows of the program in which the place of a guided robot is looked for."""
 _DELAY: Final = b'<ELEMENT TAG="DEF_Delay"'

@@ -57,6 +57,11 @@ _UNPLANNED_S: Final = 52e-3
 """Later, where no plan tells of the cut: its filtered force does."""
 _MISSING_M: Final = 0.7 * MM
 _MISSING_S: Final = 1.2
+_LEFT: Final = 0.5
+"""Share of the deflection across the path that may remain in a cut without any fault: by compliances that are off by
+8 %, by the plan and by the holder a third remains."""
+_SETTLED_S: Final = 1.0
+"""From the entry on: the force rises for 0.16 s, the correction takes 0.3 s."""
 _CLEAN: Final = 30
 """Cycles from which a line is taken to be without faults again."""
 _BELIEVED: Final = 25
@@ -113,6 +118,8 @@ class Invariants:
         self._most_uncorrected = _UNCORRECTED + math.ceil(uncorrected_s / period)
         self._most_missing = round(_MISSING_S / period)
         self._stale = _STALE + round(_BRIDGED_S / period)
+        slow = story.mode == "integrator"  # which goes on by a share per cycle
+        self._settled = round(_SETTLED_S / (4e-3 if slow else period))
         self._sent = self._told = 0
         self.broken: dict[str, Broken] = {}
         self.states: dict[str, int] = {}
@@ -131,7 +138,7 @@ class Invariants:
         self._runs = 0
         self._since: dict[str, int] = {}
         self._cycle = 0
-        self._uncorrected = self._missing = self._clean = self._silent = 0
+        self._uncorrected = self._missing = self._clean = self._silent = self._cutting = 0
         self._model: Point = [0.0, 0.0, 0.0]
         self._rate: Point = [0.0, 0.0, 0.0]
         self._stand: Float = np.zeros(12)
@@ -173,6 +180,7 @@ class Invariants:
         self._answers(world, result.silent == 1 or unarmed or session.searches)
         self._in_the_cut(world, state)
         self._obeyed(world, state, correction)
+        self._corrects(world, state)
         if session.trouble:
             self._break("no exception", world, session.trouble)
         difference = world.log.replay.difference
@@ -256,7 +264,7 @@ class Invariants:
         across. The tangent is that between two messages, so a is that of the program from one motion before the oldest
         message to here. Of a guided robot the part across the path is seen, segment by segment, from where it was sent.
         """
-        if self._by_rsi:
+        if self._by_rsi or (not self._by_path and world.robot.cuts):  # the cuts are straight, and begin behind the arcs
             return 0.0
         whole = size if world.session is None else max(size, _size(world.session.loop.correction[:3].tolist()))
         if self._by_path:
@@ -299,7 +307,8 @@ class Invariants:
             if state != self._state and self._state == State.ACTIVE:
                 key = cause.name.lower()
                 self.incidents[key] = self.incidents.get(key, 0) + 1
-            if cause not in self._true(world):
+            goes_on = self._state in (State.HOLD, State.RAMP_OUT, State.FAULT) and int(cause) == self._cause
+            if not goes_on and cause not in self._true(world):
                 kinds = ", ".join(world.active.begun) or "nothing"
                 self._break("the true cause", world, f"{state.name} by {cause.name} after {kinds}")
             held = self._cause != int(Cause.PROGRAM)  # the ordinary end of a program is no hold, and may become one
@@ -308,7 +317,11 @@ class Invariants:
 
     def _true(self, world: World) -> frozenset[Cause]:
         cannot_hold = {"ignores-hold"} if self._by_path else set()
-        return _allowed(frozenset(world.active.begun) | cannot_hold)
+        causes = set(_allowed(frozenset(world.active.begun) | cannot_hold))
+        causes.update(*(KINDS[kind].acting for kind in world.active.now))
+        if world.story.tracked:
+            causes.update(*(KINDS[kind].tracked for kind in world.active.begun))
+        return frozenset(causes)
 
     def _visible(self, world: World, state: State) -> None:
         """Out of ACTIVE within two cycles of what the loop can see."""
@@ -375,8 +388,10 @@ class Invariants:
 
     def _in_the_cut(self, world: World, state: State) -> None:
         """A program that goes on in the cut is corrected, or it is held or stopped."""
+        if not world.talks:  # no answer reaches it: neither counted nor forgotten
+            return
         robot = world.robot
-        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0 and world.sends
+        goes_on = robot.speed > _MOVES_M_S and robot.cuts and world.people.running and world.age == 0
         if (
             goes_on
             and self._tells(world)
@@ -407,6 +422,17 @@ class Invariants:
                 self._break("obedience is checked", world, f"{missing / MM:.2f} mm missing for {self._missing} cycles")
         else:
             self._missing = 0
+
+    def _corrects(self, world: World, state: State) -> None:
+        """Where nothing has gone wrong the tool is nearer to its path than it would be without the correction."""
+        robot = world.robot
+        cuts = robot.cuts and state == State.ACTIVE and not world.active.begun
+        self._cutting = self._cutting + 1 if cuts else 0
+        if self._cutting < self._settled or not robot.cuts_fully:
+            return
+        left, bent = _size((robot.made_m + robot.bent_m)[1:].tolist()), _size(robot.bent_m[1:].tolist())
+        if left > _LEFT * bent:
+            self._break("corrects", world, f"{left / MM:.3f} mm of {bent / MM:.3f} mm remain")
 
 
 def _size(v: Point) -> float:

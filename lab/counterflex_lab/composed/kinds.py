@@ -30,7 +30,6 @@ _TRACKER: Final = (
     _C.LIMIT_HARD,
 )
 _ROBOT: Final = (
-    _C.LIMIT_SOFT,  # a tracker asks for more and more where a robot does not follow
     _C.ANSWER_SHORT,
     _C.WRONG_FRAME,
     _C.DIVERGENCE,
@@ -46,6 +45,12 @@ _BASE: Final = (*_ROBOT, *_PLAN)
 _UNREAD: Final = (*_LATER, _C.TELEGRAM_MALFORMED)
 _UNREAD_FORCE: Final = (*_UNREAD, *_FALSE_FORCE)
 _ENDED: Final = (*_LATER, _C.ENABLE_LOST)
+_TEXT: Final = (*_LATER, _C.TELEGRAM_MALFORMED)
+_READS: Final = (_C.AXIS_ANGLES,)
+"""A telegram of RSI has no check of its own: a digit that became another one still reads, and angles and pose of the
+same telegram tell it."""
+_MORE: Final = (_C.LIMIT_SOFT,)
+"""What a tracker shows of a robot that does not follow asks for more and more; a force asks for the same."""
 _FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, *_FALSE_FORCE, _C.TELEGRAM_MALFORMED)
 """Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
 
@@ -63,6 +68,8 @@ class Kind:
         event: It happens at once and has no duration.
         signed: Its size may be negative.
         before: It is there from the beginning.
+        acting: Causes more, for what begins while it acts.
+        tracked: Causes more, where there is a tracker.
     """
 
     words: str
@@ -73,6 +80,8 @@ class Kind:
     event: bool = False
     signed: bool = False
     before: bool = False
+    acting: tuple[Cause, ...] = ()
+    tracked: tuple[Cause, ...] = ()
 
 
 KINDS: Final = {
@@ -82,7 +91,7 @@ KINDS: Final = {
     "answers-lost": Kind("answers alone are lost, share", (0.05, 1.0), _LATER),
     "repeated": Kind("datagrams come twice, share", (0.05, 1.0), _LINE),
     "reordered": Kind("telegrams are overtaken by the next, share", (0.02, 1.0), _LATER),
-    "damaged": Kind("bytes of telegrams are damaged, share", (0.02, 1.0), (*_LATER, _C.TELEGRAM_MALFORMED), 2.0, "rsi"),
+    "damaged": Kind("bytes of telegrams are damaged, share", (0.02, 1.0), _TEXT, 2.0, "rsi", acting=_READS),
     "replayed": Kind("telegrams of so many s ago come again between the others", (0.05, 20.0), _LINE),
     "stranger": Kind("another computer sends telegrams too, so many a cycle", (1.0, 5.0), _LINE),
     "two-senders": Kind("another program answers where the loop does not", (1.0, 1.0), (_C.FOREIGN_PEER,), needs="rsi"),
@@ -126,11 +135,13 @@ KINDS: Final = {
     "tracker-beam": Kind("its beam is broken", (1.0, 1.0), _TRACKER, needs="tracker"),
     "tracker-stamp": Kind("its time stamps jump by s", (1e-3, 100.0), _TRACKER, needs="tracker", signed=True),
     # robot
-    "robot-share": Kind("it makes this share of the correction", (0.02, 0.9), _ROBOT, 1.5),
-    "robot-clamps": Kind("it makes m of the correction at most", (2e-5, 1e-3), _ROBOT),
-    "robot-negates": Kind("it makes the opposite", (1.0, 1.0), _ROBOT),
-    "robot-delays": Kind("it makes the correction s later", (8e-3, 0.6), _ROBOT),
-    "robot-stays": Kind("it stops obeying: what it makes of the correction stays as it is", (1.0, 1.0), _ROBOT),
+    "robot-share": Kind("it makes this share of the correction", (0.02, 0.9), _ROBOT, 1.5, tracked=_MORE),
+    "robot-clamps": Kind("it makes m of the correction at most", (2e-5, 1e-3), _ROBOT, tracked=_MORE),
+    "robot-negates": Kind("it makes the opposite", (1.0, 1.0), _ROBOT, tracked=_MORE),
+    "robot-delays": Kind("it makes the correction s later", (8e-3, 0.6), _ROBOT, tracked=_MORE),
+    "robot-stays": Kind(
+        "it stops obeying: what it makes of the correction stays as it is", (1.0, 1.0), _ROBOT, tracked=_MORE
+    ),
     "axis-off": Kind("an axis angle that it reports is off by rad", (1e-4, 0.5), _ROBOT, signed=True),
     "pose-off": Kind("the pose that it reports is off by m", (5e-5, 0.05), _ROBOT, signed=True),
     "base-off": Kind("BASE or TOOL of the program is off by m", (1e-4, 0.02), _BASE, needs="program", before=True),
@@ -168,7 +179,9 @@ KINDS: Final = {
     "message-short": Kind("messages leave a field out, share", (0.02, 1.0), _FALSE_MESSAGE, 2.0, "egm"),
     "sequence-stuck": Kind("messages have the number of the one before, share", (0.05, 1.0), _LATER, 2.0, "egm"),
     "clock-missing": Kind("messages have no time", (1.0, 1.0), _LATER, needs="egm"),
-    "motion-limited": Kind("the controller limits the motion: utilization", (1.01, 3.0), _ROBOT, needs="egm"),
+    "motion-limited": Kind(
+        "the controller limits the motion: utilization", (1.01, 3.0), _ROBOT, needs="egm", tracked=_MORE
+    ),
     "frame-other": Kind("they have the other frame, base or work object", (1.0, 1.0), _BASE, 1.0, "egm", before=True),
     "force-short": Kind("they have five forces, share", (0.02, 1.0), _UNREAD_FORCE, 4.0, "own-force"),
     "movement-ended": Kind("the controller ends the movement", (1.0, 1.0), _ENDED, 2.0, "egm", event=True),

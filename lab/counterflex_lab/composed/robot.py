@@ -87,6 +87,17 @@ class Robot:
         return abs(float(self._program.force[int(self.place), 1])) > _CUTS_N
 
     @property
+    def bent_m(self) -> Float:
+        """(3,) by which the arm yields to the force on the tool."""
+        out: Float = self._C @ self.force
+        return out
+
+    @property
+    def cuts_fully(self) -> bool:
+        """The planned force is the largest: neither an entry nor an exit."""
+        return bool(self._program.force[int(self.place), 1] ** 2 >= bench.FULL_N2)
+
+    @property
     def last(self) -> int:
         """Last row of the way back."""
         return len(self._program.p) - 1
@@ -278,7 +289,7 @@ class Robot:
         p = self._program.p[row] + (self.place - row) * (
             self._program.p[min(row + 1, len(self._program.p) - 1)] - self._program.p[row]
         )
-        tool = p + self.made_m + self._C @ self.force + bench.TRACKER_NOISE_M * self._rng.standard_normal(3)
+        tool = p + self.made_m + self.bent_m + bench.TRACKER_NOISE_M * self._rng.standard_normal(3)
         before, self._measured = self._measured, (tool, time_s)
         if before is None:
             return None

@@ -313,7 +313,7 @@ class World:
                 stopped=stopped or controller.guides,
                 override=controller.override,
             )
-        if self.sends and "controller-pauses" not in now and controller.stopped in ("", ENDED):
+        if self.talks and controller.stopped in ("", ENDED):
             enable = self.people.enable(now, self._rng)
             self.disabled = 0 if enable else self.disabled + 1
             if self._own_force:
@@ -334,7 +334,7 @@ class World:
         controller = self.controller
         arrived, self._arrived = self._arrived, []
         self.obeyed_other = False
-        if not self.sends or controller.stopped or "controller-pauses" in self.active.now:
+        if not self.talks or controller.stopped:
             return
         self.obeyed_other = self.side.take(arrived, other="two-senders" in self.active.now)
         self.age = self.age + 1 if controller.refused else 0
@@ -388,6 +388,11 @@ class World:
     def state(self) -> State:
         """Of the loop; IDLE while none runs."""
         return State.IDLE if self.session is None else _STATES[self.session.loop.quick_result.state]
+
+    @property
+    def talks(self) -> bool:
+        """The controller sends telegrams and takes answers: it is neither off nor pauses."""
+        return self.sends and "controller-pauses" not in self.active.now
 
     @property
     def frozen(self) -> bool:

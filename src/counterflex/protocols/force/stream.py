@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
+from counterflex.core.records import records
 from counterflex.protocols.force.source import LARGEST
+from counterflex.protocols.sequence_kernel import ORDER, next_step
 
 MOST_SAMPLES: Final = 512
 """Samples of one drain that are kept one by one; later ones still enter the mean."""
@@ -17,8 +19,6 @@ SATURATED: Final = 0.95
 """Share of the range at which a reading is not believed any more."""
 FROZEN: Final = 25
 """Samples with the same six numbers in a row that no living sensor sends."""
-RESTART: Final = 16
-"""Samples in a row whose numbers go on from each other but lie behind the last one: the source was started again."""
 
 
 class SampleStream:
@@ -41,7 +41,6 @@ class SampleStream:
         lost: Samples missing between the numbers, in all.
         bad: Samples that the sensor itself calls invalid, in all.
         malformed: What was no sample, in all.
-        restarts: How often the source began to count again.
 
     Raises:
         InputError: A range is not above 0.
@@ -51,11 +50,11 @@ class SampleStream:
         limits = [np.inf if value is None else value for value in (range_n, range_nm)]
         if not min(limits) > 0.0:
             raise InputError("the range of the force sensor is not above 0", value=min(limits))
-        self._mask, self._half = (1 << bits) - 1, 1 << (bits - 1)
+        self._mask, self._order = (1 << bits) - 1, records(ORDER)
+        self._order["newest"] = -1
         self._limit: Float = SATURATED * np.repeat(limits, 3)
         self._last: Float = np.full(6, np.nan)
-        self._same = self._behind = 0
-        self._sequence = self._before = -1
+        self._same = 0
         self._origin: tuple[int, int] | None = None
         self._kilohertz = False
         self._sum: Float = np.zeros(6)
@@ -63,7 +62,12 @@ class SampleStream:
         self.samples: Float = np.zeros((MOST_SAMPLES, 6))
         self.first, self.good = -1, 0
         self.saturated = self.frozen = False
-        self.lost = self.bad = self.malformed = self.restarts = 0
+        self.lost = self.bad = self.malformed = 0
+
+    @property
+    def restarts(self) -> int:
+        """Number of times that the source began to count again."""
+        return int(self._order["restarts"][0])
 
     def begin(self) -> None:
         """Begin a cycle."""
@@ -127,18 +131,12 @@ class SampleStream:
             return np.arange(count)
         kept = []
         for k, number in enumerate(sequence.tolist()):
-            step = 1 if self._sequence < 0 else (number - self._sequence) & self._mask
-            if step == 0 or step >= self._half:
-                follows = (number - self._before) & self._mask == 1
-                self._before = number
-                self._behind = (self._behind + 1 if follows else 1) if step else 0
-                if self._behind < RESTART:
-                    continue
-                self.restarts += 1
-                self._origin, step = None, 1
-            self._behind = 0
+            before, step = self.restarts, next_step(self._order, number, self._mask)
+            if step == 0:
+                continue
+            if self.restarts != before:
+                self._origin = None
             self.lost += step - 1
-            self._sequence = number
             if time_ns is not None:
                 self._pace(number, int(time_ns[k]))
             kept.append(k)

@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
+from counterflex.protocols.sequence_kernel import ORDER, steps_on
 
 OK: Final = 0
 NO_DATAGRAM: Final = 1
@@ -31,7 +32,7 @@ RECEIVED: Final = record(
     range=float,  # strain beyond which a bridge is not believed
     strain=(float, MOST),  # of the last datagram
     before=(float, MOST),  # of the one before, of each bridge
-    sequence=int,  # of the last datagram taken; -1 before the first
+    order=ORDER,  # of the numbers of the datagrams
     host=int,  # who is listened to; -1: whoever comes first
     bridges=int,  # that are expected
     good=int,  # datagrams taken since it was set to zero
@@ -136,12 +137,10 @@ def take_strains(
             continue
         if len(allowed) == 0:
             r.host = hosts[row]
-        sequence = _number(data, row, 4, 4)
-        step = (sequence - r.sequence) & 0xFFFFFFFF if r.sequence >= 0 else 1
-        if step == 0 or step >= 0x80000000:
-            continue  # late or repeated: a newer one has been taken already
+        step = steps_on(r.order, _number(data, row, 4, 4), 0xFFFFFFFF)
+        if step == 0:
+            continue
         r.lost += step - 1
-        r.sequence = sequence
         status, at = _number(data, row, 16, 4), r.good
         for k in range(r.bridges):
             value = r.strain[k]

@@ -119,14 +119,14 @@ class DatagramLink:
 
     Args:
         inbox: Takes the datagrams.
-        received: (1,) record of the instrument's kernel, with sequence, host, lost, malformed and foreign; changed.
+        received: (1,) record of the instrument's kernel, with order, host, lost, malformed and foreign; changed.
         peers: Addresses that are listened to; None takes the first that sends a good datagram.
     """
 
     def __init__(self, inbox: Inbox, received: Records, peers: tuple[str, ...] | None = None) -> None:
         self._inbox, self._received = inbox, received
         self._allowed: Int = np.array([host_number(peer) for peer in peers or ()], dtype=np.int64)
-        received["sequence"] = received["host"] = -1
+        received["order"]["newest"] = received["host"] = -1
 
     @property
     def lost(self) -> int:

@@ -11,6 +11,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
+from counterflex.protocols.sequence_kernel import ORDER, steps_on
 
 OK: Final = 0
 NO_DATAGRAM: Final = 1
@@ -28,7 +29,7 @@ FARTHEST_MM: Final = 200_000.0
 UNIT: Final = 1e-6
 
 RECEIVED: Final = record(
-    sequence=int,  # of the last datagram taken; -1 before the first
+    order=ORDER,  # of the numbers of the datagrams
     status=int,
     time_ns=int,  # clock of the source, of the pose
     lost=int,  # in all, as the next two
@@ -135,12 +136,10 @@ def take_poses(
             continue
         if len(allowed) == 0:
             r.host = hosts[row]
-        sequence = _number(data, row, 4, 4)
-        step = (sequence - r.sequence) & 0xFFFFFFFF if r.sequence >= 0 else 1
-        if step == 0 or step > 0x80000000:
+        step = steps_on(r.order, _number(data, row, 4, 4), 0xFFFFFFFF)
+        if step == 0:
             continue
         r.lost += step - 1
-        r.sequence = sequence
         r.status = _number(data, row, 16, 4)
         if r.status & UNUSABLE:
             continue

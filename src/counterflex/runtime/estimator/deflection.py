@@ -23,11 +23,12 @@ from counterflex.runtime.primitives.causes import of_the_force
 from counterflex.runtime.primitives.frames import lag, pose_deviation
 from counterflex.runtime.primitives.history import row_at, row_back
 from counterflex.runtime.primitives.loop_types import LOOP_TYPES
-from counterflex.runtime.state.supervisor import Cause
+from counterflex.runtime.state.supervisor import Cause, State
 
 _FORCE_STALE, _FORCE_INVALID = int(Cause.FORCE_STALE), int(Cause.FORCE_INVALID)
 _FORCE_SATURATED, _FORCE_OFFSET = int(Cause.FORCE_SATURATED), int(Cause.FORCE_OFFSET)
 _TRACKER_LOST = int(Cause.TRACKER_LOST)
+_READY = int(State.READY)
 _FROM_PLAN, _FROM_FORCE, _FROM_TRACKER, _FROM_CURRENTS = 1, 2, 4, 8
 _SPAN = 4
 """Cycles over which accelerations are taken."""
@@ -259,7 +260,9 @@ def _take_sample(
     spread += past.swing**2
     spread += late / period * (growth[2] + (growth[0] + growth[1]) * square)
     noise_turn = settings.noise[1] + late / period * growth[6]
-    result.surprise[1] = take_deviation(fusion, rest, bent, frame, first, without, spread, noise_turn, growth[8])
+    # While nothing is corrected a lasting change is followed at once: a frame that was put right must not be asked for.
+    gate = growth[8] if state.supervisor.state > _READY else math.inf
+    result.surprise[1] = take_deviation(fusion, rest, bent, frame, first, without, spread, noise_turn, gate)
 
 
 @kernel("void(Given, Settings, float64[::1], State, Past[::1], Cycle, Result)", **LOOP_TYPES)
@@ -277,8 +280,6 @@ def estimate_deviation(
     bend(fusion, C, settings.R_base_part[:])
     here = state.ring_row
     now = ring[here]
-    for k in range(12):
-        now.nominal[k] = given.nominal[k]
     for k in range(6):
         now.contained[k] = cycle.contained[k]
         now.in_effect[k] = state.in_effect[k]

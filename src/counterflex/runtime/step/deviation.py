@@ -35,10 +35,7 @@ def _designed_stage(
 ) -> None:
     """Designed controller: what is known ahead, then the sample by the pose of its own time."""
     here = state.ring_row
-    now = ring[here]
-    for k in range(12):
-        now.nominal[k] = given.nominal[k]
-    now.clock = state.clock
+    ring[here].clock = state.clock
     for k in range(6):
         cycle.zero[k] = 0.0
     planned = cycle.planned == 1 and cycle.soft == 0
@@ -61,9 +58,7 @@ def _designed_stage(
 def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records, plan: Records, cycle: Record) -> None:
     """Published integrator and observer: the sample by the pose that belongs to it by the delays of the cell."""
     here = state.ring_row
-    past = ring[row_back(here, settings.nominal_back)].nominal[:]
-    nominal = given.nominal[:] if settings.nominal_back == 0 else past
-    _deviate(given, settings, plan, nominal, cycle)
+    _deviate(given, settings, plan, ring[row_back(here, settings.nominal_back)].nominal[:], cycle)
     if settings.tracker == INTEGRATOR:
         if cycle.active == 1:
             sum_up(cycle.deviation[:], settings.gain, settings.saturation[:], state)
@@ -78,6 +73,16 @@ def _delayed_stage(given: Record, settings: Record, state: Record, ring: Records
         across(cycle.innovation[:], 0, plan, cycle.row)
     if not observe(cycle, settings.noise[:], largest, state) and cycle.soft == 0:
         cycle.soft = _TRACKER_LOST
+
+
+@kernel("void(Given, Settings, State, Past[::1], Result)", **LOOP_TYPES)
+def _enter(given: Record, settings: Record, state: Record, ring: Records, result: Record) -> None:
+    """Write pose and deflection of this cycle into its row: a delay of no cycle means now, not a whole ring ago."""
+    now = ring[state.ring_row]
+    for k in range(12):
+        now.nominal[k] = given.nominal[k]
+    for k in range(6):
+        now.deflection[k] = result.deflection[k] if k < 3 or settings.orientation == 1 else 0.0
 
 
 @kernel("void(Given, Settings, State, Past[::1], Plan[::1], float64[::1], Cycle, Result)", **LOOP_TYPES)
@@ -96,6 +101,8 @@ def find_deviation(
     ``C``: (36,) compliance of the arm at the tip, base axes.
     """
     finite, fused = cycle.hard != _NOT_FINITE, settings.force == FUSED
+    if finite:
+        _enter(given, settings, state, ring, result)
     if fused:
         answered(ring, state.ring_row, max(1, settings.correction_back), settings, state)
         if finite:

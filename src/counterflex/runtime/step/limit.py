@@ -72,20 +72,16 @@ def limit(share: float, settings: Record, state: Record, cycle: Record, result: 
     return limits
 
 
-@kernel("void(Given, Settings, State, Past[::1], Cycle, Result)", **LOOP_TYPES)
-def remember(given: Record, settings: Record, state: Record, ring: Records, cycle: Record, result: Record) -> None:
-    """Write the cycle into the ring of the last ones, and compute what the robot makes of the correction."""
+@kernel("void(Settings, State, Past[::1], Cycle)", **LOOP_TYPES)
+def remember(settings: Record, state: Record, ring: Records, cycle: Record) -> None:
+    """Write what is sent into the row of the cycle, go on to the next, and compute what the robot makes of it."""
     here = state.ring_row
     now = ring[here]
     if cycle.hard == _NOT_FINITE:  # nothing of it into what is remembered: filters over the past would never forget it
         ring[here] = ring[row_back(here, 1)]
         now.clock = state.clock
-    else:
-        for k in range(12):
-            now.nominal[k] = given.nominal[k]
     for k in range(6):
         now.sent[k] = state.correction[k]
-        now.deflection[k] = result.deflection[k] if k < 3 or settings.orientation == 1 else 0.0
     if settings.force != _FUSED:
         answered(ring, here, settings.correction_back, settings, state)
     for k in range(6):

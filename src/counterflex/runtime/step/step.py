@@ -106,6 +106,6 @@ def step(
     control_axes(given, settings, state, ring, plan, work, cycle, result, pids, pid_states)
     share = supervise_cycle(given, settings, state, ring, cycle, result)
     result.limits = limit(share, settings, state, cycle, result)
-    remember(given, settings, state, ring, cycle, result)
+    remember(settings, state, ring, cycle)
     as_axes(given, settings, state, work, cycle, result)
     report(settings, state, cycle, result)

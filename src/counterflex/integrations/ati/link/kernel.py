@@ -10,11 +10,12 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.core.records import Records, record
 from counterflex.protocols.decimal_kernel import ByteRows
+from counterflex.protocols.sequence_kernel import ORDER, steps_on
 
 RECEIVED: Final = record(
     scale=(float, 6),  # N, N m per count
     limit=(float, 6),  # N, N m: beyond it a reading counts as saturated
-    sequence=int,  # of the last record taken; -1 before the first
+    order=ORDER,  # of the numbers of the records
     same=int,  # records in a row with the counts of the one before
     good=int,  # since it was set to zero
     saturated=int,  # 1: a record beyond the range, or with a bad status; since it was set to zero
@@ -60,12 +61,10 @@ def take_records(data: ByteRows, lengths: Int, count: int, samples: Float, recei
             r.malformed += 1
             continue
         sequence = big_endian(data, row, 0)
-        if r.sequence >= 0:
-            step = (sequence - r.sequence) & 0xFFFFFFFF
-            if step == 0 or step >= 0x80000000:
-                continue  # late or repeated: a newer one has been taken already
-            r.lost += step - 1
-        r.sequence = sequence
+        step = steps_on(r.order, sequence, 0xFFFFFFFF)
+        if step == 0:
+            continue
+        r.lost += step - 1
         status = big_endian(data, row, 8)
         if status not in (_GOOD, _MONITOR):
             r.bad += 1

@@ -63,7 +63,7 @@ class NetftLink:
             np.array(scaling.range_nm) if range_nm is None else np.full(3, range_nm),
         )
         r.limit = SATURATED * np.minimum(np.concatenate(limits), netft.RAIL * r.scale)
-        r.sequence = r.first = -1
+        r.order.newest = r.first = -1
         self._inbox: Inbox = Datagrams(_connected(peer)) if inbox is None else inbox
         self.w_sensor: Float = r.wrench  # (6,) N, N m, mean of the good samples since the last :meth:`drain`
         # (MOST_SAMPLES, 6) the good ones of the last drain one by one, N, N m, in time
@@ -76,7 +76,7 @@ class NetftLink:
         """Ask for the stream (again)."""
         with contextlib.suppress(ConnectionError, BlockingIOError):
             self._inbox.send(netft.request(netft.START))
-        self._received["sequence"] = -1
+        self._received["order"]["newest"] = -1
 
     def stop(self) -> None:
         """End the stream."""
