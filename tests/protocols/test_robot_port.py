@@ -73,12 +73,10 @@ def test_a_session_that_is_forgotten_goes_on_from_another_port_of_its_computer_a
                 moved.sendto(b"good 2", port.address)
                 stranger.sendto(b"good lies", port.address)
             assert take(port) == (False, [])
-            assert (port.counters.foreign, port.counters.moved) == (6, 3)
-            assert port.counters.moved_port == moved.getsockname()[1]
+            assert (port.counters.foreign, port.counters.moved, port.counters.moved_port) == (6, 3, moved.getsockname()[1])
             port.forget()
             stranger.sendto(b"good lies", port.address)
             assert take(port) == (False, [])
-            assert port.peer is None
             assert not port.send(b"answer")
             moved.sendto(b"good 3", port.address)
             assert take(port)[0]

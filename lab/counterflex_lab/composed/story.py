@@ -268,14 +268,12 @@ class Active:
         while self._next < len(faults) and faults[self._next].at_s <= time_s:
             new.append(faults[self._next])
             self._next += 1
-        for fault in new:
-            self.begun[fault.kind] = time_s
+        self.begun.update((fault.kind, time_s) for fault in new)
         self._acting += [fault for fault in new if not KINDS[fault.kind].event]
         if self._acting:
             self._acting = [fault for fault in self._acting if fault.end_s >= time_s]
-            # The last of a kind counts; the one that it came into acts on behind it.
             self.now.clear()
-            self.now.update((fault.kind, fault) for fault in self._acting)
+            self.now.update((fault.kind, fault) for fault in self._acting)  # of a kind the last that began
             self.begun.update(dict.fromkeys(self.now, time_s))
         return new
 

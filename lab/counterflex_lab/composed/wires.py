@@ -70,8 +70,7 @@ class VirtualWire:
 
     def receive(self, timeout_ns: int) -> int:
         """Take what came; waits for the first one."""
-        if timeout_ns > 0:
-            self.taken.clear()
+        self.taken = set() if timeout_ns > 0 else self.taken
         if not self.waiting or timeout_ns > 0:
             self._wait(timeout_ns)
         count = 0

@@ -88,9 +88,8 @@ class World:
         peer: Its address, ``host << 16 | port``.
         disabled: Telegrams in a row without the program's Enable.
         obeyed_other: An answer of another program was accepted in this cycle.
-        misdirected: Answers that went to anybody but the controller: neither to its address, nor to one of its earlier
-            sessions whose telegrams still waited. A telegram does not say that its session has ended, so the loop may
-            answer the newest of those that it takes together, once.
+        misdirected: Answers to others than the controller, or an earlier port of it whose telegrams waited: a telegram
+            does not say that its session has ended, so the newest of those that are taken together is answered, once.
         compared: Records computed again, of the runs that have ended.
         failed: Exceptions of the loop's program.
         unread: What the logs of the runs that have ended lack.

@@ -1,4 +1,4 @@
-"""A telegram that cannot be read is answered by its counter: with the correction that stands, also without the kernel."""
+"""A telegram that cannot be read is answered by its counter, with the correction that stands, kernel or not."""
 
 from __future__ import annotations
 

@@ -61,8 +61,7 @@ class RobotPort:
         port: UDP port; 0 takes a free one.
         largest: Longest datagram, bytes.
         peer: Address and port of the controller, port 0 for any: nobody else is listened to; None takes the first that
-            sends a good telegram. From then on it is that address and port alone, and after :meth:`forget` that
-            address.
+            sends a good telegram. From then on it is that address and port alone, after :meth:`forget` that address.
         wire: What carries the datagrams; None opens a UDP port.
 
     Attributes:
@@ -154,8 +153,7 @@ class RobotPort:
         return allowed is None or (sender >> 16 == allowed[0] and allowed[1] in (0, sender & 0xFFFF))
 
     def forget(self) -> None:
-        """Take the next good telegram from the controller's computer as another session of it, whatever its port."""
-        # From no other computer: one that sends at that moment would be taken for the robot.
+        """Take the next good telegram of the controller's computer, never of another, as a session on any port."""
         self._sender = self.counters.sender = _NOBODY
 
     def send(self, data: bytes | memoryview) -> bool:

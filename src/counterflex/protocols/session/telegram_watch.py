@@ -211,7 +211,7 @@ class TelegramWatch:
 
 
 class AnotherSession:
-    """Sees that the controller's computer sends from another port while the session that is answered is silent.
+    """Sees that the controller's computer sends from another port, others or not, while the answered session is silent.
 
     Args:
         counters: Of the robot's link.
@@ -231,7 +231,6 @@ class AnotherSession:
             silent_cycles: Cycles without a telegram of the session that is answered.
         """
         counters = self._counters
-        # Telegrams of other computers in between neither count nor hide it.
         if silent_cycles < FAULT_LOST or counters.moved - self._before < FAULT_LOST:
             return 0
         known = counters.sender != _NOBODY and counters.sender & 0xFFFF != counters.moved_port
