@@ -125,7 +125,6 @@ def test_stories_are_kept_as_text_and_read_again(tmp_path: Path) -> None:
 
 
 def test_a_fault_that_comes_into_a_longer_one_of_its_kind_ends_alone() -> None:
-    """The last that began counts while it lasts; behind it the first acts on, to its own end."""
     active = Active(_told("measured", Fault("lost", 1.0, 0.1, 3.0), Fault("lost", 2.0, 0.2, 0.5)))
     seen = []
     for time_s in (0.5, 1.5, 2.2, 3.0, 4.5):
@@ -204,7 +203,6 @@ def _any_sender(patch: pytest.MonkeyPatch) -> None:
 
 
 def _answers_the_first(patch: pytest.MonkeyPatch) -> None:
-    """Any sender is read, and the answer goes to the address that sent first."""
     _any_sender(patch)
     right = RobotPort._take
 
