@@ -25,7 +25,7 @@ from counterflex_lab.composed import bench, campaign, cell
 from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
-from counterflex_lab.composed.story import Fault, Story, as_text, draw, read_stories
+from counterflex_lab.composed.story import Active, Fault, Story, as_text, draw, read_stories
 from counterflex_lab.composed.world import World
 
 KEPT = Path(__file__).parents[1] / "data" / "composed_stories.json"
@@ -142,6 +142,16 @@ def test_stories_are_kept_as_text_and_read_again(tmp_path: Path) -> None:
     assert read_stories(file) == stories
 
 
+def test_a_fault_that_comes_into_a_longer_one_of_its_kind_ends_alone() -> None:
+    active = Active(_told("measured", Fault("lost", 1.0, 0.1, 3.0), Fault("lost", 2.0, 0.2, 0.5)))
+    seen = []
+    for time_s in (0.5, 1.5, 2.2, 3.0, 4.5):
+        active.advance(time_s)
+        seen.append(active.size("lost"))
+    assert seen == [0.0, 0.1, 0.2, 0.1, 0.0]
+    assert active.begun == {"lost": 3.0}
+
+
 def test_every_kind_of_fault_is_drawn() -> None:
     drawn = {fault.kind for seed in range(1500) for fault in draw(seed).faults}
     assert drawn == set(KINDS)
@@ -210,6 +220,18 @@ def _all_are_new(patch: pytest.MonkeyPatch) -> None:
 
 def _any_sender(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(RobotPort, "_may_speak", lambda _self, _sender: True)
+
+
+def _answers_the_first(patch: pytest.MonkeyPatch) -> None:
+    _any_sender(patch)
+    right = RobotPort._take
+
+    def take(self: RobotPort, row: int, read: Any) -> bool:
+        first, new = self._sender, right(self, row, read)
+        self._sender = self._sender if first < 0 else first
+        return new
+
+    patch.setattr(RobotPort, "_take", take)
 
 
 def _session_goes_on(patch: pytest.MonkeyPatch) -> None:
@@ -313,6 +335,11 @@ DEFECTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], Story, str]] = {
         "the true cause",
     ),
     "strangers are listened to": (_any_sender, _told("measured", Fault("stranger", 2.0, 2.0, 1.0)), "one sender"),
+    "answers go on to the port of an earlier session": (
+        _answers_the_first,
+        Story(4, "measured", 1.4, (Fault("controller-restart", 1.0, 0.1),)),
+        "one sender",
+    ),
     "another session goes unnoticed": (
         _session_goes_on,
         _told("measured", Fault("controller-restart", 2.3, 0.05), length_s=6.0),

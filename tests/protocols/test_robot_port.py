@@ -60,6 +60,31 @@ def test_the_first_good_sender_is_the_only_one(sender: socket.socket) -> None:
         port.close()
 
 
+def test_a_session_that_is_forgotten_goes_on_from_another_port_of_its_computer_alone(sender: socket.socket) -> None:
+    port = RobotPort("127.0.0.1", 0, 1000)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger, socket.socket(type=socket.SOCK_DGRAM) as moved:
+        stranger.bind(("127.0.0.2", 0))
+        moved.bind(("127.0.0.1", 0))
+        try:
+            sender.sendto(b"good 1", port.address)
+            assert take(port)[0]
+            for _ in range(3):
+                moved.sendto(b"good 2", port.address)
+                stranger.sendto(b"good lies", port.address)
+            assert take(port) == (False, [])
+            assert (port.counters.foreign, port.counters.moved) == (6, 3)
+            assert port.counters.moved_port == moved.getsockname()[1]
+            port.forget()
+            stranger.sendto(b"good lies", port.address)
+            assert take(port) == (False, [])
+            assert not port.send(b"answer")
+            moved.sendto(b"good 3", port.address)
+            assert take(port)[0]
+            assert port.peer == moved.getsockname()
+        finally:
+            port.close()
+
+
 @pytest.mark.parametrize("any_port", [True, False])
 def test_an_allowed_peer_is_the_only_one_from_the_start(sender: socket.socket, any_port: bool) -> None:
     host, number = sender.getsockname()

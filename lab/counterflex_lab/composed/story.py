@@ -269,6 +269,7 @@ class Active:
     now: dict[str, Fault] = field(default_factory=dict)
     begun: dict[str, float] = field(default_factory=dict)
     _next: int = 0
+    _acting: list[Fault] = field(default_factory=list)
 
     def advance(self, time_s: float) -> list[Fault]:
         """Go on to a moment; returns the faults that begin."""
@@ -276,15 +277,13 @@ class Active:
         while self._next < len(faults) and faults[self._next].at_s <= time_s:
             new.append(faults[self._next])
             self._next += 1
-        for fault in new:
-            if not KINDS[fault.kind].event:
-                self.now[fault.kind] = fault
-            self.begun[fault.kind] = time_s
-        if self.now:
-            for kind in [kind for kind, fault in self.now.items() if fault.end_s < time_s]:
-                del self.now[kind]
-            for kind in self.now:
-                self.begun[kind] = time_s
+        self.begun.update((fault.kind, time_s) for fault in new)
+        self._acting += [fault for fault in new if not KINDS[fault.kind].event]
+        if self._acting:
+            self._acting = [fault for fault in self._acting if fault.end_s >= time_s]
+            self.now.clear()
+            self.now.update((fault.kind, fault) for fault in self._acting)  # of a kind the last that began
+            self.begun.update(dict.fromkeys(self.now, time_s))
         return new
 
     def size(self, kind: str) -> float:

@@ -29,6 +29,7 @@ class VirtualWire:
         clock_ns: Monotonic clock of the loop's computer.
 
     Attributes:
+        taken: Who sent what was taken since the loop last waited.
         closed: Nobody listens any more.
     """
 
@@ -49,6 +50,7 @@ class VirtualWire:
         self.senders: Int = np.zeros(_TAKEN, dtype=np.int64)
         self._wait, self._send, self.now_ns = wait, send, clock_ns
         self.waiting: deque[tuple[bytes, int]] = deque()
+        self.taken: set[int] = set()
         self.closed = False
 
     @property
@@ -68,6 +70,7 @@ class VirtualWire:
 
     def receive(self, timeout_ns: int) -> int:
         """Take what came; waits for the first one."""
+        self.taken = set() if timeout_ns > 0 else self.taken
         if not self.waiting or timeout_ns > 0:
             self._wait(timeout_ns)
         count = 0
@@ -76,6 +79,7 @@ class VirtualWire:
             length = min(len(data), len(self._views[count]))
             self._views[count][:length] = data[:length]
             self.lengths[count], self.senders[count] = length, sender
+            self.taken.add(sender)
             count += 1
         return count
 

@@ -88,7 +88,8 @@ class World:
         peer: Its address, ``host << 16 | port``.
         disabled: Telegrams in a row without the program's Enable.
         obeyed_other: An answer of another program was accepted in this cycle.
-        misdirected: Answers that went to anybody but the controller.
+        misdirected: Answers to others than the controller, or an earlier port of it whose telegrams waited: a telegram
+            does not say that its session has ended, so the newest of those that are taken together is answered, once.
         compared: Records computed again, of the runs that have ended.
         failed: Exceptions of the loop's program.
         unread: What the logs of the runs that have ended lack.
@@ -118,6 +119,7 @@ class World:
         self.side = controller_of(story, self.active, self._rng)
         self.number, self.peer = 0, _ROBOT_HOST << 16 | 30000
         self._at = _address(self.peer)
+        self._earlier: dict[tuple[str, int], int] = {}
         self.sends = True
         self.now_s = self._clock_off = self._frozen_until = self.received_at = 0.0
         self.cycles = self.age = self.runs = self.compared = self.disabled = 0
@@ -252,7 +254,8 @@ class World:
 
     def _answered(self, data: bytes, peer: tuple[str, int]) -> None:
         if peer != self._at:
-            self.misdirected.append(peer)
+            if self._earlier.get(peer) not in self.wire.taken:
+                self.misdirected.append(peer)
             return
         for delay_s, sent in self._line.carried(data, answer=True):
             answer = Answer(sent, self.cycles, int(self.state))
@@ -284,6 +287,7 @@ class World:
         self.age = 0
         self.sends = True
         if port is not None:
+            self._earlier[self._at] = self.peer
             self.peer = _ROBOT_HOST << 16 | port
             self._at = _address(self.peer)
 

@@ -97,7 +97,7 @@ class RobotLink(Protocol):
         """
 
     def forget(self) -> None:
-        """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
+        """Take another session of the controller, see :meth:`counterflex.protocols.robot.port.RobotPort.forget`."""
 
     def close(self) -> None:
         """Free the port."""

@@ -43,7 +43,8 @@ class Counters:
     malformed: int = 0  # in all
     malformed_in_a_row: int = 0  # until the last good one
     foreign: int = 0  # from an address that is not the controller's
-    stranger: int = _NOBODY  # who sent the last of these, ``address << 16 | port``
+    moved: int = 0  # of these, from another port of the controller's computer
+    moved_port: int = 0  # the port of the last of them
     old: int = 0  # with a counter at or before the last one
     astray: int = 0  # with a counter far away from the last one
     lost: int = 0  # cycles without a telegram, by the counter
@@ -60,7 +61,7 @@ class RobotPort:
         port: UDP port; 0 takes a free one.
         largest: Longest datagram, bytes.
         peer: Address and port of the controller, port 0 for any: nobody else is listened to; None takes the first that
-            sends a good telegram. From then on it is that address and port alone, until :meth:`forget`.
+            sends a good telegram. From then on it is that address and port alone, after :meth:`forget` that address.
         wire: What carries the datagrams; None opens a UDP port.
 
     Attributes:
@@ -79,7 +80,7 @@ class RobotPort:
         self, host: str, port: int, largest: int, peer: tuple[str, int] | None = None, wire: Wire | None = None
     ) -> None:
         self._allowed = None if peer is None else (host_address(peer[0]), peer[1])
-        self._sender = _NOBODY
+        self._sender = self._host = _NOBODY
         self.peer: tuple[str, int] | None = None
         self._wire = UdpWire(host, port, largest) if wire is None else wire
         self.address: tuple[str, int] = self._wire.address
@@ -119,7 +120,9 @@ class RobotPort:
         counters, sender = self.counters, int(self._wire.senders[row])
         if sender != self._sender and not self._may_speak(sender):
             counters.foreign += 1
-            counters.stranger = sender
+            if self._sender != _NOBODY and sender >> 16 == self._host:
+                counters.moved += 1
+                counters.moved_port = sender & 0xFFFF
             return False
         self.data = self._wire.rows[row]
         verdict = read(int(self._wire.lengths[row]))
@@ -130,6 +133,7 @@ class RobotPort:
         if sender != self._sender:
             self._sender = self.counters.sender = sender
             self.peer = socket.inet_ntoa((sender >> 16).to_bytes(4, "big")), sender & 0xFFFF
+            self._host = sender >> 16
             self.name[:] = self._wire.names[row]
         counters.malformed_in_a_row = 0
         if verdict is _NEW:
@@ -139,13 +143,13 @@ class RobotPort:
         return False
 
     def _may_speak(self, sender: int) -> bool:
-        if self._sender != _NOBODY:
+        if self._sender != _NOBODY or self._host not in (_NOBODY, sender >> 16):
             return False
         allowed = self._allowed
         return allowed is None or (sender >> 16 == allowed[0] and allowed[1] in (0, sender & 0xFFFF))
 
     def forget(self) -> None:
-        """Whoever sends the next good telegram is the controller, as far as it is allowed to be."""
+        """Take the next good telegram of the controller's computer, never of another, as a session on any port."""
         self._sender = self.counters.sender = _NOBODY
         self.peer = None
 

@@ -313,7 +313,7 @@ class OnlineSession:
             control[_ARM] = 0
         if control[_RESET]:
             self._reset()
-        self._let_go(bool(control[_RESET]))
+        self._let_go()
         control[_RESET] = 0
 
     def _fill_flags(self, received: bool, soft: int, hard: int, new: int) -> None:
@@ -436,12 +436,10 @@ class OnlineSession:
             self.trouble, self.not_closed = "", False
             self._tare.again()
 
-    def _let_go(self, reset: bool) -> None:
-        """Another session may come from another port: after a person's reset, or when nothing is going on at all."""
-        # Also where the controller's computer already sends from another port, and nothing is in effect.
+    def _let_go(self) -> None:
+        """Another session may come from another port of the controller, as soon as nothing is in effect."""
         state, silent = self._result.state, self._silent_cycles
-        again = state <= _ARMED and self._next.port(silent) != 0
-        if again or (state == _IDLE and (reset or silent >= _FORGET_PEER_CYCLES)):
+        if (state == _IDLE and silent >= _FORGET_PEER_CYCLES) or (state <= _ARMED and self._next.port(silent) != 0):
             self.link.forget()
 
     @property

@@ -211,18 +211,18 @@ class TelegramWatch:
 
 
 class AnotherSession:
-    """Sees that the controller's computer sends from another port while the session that is answered is silent.
+    """Sees that the controller's computer sends from another port, others or not, while the answered session is silent.
 
     Args:
         counters: Of the robot's link.
     """
 
     def __init__(self, counters: Counters) -> None:
-        self._counters, self._before = counters, counters.foreign
+        self._counters, self._before = counters, counters.moved
 
     def heard(self) -> None:
         """The session that is answered still sends."""
-        self._before = self._counters.foreign
+        self._before = self._counters.moved
 
     def port(self, silent_cycles: int) -> int:
         """Its port; 0: there is none.
@@ -231,8 +231,7 @@ class AnotherSession:
             silent_cycles: Cycles without a telegram of the session that is answered.
         """
         counters = self._counters
-        if silent_cycles < FAULT_LOST or counters.foreign - self._before < FAULT_LOST:
+        if silent_cycles < FAULT_LOST or counters.moved - self._before < FAULT_LOST:
             return 0
-        if _NOBODY in (counters.sender, counters.stranger) or counters.stranger == counters.sender:
-            return 0
-        return counters.stranger & 0xFFFF if counters.stranger >> 16 == counters.sender >> 16 else 0
+        known = counters.sender != _NOBODY and counters.sender & 0xFFFF != counters.moved_port
+        return counters.moved_port if known else 0

@@ -178,10 +178,13 @@ class RsiLink:
         if not self._line.follows(counter) or counter == self._repeated_counter:
             return
         self._repeated_counter = counter
-        self.counters.repeated += 1
-        stop, feed_hold, override, state = self._again
-        correction, as_axes = self._last_correction, self._last_as_axes
-        answer(self._table.rows, self._port.target, counter, correction, as_axes, stop, feed_hold, override, int(state))
+        self.counters.repeated += self._send(counter, *self._again)
+
+    def _send(self, counter: int, stop: bool, feed_hold: bool, override: float, state: State) -> bool:
+        """Send the last correction, by the kernel or where that has no socket by the port; returns whether it was."""
+        fd, correction, as_axes = self._port.target, self._last_correction, self._last_as_axes
+        length = answer(self._table.rows, fd, counter, correction, as_axes, stop, feed_hold, override, int(state))
+        return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))
 
     def repeat(self, *, stop: bool, feed_hold: bool, override: float, state: State, silent: bool) -> None:
         """Set the words beside the last correction for telegrams that can only be answered, not read.
@@ -266,15 +269,13 @@ class RsiLink:
         Returns:
             Whether an answer was sent: not, where a number cannot be written or nobody has asked yet.
         """
-        fd = self._port.target
         as_axes = axes is not None and self._axes_out is not None
         sent: Float = axes if as_axes and axes is not None else correction
         if as_axes and self._counted is not None:
             sent = self._counted.shown_change(sent)
         self._last_correction[:], self._last_as_axes = sent, as_axes
         self._again = stop, feed_hold, override, state
-        length = answer(self._table.rows, fd, self._line.newest, sent, as_axes, stop, feed_hold, override, int(state))
-        return length > 0 and (fd >= 0 or self._port.send(self._writer.buffer.data[:length]))
+        return self._send(self._line.newest, stop, feed_hold, override, state)
 
     def forget(self) -> None:
         """Another session may come from another port of the controller."""
