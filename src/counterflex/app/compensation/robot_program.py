@@ -14,7 +14,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
 from counterflex.programs.language import forms_of
 from counterflex.programs.limits import RESERVED
-from counterflex.programs.program import Program
+from counterflex.programs.program import Program, has_g
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.parts import changes_tool
@@ -156,7 +156,7 @@ def other_lengths(program: Program) -> list[str]:
     """Return where G43 names another tool's length than that of the tool in the spindle, in words."""
     lengths = {}
     for block in program.blocks:
-        if not any(word.letter == "G" and word.value == 43.0 for word in block.words):
+        if not has_g(block.words, 43.0):
             continue
         h = next((int(word.value) for word in block.words if word.letter == "H"), 0)
         if h not in (0, block.modal.tool):

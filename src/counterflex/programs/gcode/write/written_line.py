@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from counterflex.programs.gcode.read.codes import TAKEN_BY_G
 from counterflex.programs.gcode.write.spelling import RS274, Spell
@@ -40,10 +40,10 @@ class WrittenLine:
         self._edits: list[tuple[int, int, str]] = []
         self._added: list[tuple[int, str]] = []
 
-    def find(self, letter: str) -> Word | None:
-        """First word with this letter, or None."""
+    def find(self, letter: str, values: Collection[float] | None = None) -> Word | None:
+        """First word with this letter and one of these values, or None."""
         for word in self.words:
-            if word.letter == letter:
+            if word.letter == letter and (values is None or word.value in values):
                 return word
         return None
 
