@@ -75,11 +75,9 @@ def refuse_change_in_cut(program: Program, cell: Cell) -> None:
         if last.kind != "rapid" and last.p_end[2] < top_m:
             raise ProgramError(
                 "the tool is changed in the cut: M6 takes a milling machine out of it, a robot stays",
-                where=block.where(Path(program.name).name),
-                value=f"Z {last.p_end[2] / MM:g} mm",
-                limit=f"above the blank, Z {top_m / MM:g} mm",
-                hint="Retract with G0 first",
-            )
+                where=block.where(Path(program.name).name), value=f"Z {last.p_end[2] / MM:g} mm",
+                limit=f"above the blank, Z {top_m / MM:g} mm", hint="Retract with G0 first",
+            )  # fmt: skip
 
 
 def refuse_other_height(program: Program) -> None:
@@ -140,10 +138,8 @@ def _homing(program: Program) -> list[str]:
         if program.motions[block.first_motion - 1].kind != "rapid":
             raise ProgramError(
                 f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
-                where=place,
-                value=block.text.strip()[:40],
-                hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
-            )
+                where=place, value=block.text.strip()[:40], hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
+            )  # fmt: skip
         places.setdefault(str(block.line), []).append(name)
     if not places:
         return []

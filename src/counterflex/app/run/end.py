@@ -18,7 +18,7 @@ AS_REQUESTED: Final = "as asked"
 
 
 class End(IntEnum):
-    """How a run ended; the number is the exit status of the command."""
+    """Ends of a run; the number is the exit status of the command."""
 
     PLANNED = 0
     """The robot program has switched the correction off itself, or the loop was to watch only."""
@@ -138,7 +138,7 @@ def _never_why(summary: Mapping[str, Any]) -> str:
 
 
 def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
-    """How a run ended.
+    """Exit status, name and words of the end of a run.
 
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,

@@ -103,7 +103,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
 
 
 def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
-    """What an operator did, by the time since the first record of the run; None without one."""
+    """Name an act of an operator, by the time since the first record of the run; None without one."""
     rest = {key: value for key, value in facts.items() if key != "time_ns"}
     time_s = None if begin_ns is None else round((int(facts["time_ns"]) - begin_ns) * NS, 3)
     return {"time_s": time_s, **rest}
@@ -188,7 +188,7 @@ def micro(percentiles: Percentiles) -> dict[str, float | None]:
 
 @dataclass
 class Replayed:
-    """How a replay ended, over all runs of a folder.
+    """Result of a replay over all runs of a folder.
 
     Attributes:
         records: In the log.
@@ -323,7 +323,7 @@ def _file_notes(about: dict[str, Any], files: dict[str, Path]) -> Iterator[str]:
 
 
 def _notes(about: dict[str, Any], files: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
-    """What differs from when the log was written."""
+    """Name the differences from when the log was written."""
     if about.get(UNKNOWN):
         return ["what the run was made of can no longer be read in the log"]
     notes = [*_file_notes(about, files)]

@@ -38,7 +38,7 @@ _EXPONENT = 0.75
 
 
 def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
-    """What the loop needs of a plan.
+    """Return the part of a plan that the loop needs.
 
     Args:
         plan: Of the program.
@@ -164,7 +164,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
 
 
 def load_behind(cell: Cell) -> FlangeSensor | None:
-    """What hangs behind what measures the force, flange sensor or instrumented holder; None where there is neither."""
+    """Load behind what measures the force, flange sensor or instrumented holder; None where there is neither."""
     table = cell.tables.online or OnlineTable()
     if table.force_from == "holder":
         return carried_load(cell, holder_of(cell)[1].segment) if table.force != "none" else None

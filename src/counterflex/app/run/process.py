@@ -33,7 +33,7 @@ from counterflex.runtime.state.supervisor import State
 
 
 def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[str, Any]:
-    """What a run is.
+    """Describe a run.
 
     Args:
         settings: What it is made of.

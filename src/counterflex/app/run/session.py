@@ -47,7 +47,7 @@ _MEAN_OF = 8
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run is made of.
+    """Settings of a run.
 
     Attributes:
         cell: Cell file with an ``[online]`` table.
@@ -269,12 +269,10 @@ def _require_programmed_feed(about: Mapping[str, Any], plan: Path | None) -> Non
     lowered_s = float(about.get("feed_lowered_s", 0.0))
     if lowered_s > 0.0:
         raise InputError(
-            "the plan is for a lower feed than the original program runs",
-            where=str(plan),
-            value=f"{lowered_s:g} s longer",
-            limit="the programmed feed",
+            "the plan is for a lower feed than the original program runs", where=str(plan),
+            value=f"{lowered_s:g} s longer", limit="the programmed feed",
             hint="Plan with compensate --programmed-feed, or run the compensated program",
-        )
+        )  # fmt: skip
 
 
 def _require_no_measured(plan: Plan, file: Path | None) -> None:
@@ -288,7 +286,7 @@ def _require_no_measured(plan: Plan, file: Path | None) -> None:
 
 
 def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:
-    """What makes torques of motor currents, where they are to be used."""
+    """Return the converter of motor currents to torques, where they are to be used."""
     if not settings.currents:
         return None
     constants = table.torque_per_current_nm
@@ -301,18 +299,16 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
         lacking, hint = "motor currents are compared with the planned force, and no plan is given", "Give --plan FILE"
     if lacking or constants is None:
         raise InputError(
-            f"the motor currents are to be used, but {lacking}",
-            where=str(settings.cell),
-            value="run.currents",
+            f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="run.currents",
             hint=hint,
-        )
+        )  # fmt: skip
     return MotorTorque(cell.chain, np.array(constants))
 
 
 def _open_force(
     settings: RunSettings, cell: Cell, table: OnlineTable, link: RobotLink, plan: Plan | None, checks: SessionChecks
 ) -> tuple[ForceSource | None, ProcessWrench | None, Tare | None]:
-    """What measures the force, what makes a process wrench of it, and how its zero is taken where that is special."""
+    """Open the source of the force; with it, the process wrench made of it and its tare where that is special."""
     if table.force_from == "holder":
         if table.force == "none" or settings.strain_port is None:
             return None, None, None
@@ -353,7 +349,7 @@ def _one_force(settings: RunSettings, table: OnlineTable) -> None:
 
 
 def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
-    """What of the force sensor is lacking: where it is, or how it sits in the robot."""
+    """Error of a force sensor of which something is lacking: where it is, or how it sits in the robot."""
     address = "strain.address" if "holder" in value else "force_sensor.address"
     if '"both"' in value:
         address = "force_sensor.address or strain.address"
@@ -391,7 +387,7 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
 
 
 def _opening(settings: RunSettings, address: tuple[str, int], table: SensorTable) -> Opening:
-    """Where the force sensor is, and what the cell file says of its link."""
+    """Address of the force sensor with the settings of its link in the cell file."""
     return Opening(
         *address,
         http_port=settings.force_http_port,

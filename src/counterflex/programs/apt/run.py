@@ -107,15 +107,12 @@ class Run:
         self._lengths_in = self._lengths_in or f"FROM in line {part.line}"
         self._p, self._axis = self._point(part)
 
-    def _tool_axis(self, part: Statement) -> None:
-        self._axis = self._direction(part, part.numbers())
-
-    def _direction_of_circle(self, part: Statement) -> None:
-        i, j, k = self._values(part, (3,))
-        self._indirv = i, j, k
-
-    def _multax(self, part: Statement) -> None:
-        self._allow(part, ("ON", "OFF"))
+    def _direct(self, part: Statement) -> None:
+        if part.major == "TLAXIS":
+            self._axis = self._direction(part, part.numbers())
+        else:
+            i, j, k = self._values(part, (3,))
+            self._indirv = i, j, k
 
     def _is_harmless(self, part: Statement) -> bool:
         """Return whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
@@ -352,23 +349,18 @@ class Run:
         self._allow(part, (*_LOADS, "TOOL") if of_load else _LOADS)
         if of_load and part.words()[:1] != ["TOOL"]:
             raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
-        value = self._first(part)
+        value = part.numbers()[0].value if part.numbers() else None
         if value is None or value != int(value) or not 0 <= value <= 99_999:
             raise self._fault(part, f"{part.major} needs the number of a tool first", hint="LOADTL/1, LOAD/TOOL,1")
         self._tool, self._turns = int(value), 0
         return [("T", value), ("M", 6)]
 
     def _function(self, part: Statement) -> list[tuple[str, float]]:
-        value = self._first(part)
+        value = part.numbers()[0].value if part.numbers() else None
         if value is None or value not in apt_words.NEUTRAL_M:
             raise self._fault(part, "a function of the machine that is not read: AUXFUN",
                               hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
         return [("M", value)]
-
-    @staticmethod
-    def _first(part: Statement) -> float | None:
-        numbers = part.numbers()
-        return numbers[0].value if numbers else None
 
     def _delay(self, part: Statement) -> list[Word]:
         self._allow(part, ())
@@ -395,18 +387,14 @@ class Run:
 
 
 _STOPS: Final = {"STOP": [("M", 0)], "OPSTOP": [("M", 1)], "FINI": [("M", 30)], "END": [("M", 30)]}
-_CODES: Final = {
-    "SPINDL": Run._spindle, "COOLNT": Run._coolant, "LOADTL": Run._load, "LOAD": Run._load,
-    "AUXFUN": Run._function,
-}  # fmt: skip
-"""Machine functions: the codes that a statement stands for."""
+_CODES: Final = {"SPINDL": Run._spindle, "COOLNT": Run._coolant, "LOADTL": Run._load, "LOAD": Run._load,
+                 "AUXFUN": Run._function}  # fmt: skip
 _WORDS: Final = dict.fromkeys((*_STOPS, *_CODES), Run._machine) | {
-    "GOTO": Run._goto, "GODLTA": Run._goto, "FEDRAT": Run._feedrate, "DELAY": Run._delay,
-    "CIRCLE": Run._circle, "MOVARC": Run._circle, TOOL_ON_CIRCLE: Run._tool_on_circle,
-}  # fmt: skip
+    "GOTO": Run._goto, "GODLTA": Run._goto, "FEDRAT": Run._feedrate, "DELAY": Run._delay, "CIRCLE": Run._circle,
+    "MOVARC": Run._circle, TOOL_ON_CIRCLE: Run._tool_on_circle}  # fmt: skip
 """Statements that stand for words of a machine."""
 _SETTINGS: Final = dict.fromkeys(("UNITS", "UNIT", "MM", "INCH", "INCHES"), Run._units) | {
-    "RAPID": Run._rapid_next, "FROM": Run._from, "TLAXIS": Run._tool_axis, "INDIRV": Run._direction_of_circle,
-    "MULTAX": Run._multax, "MSYS": Run._system, SYSTEM: Run._system, "GOHOME": Run._leave,
-}  # fmt: skip
+    "RAPID": Run._rapid_next, "FROM": Run._from, "TLAXIS": Run._direct, "INDIRV": Run._direct,
+    "MULTAX": lambda run, part: run._allow(part, ("ON", "OFF")), "MSYS": Run._system, SYSTEM: Run._system,
+    "GOHOME": Run._leave}  # fmt: skip
 """Statements that stand for none."""

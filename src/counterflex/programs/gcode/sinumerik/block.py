@@ -91,7 +91,7 @@ class Block:
             self.calls.append(name)
 
     def _neutral(self, name: Name) -> bool:
-        """Whether a name with its arguments changes nothing that is read."""
+        """Return whether a name with its arguments changes nothing that is read."""
         arguments = name.arguments
         if name.name == "FGROUP":
             if not {axis.strip().upper() for axis in arguments.split(",")} >= set(AXES):

@@ -192,8 +192,8 @@ class MoveMaker:
         """The tool axis as a vector, A3 B3 C3, in the part frame."""
         for letter in ROTARY:
             if block.has(letter):
-                raise block.fault("a rotary word beside A3 B3 C3 of the same program", letter,
-                                  hint="Give the tool axis in one way")  # fmt: skip
+                what = "a rotary word beside A3 B3 C3 of the same program"
+                raise block.fault(what, letter, hint="Give the tool axis in one way")
         if not block.has(*VECTOR):
             return self._state.angles
         vector = np.array([block.take(name) or 0.0 for name in VECTOR])
@@ -322,20 +322,16 @@ class MoveMaker:
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state
-        first, second, third = PLANE_AXES[state.plane]
         radius, opening = block.take("CR"), block.take("AR")
-        centre = self._centre(block, a, first, second, _CENTRE[third])
+        centre = self._centre(block, a)
         self._refuse_form(block, centre is not None, in_plane)
         unit = state.unit_m
         if centre is not None:
             b = b if opening is None else _turned(a, centre, opening * DEG * (-1.0 if clockwise else 1.0))
             return by_centre(a, b, centre, clockwise, turns, unit), b
-        if radius is not None:
-            size = radius * unit
-        else:
-            assert opening is not None
-            size = math.copysign(0.5 * math.dist(a, b) / math.sin(0.5 * opening * DEG), 180.0 - opening)
-        return by_radius(a, b, size, clockwise, turns, unit), b
+        angle = opening or 0.0
+        size = math.copysign(0.5 * math.dist(a, b) / math.sin(0.5 * angle * DEG), 180.0 - angle) if angle else 0.0
+        return by_radius(a, b, size if radius is None else radius * unit, clockwise, turns, unit), b
 
     def _refuse_form(self, block: Block, centred: bool, in_plane: bool) -> None:
         """Refuse an arc that is given in no way, in two, or without the end that it needs."""
@@ -348,10 +344,10 @@ class MoveMaker:
         if not in_plane and not (centred and given != ["CR"]):
             raise block.fault("an arc without a centre needs an end point in its plane", given[0])
 
-    def _centre(
-        self, block: Block, a: tuple[float, float], first: int, second: int, wrong: str
-    ) -> tuple[float, float] | None:
+    def _centre(self, block: Block, a: tuple[float, float]) -> tuple[float, float] | None:
         """Centre from I J K, which count from the start unless AC says otherwise; None where the block has none."""
+        first, second, third = PLANE_AXES[self._state.plane]
+        wrong = _CENTRE[third]
         if block.has(wrong):
             raise block.fault(f"{wrong} has no place in an arc of plane G{self._state.plane}", wrong)
         if not block.has(_CENTRE[first], _CENTRE[second]):
@@ -366,8 +362,7 @@ class MoveMaker:
 
 def _turned(a: tuple[float, float], centre: tuple[float, float], turn_rad: float) -> tuple[float, float]:
     """A point turned about a centre in their plane."""
-    u, v = a[0] - centre[0], a[1] - centre[1]
-    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+    u, v, cos, sin = a[0] - centre[0], a[1] - centre[1], math.cos(turn_rad), math.sin(turn_rad)
     return centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos
 
 

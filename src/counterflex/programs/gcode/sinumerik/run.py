@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.flow import line_end
@@ -128,11 +128,8 @@ class Run:
                 return False
             text = text[: head.label_start].ljust(head.label_end) + text[head.label_end :]
 
-        def fault(what: str, column: int, value: object, hint: str | None) -> ProgramError:
-            return error_at(source.name, number, what, column, value, hint)
-
         line = self.scanned(text, number)
-        block = Block(line, fault, text, self.table)
+        block = Block(line, partial(error_at, source.name, number), text, self.table)
         first = len(self.maker.motions)
         self._frame(block)
         dwell = "dwell" in block.groups

@@ -129,25 +129,16 @@ def flatten(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
     parts: list[str] = []
     words: list[Word] = []
     at = 0
-    length = 0
-
-    def add(text: str) -> int:
-        nonlocal length
-        start = length + (1 if parts else 0)
-        parts.append(text)
-        length = start + len(text)
-        return start
-
     for word in [*block.words, None]:
-        for comment in _comments(block.text[at : word.start if word else len(block.text)]):
-            add(comment)
+        parts += _comments(block.text[at : word.start if word else len(block.text)])
         if word is None:
             break
         at = word.end
         if flow or word.letter in _FLOW_LETTERS:
             continue
         text = block.text[word.start : word.end].strip() if word.literal else word.letter + _short(word.value, decimals)
-        start = add(text)
+        start = len(" ".join([*parts, ""]))
+        parts.append(text)
         words.append(Word(word.letter, word.value, start, start + len(text)))
     return " ".join(parts), tuple(words)
 
