@@ -113,7 +113,7 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
         force_n=force / field.number("cfgcpf"),
         moment_nm=moment / field.number("cfgcpt"),
         rate_hz=field.rate(),
-        product=field.told("prodname"),
+        product=field.stated("prodname"),
         range_n=range_n,
         range_nm=range_nm,
     )
@@ -126,15 +126,15 @@ class _Fields:
     root: Element
     where: str  # Name of the document, for errors
 
-    def told(self, name: str) -> str:
+    def stated(self, name: str) -> str:
         """Text of a field; empty where the document does not say it."""
         return (self.root.findtext(f".//{name}") or "").strip()
 
     def text(self, name: str) -> str:
         """Text of a field that is needed."""
-        if not self.told(name):
+        if not self.stated(name):
             raise ProtocolError(f"the field '{name}' is missing", where=self.where)
-        return self.told(name)
+        return self.stated(name)
 
     def number(self, name: str) -> float:
         """Positive number of a field that is needed."""
@@ -154,12 +154,12 @@ class _Fields:
 
     def rate(self) -> float | None:
         """Records per second, where the document gives them as a number."""
-        return _positive(self.told("comrdtrate"))
+        return _positive(self.stated("comrdtrate"))
 
     def six(self, name: str) -> list[float]:
         """Six finite numbers; empty where the document does not say them."""
         try:
-            values = [float(word) for word in self.told(name).replace(";", " ").replace(",", " ").split()]
+            values = [float(word) for word in self.stated(name).replace(";", " ").replace(",", " ").split()]
         except ValueError:
             return []
         return values if len(values) == 6 and all(map(math.isfinite, values)) else []
@@ -188,7 +188,7 @@ def _calibrated(field: _Fields, force: float, moment: float) -> tuple[Three, Thr
     if any(moved[3:]):
         forces, moments = [math.hypot(*forces)] * 3, [math.hypot(*moments)] * 3
     if any(moved[:3]):
-        way = math.hypot(*moved[:3]) * _METRE.get(field.told("scfgtdu"), math.inf)
+        way = math.hypot(*moved[:3]) * _METRE.get(field.stated("scfgtdu"), math.inf)
         moments = [value + way * math.hypot(*forces) for value in moments]
     return (forces[0], forces[1], forces[2]), (moments[0], moments[1], moments[2])
 

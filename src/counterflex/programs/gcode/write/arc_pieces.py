@@ -80,7 +80,7 @@ def written_pieces(
 
     Args:
         points: See :func:`arc_pieces`, as ``share``, ``turn_rad`` and ``tolerance_m``.
-        rounded: What a language writes for an arc, asked when all before it is written; None where rounding breaks it.
+        rounded: What a language writes for an arc, called when all before it is written; None where rounding breaks it.
 
     Yields:
         Each piece with what ``rounded`` returns, None of a straight one.
