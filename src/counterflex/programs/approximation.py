@@ -40,7 +40,7 @@ def _machine(program: Program) -> list[float]:
         codes = {word.value for word in block.words if word.letter == "G"}
         exact = (exact or bool(codes & _EXACT_MODES)) and not codes & _CONTINUOUS_MODES
         if exact or _EXACT_ONCE in codes or block.cycle:
-            _stop(out, range(block.first_motion, block.first_motion + block.motion_count))
+            _stop(out, block.motions)
     return out
 
 

@@ -174,16 +174,20 @@ def evaluate(node: Node, grammar: Grammar, scope: Scope) -> Value:
         ]
         return scope.value_of(node.text, path)
     if isinstance(node, Call):
-        by_reference = getattr(scope, "call_node", None)
-        if by_reference is not None:
-            return by_reference(node)
-        options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in node.options.items()}
-        return scope.call(node.name, [evaluate(item, grammar, scope) for item in node.arguments], options)
+        return _call(node, grammar, scope)
     if isinstance(node, Aggregate):
         if any(label is not None for label, _ in node.items):
             return {label: evaluate(item, grammar, scope) for label, item in node.items}
         return [evaluate(item, grammar, scope) for _, item in node.items]
     return _operate(node, grammar, scope)
+
+
+def _call(node: Call, grammar: Grammar, scope: Scope) -> Value:
+    by_reference = getattr(scope, "call_node", None)
+    if by_reference is not None:
+        return by_reference(node)
+    options = {key: None if item is None else evaluate(item, grammar, scope) for key, item in node.options.items()}
+    return scope.call(node.name, [evaluate(item, grammar, scope) for item in node.arguments], options)
 
 
 def _operate(node: Operator, grammar: Grammar, scope: Scope) -> Value:

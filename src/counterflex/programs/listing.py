@@ -13,7 +13,7 @@ import polars as pl
 from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM
-from counterflex.programs.program import TOOL_VECTOR, Program
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
 
 # A nanometre and a microdegree: below the digits of any program, above the noise of binary fractions.
 _DIGITS: Final = 6
@@ -77,29 +77,32 @@ def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     files = [program.blocks[motion.block].file or name for motion in program.motions]
     columns: dict[str, list[object]] = {column: [] for column in SCHEMA}
     for index, motion in enumerate(program.motions):
-        block = program.blocks[motion.block]
-        arc, vector = motion.p_centre is not None, block.modal.tool_centre == TOOL_VECTOR
-        centre = [_shown(value / MM) for value in motion.p_centre] if motion.p_centre is not None else [None] * 3
-        feed = _shown(motion.feed_m_s / MM_PER_MIN) if motion.feed_m_s > 0.0 else None
-        row: tuple[object, ...] = (
-            block.line,
-            motion.kind,
-            *(None if c in motion.unknown else _shown(v / MM) for c, v in zip("XYZ", motion.p_end, strict=True)),
-            *(None if vector else _shown(angle / DEG) for angle in motion.abc_end),
-            feed,
-            f"G{block.modal.plane}" if arc else None,
-            *centre,
-            _shown(motion.turn_rad / (2.0 * math.pi)) if arc else None,
-            motion.duration_s if motion.kind == "dwell" else None,
-            motion.tool,
-            _shown(motion.spindle_rad_s / RPM),
-            *_held(held, index),
-        )
+        row = (*_cells(program.blocks[motion.block], motion), *_held(held, index))
         for column, value in zip(columns.values(), row, strict=True):
             column.append(value)
     table = pl.DataFrame(columns, schema=SCHEMA)
     several = any(file != name for file in files)
     return table.insert_column(0, pl.Series("file", files, dtype=pl.String)) if several else table
+
+
+def _cells(block: Block, motion: Motion) -> tuple[object, ...]:
+    """Cells of a motion up to the spindle."""
+    vector = block.modal.tool_centre == TOOL_VECTOR
+    arc: list[object] = [None] * 5
+    if motion.p_centre is not None:
+        centre = [_shown(value / MM) for value in motion.p_centre]
+        arc = [f"G{block.modal.plane}", *centre, _shown(motion.turn_rad / (2.0 * math.pi))]
+    return (
+        block.line,
+        motion.kind,
+        *(None if c in motion.unknown else _shown(v / MM) for c, v in zip("XYZ", motion.p_end, strict=True)),
+        *(None if vector else _shown(angle / DEG) for angle in motion.abc_end),
+        _shown(motion.feed_m_s / MM_PER_MIN) if motion.feed_m_s > 0.0 else None,
+        *arc,
+        motion.duration_s if motion.kind == "dwell" else None,
+        motion.tool,
+        _shown(motion.spindle_rad_s / RPM),
+    )
 
 
 def _held(held: Orientations | None, index: int) -> tuple[float | None, ...]:

@@ -114,6 +114,18 @@ class MachineInPlace(ABC):
     def put_head(self, lines: list[str], texts: list[str]) -> None:
         """Put comments at the head of the written lines."""
 
+    def count_split(self, added: int) -> None:
+        """Count a straight motion that became more blocks by this many."""
+        self.split_motions += added > 0
+        self.vertices_added += added
+
+    def count_arc(self, arcs: list[bool]) -> None:
+        """Count the pieces of an arc: by piece, whether it is an arc."""
+        self.arcs_kept += arcs == [True]
+        self.arcs_split += len(arcs) > 1 and any(arcs)
+        self.arcs_as_lines += not any(arcs)
+        self.count_split(len(arcs) - 1)
+
     @classmethod
     def write(
         cls,

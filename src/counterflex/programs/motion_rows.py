@@ -78,6 +78,22 @@ class MotionRows:
         total = float(steps.sum())
         return total / float(np.sum(steps / share)) if total > 0.0 else float(share[-1])
 
+    def inner(self, index: int) -> list[int]:
+        """Rows before its end at which a straight feed motion is split."""
+        first = int(self.first[index])
+        return [int(row) for row in np.flatnonzero(self.vertex[first : max(int(self.last[index]), first)]) + first]
+
+    def factor(self, before: int, row: int, p_before: Float, p: Float) -> float:
+        """Factor for the feed of one written piece between two rows, from and to places (3,) m."""
+        way, step = float(self.way[row] - self.way[before]), float(np.linalg.norm(p - p_before))
+        return float(feed_factor(np.array([way]), np.array([step]))[0]) * self.share_of(before + 1, row)
+
+    def relieved(self, index: int) -> Float | None:
+        """(3,) m, where a dwell is planned; None where the motion before it ends there."""
+        first, last = int(self.first[index]), int(self.last[index])
+        planned = self.command[last] if last >= first >= 1 else None
+        return planned if planned is not None and np.any(planned != self.command[first - 1]) else None
+
 
 def motion_rows(
     program: Program, compensated: CompensatedPath, tolerance_m: float, angles: tuple[Float, Float] | None = None

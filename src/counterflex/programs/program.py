@@ -34,6 +34,11 @@ class Word:
     absolute: bool | None = None
 
 
+def has_g(words: Iterable[Word], *codes: float) -> bool:
+    """Return whether words name one of some G codes."""
+    return any(word.letter == "G" and word.value in codes for word in words)
+
+
 @dataclass(frozen=True, slots=True)
 class Modal:
     """Modal state while a block executes, its own words included."""
@@ -75,6 +80,11 @@ class Block:
     single: bool = True
     cycle: bool = False  # True for canned cycles and other blocks whose motions are not simply their own target
     file: str = ""  # Name of the file that the line is in, where that is another than the main one
+
+    @property
+    def motions(self) -> range:
+        """Indices of the motions that it makes."""
+        return range(self.first_motion, self.first_motion + self.motion_count)
 
     def where(self, name: str) -> str:
         """File and line; ``name`` is that of the main file."""

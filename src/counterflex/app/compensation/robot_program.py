@@ -14,7 +14,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.programs.gcode.read.motion import UNKNOWN_PLACE
 from counterflex.programs.language import forms_of
 from counterflex.programs.limits import RESERVED
-from counterflex.programs.program import Program
+from counterflex.programs.program import Program, has_g
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.robot_writer.implied_stops import implied_stops
 from counterflex.programs.robot_writer.parts import changes_tool
@@ -75,11 +75,9 @@ def refuse_change_in_cut(program: Program, cell: Cell) -> None:
         if last.kind != "rapid" and last.p_end[2] < top_m:
             raise ProgramError(
                 "the tool is changed in the cut: M6 takes a milling machine out of it, a robot stays",
-                where=block.where(Path(program.name).name),
-                value=f"Z {last.p_end[2] / MM:g} mm",
-                limit=f"above the blank, Z {top_m / MM:g} mm",
-                hint="Retract with G0 first",
-            )
+                where=block.where(Path(program.name).name), value=f"Z {last.p_end[2] / MM:g} mm",
+                limit=f"above the blank, Z {top_m / MM:g} mm", hint="Retract with G0 first",
+            )  # fmt: skip
 
 
 def refuse_other_height(program: Program) -> None:
@@ -140,10 +138,8 @@ def _homing(program: Program) -> list[str]:
         if program.motions[block.first_motion - 1].kind != "rapid":
             raise ProgramError(
                 f"{name} is the way out of the cut, and where it leads is not known: the robot would stay in the cut",
-                where=place,
-                value=block.text.strip()[:40],
-                hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
-            )
+                where=place, value=block.text.strip()[:40], hint=f"Retract with G0 first. {UNKNOWN_PLACE}",
+            )  # fmt: skip
         places.setdefault(str(block.line), []).append(name)
     if not places:
         return []
@@ -156,7 +152,7 @@ def other_lengths(program: Program) -> list[str]:
     """Return where G43 names another tool's length than that of the tool in the spindle, in words."""
     lengths = {}
     for block in program.blocks:
-        if not any(word.letter == "G" and word.value == 43.0 for word in block.words):
+        if not has_g(block.words, 43.0):
             continue
         h = next((int(word.value) for word in block.words if word.letter == "H"), 0)
         if h not in (0, block.modal.tool):

@@ -18,7 +18,7 @@ AS_REQUESTED: Final = "as asked"
 
 
 class End(IntEnum):
-    """How a run ended; the number is the exit status of the command."""
+    """Ends of a run; the number is the exit status of the command."""
 
     PLANNED = 0
     """The robot program has switched the correction off itself, or the loop was to watch only."""
@@ -138,7 +138,7 @@ def _never_why(summary: Mapping[str, Any]) -> str:
 
 
 def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
-    """How a run ended.
+    """Exit status, name and words of the end of a run.
 
     Args:
         summary: ``loop_ended``, ``correction_ended``, ``records_lost``, ``log_trouble``, ``recorder_died``,
@@ -154,36 +154,39 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
     """
     by, cause = summary["correction_ended"]["by"], summary["correction_ended"]["cause"].replace("_", " ")
     lost, no_hold = summary["records_lost"], not summary.get("holds_feed", True)
-    port = summary.get("another_port")
-    if port:
-        end = End.FAULT
-        sentence = (
+    port, trouble = summary.get("another_port"), summary["log_trouble"]
+    what = f"{lost} records are missing in the log" if lost else "the log is not whole"
+    ends = (
+        (
+            port, End.FAULT,
             f"the controller began another session from its port {port}, which is not answered while the correction of"
-            " the one before is in effect; start the run and the robot program again"
-        )
-    elif summary["loop_ended"] != AS_REQUESTED:
-        end, sentence = End.DIED, f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out"
-    elif summary["recorder_died"]:
-        end, sentence = End.LOG_LOST, "the recorder died; the loop held the feed, ramped out and ended by itself"
-    elif by == "acting":
-        end, sentence = End.FAULT, "the robot fell silent while the correction acted"
-    elif by == "fault" or (by == "stop disobeyed" and not no_hold):
-        end, sentence = End.FAULT, f"a fault ended the correction: {cause}"
-    elif by == "hold":
-        end, sentence = End.FAULT, f"the correction was ended, not by the program: {cause}"
-    elif lost or summary["log_trouble"]:
-        why = f" ({summary['log_trouble']})" if summary["log_trouble"] else ""
-        what = f"{lost} records are missing in the log" if lost else "the log is not whole"
-        end, sentence = End.LOG_LOST, what + why
-    elif by == "operator":
-        end, sentence = End.STOPPED, "the correction was ended before the program ended it"
-    elif by == "stop disobeyed":
-        end = End.STOPPED
-        sentence = "the correction ended before its program; without a feed hold the robot was stopped"
-    elif arm and by in ("never", "armed"):
+            " the one before is in effect; start the run and the robot program again",
+        ),
+        (
+            summary["loop_ended"] != AS_REQUESTED, End.DIED,
+            f"the loop {summary['loop_ended']}: it did not end by itself, and ramped nothing out",
+        ),
+        (
+            summary["recorder_died"], End.LOG_LOST,
+            "the recorder died; the loop held the feed, ramped out and ended by itself",
+        ),
+        (by == "acting", End.FAULT, "the robot fell silent while the correction acted"),
+        (
+            by == "fault" or (by == "stop disobeyed" and not no_hold), End.FAULT,
+            f"a fault ended the correction: {cause}",
+        ),
+        (by == "hold", End.FAULT, f"the correction was ended, not by the program: {cause}"),
+        (lost or trouble, End.LOG_LOST, what + (f" ({trouble})" if trouble else "")),
+        (by == "operator", End.STOPPED, "the correction was ended before the program ended it"),
+        (
+            by == "stop disobeyed", End.STOPPED,
+            "the correction ended before its program; without a feed hold the robot was stopped",
+        ),
+    )  # fmt: skip
+    end, sentence = next(((end, said) for holds, end, said in ends if holds), (End.PLANNED, ""))
+    if not sentence and arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         end, sentence = End.NEVER_ARMED, what + _never_why(summary)
-    else:
-        end, sentence = End.PLANNED, "as planned" + _missing(summary)
+    sentence = sentence or "as planned" + _missing(summary)
     wrong = end in (End.DIED, End.FAULT, End.LOG_LOST)
     return {"status": int(end), "how": end.name.lower(), "said": sentence, "wrong": wrong}

@@ -125,7 +125,7 @@ def planned_slew(plan: Plan, cell: Cell, segment: str) -> tuple[float, float, fl
 
 
 def tuning_of(table: HolderTable, holder: StrainHolder, plan: Plan | None, cell: Cell) -> ObserverTuning:
-    """What the filter of the holder is told: by the cell file, else by the plan."""
+    """Return the tuning of the holder's filter: that of the cell file, else by the plan."""
     usual = ObserverTuning()
     slew = table.slew_n
     if slew is None:
@@ -134,7 +134,7 @@ def tuning_of(table: HolderTable, holder: StrainHolder, plan: Plan | None, cell:
 
 
 def carried_load(cell: Cell, segment: str) -> FlangeSensor:
-    """What hangs behind the holder, as a sensor there would feel it: mass, centre of gravity, frame of the holder."""
+    """Load behind the holder as a sensor there would feel it: mass, centre of gravity, frame of the holder."""
     mass_kg, p_seg_com = mass_behind(cell.chain, segment)
     return FlangeSensor(segment, np.eye(4), mass_kg, p_seg_com)
 

@@ -56,7 +56,7 @@ class Numbered:
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written of an incident.
+    """Files of an incident.
 
     Attributes:
         of: The incident.

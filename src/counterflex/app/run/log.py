@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +31,7 @@ from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
 from counterflex.files.logs.segments import Segment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level
+from counterflex.runtime.loop import Loop
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, is_whole
 from counterflex.runtime.replay import Difference, Gap, Replay
 from counterflex.runtime.state.memory_layout import words_of
@@ -101,7 +103,7 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
 
 
 def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
-    """What an operator did, by the time since the first record of the run; None without one."""
+    """Name an act of an operator, by the time since the first record of the run; None without one."""
     rest = {key: value for key, value in facts.items() if key != "time_ns"}
     time_s = None if begin_ns is None else round((int(facts["time_ns"]) - begin_ns) * NS, 3)
     return {"time_s": time_s, **rest}
@@ -186,7 +188,7 @@ def micro(percentiles: Percentiles) -> dict[str, float | None]:
 
 @dataclass
 class Replayed:
-    """How a replay ended, over all runs of a folder.
+    """Result of a replay over all runs of a folder.
 
     Attributes:
         records: In the log.
@@ -242,11 +244,8 @@ def replay(
         FileFormatError: A file cannot be used.
         InputError: The cell's settings need a plan and there is none, or the log holds another loop's state.
     """
-    planned = None if plan is None else read_plan(Path(plan))
-    model = cell_of_run(cell, planned, plan)
-    loaded = None if planned is None else loop_plan(planned[0], model, compensated=compensated)
-    loop = online_loop(model, loaded, compensated=compensated and loaded is not None)
     files = {"cell": Path(cell)} | ({} if plan is None else {"plan": Path(plan)})
+    loop = _loop_of(files, compensated=compensated)
     answer = Replayed()
     after = _last_states(folder, from_s) if from_s > 0.0 else {}
     current: Replay | None = None
@@ -269,9 +268,8 @@ def replay(
             current = replays[number] if number in replays else replays.setdefault(number, Replay(loop, after=passed))
             if number in suspended:
                 loop.restore(suspended.pop(number), loop.layout)
-            for note in _notes(segment.about, files, loop.sha256(), compensated=compensated):
-                if note not in answer.notes:
-                    answer.notes.append(note)
+            notes = _notes(segment.about, files, loop.sha256(), compensated=compensated)
+            answer.notes = list(dict.fromkeys([*answer.notes, *notes]))
         current(segment.rows, segment.states)
         if current.difference is not None:
             answer.difference, answer.run = current.difference, number
@@ -279,6 +277,15 @@ def replay(
         _collect(answer, done)
     answer.missing += sum(answer.lost.end(folder).at_end.values())
     return answer
+
+
+def _loop_of(files: dict[str, Path], *, compensated: bool) -> Loop:
+    """The loop that cell and plan make."""
+    plan = files.get("plan")
+    planned = None if plan is None else read_plan(plan)
+    model = cell_of_run(files["cell"], planned, plan)
+    loaded = None if planned is None else loop_plan(planned[0], model, compensated=compensated)
+    return online_loop(model, loaded, compensated=compensated and loaded is not None)
 
 
 def _last_states(folder: str | Path, from_s: float) -> dict[int, int]:
@@ -303,19 +310,23 @@ def _collect(answer: Replayed, done: Replay) -> None:
     answer.begun += done.begun
 
 
-def _notes(about: dict[str, Any], files: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
-    """What differs from when the log was written."""
-    if about.get(UNKNOWN):
-        return ["what the run was made of can no longer be read in the log"]
-    notes = []
+def _file_notes(about: dict[str, Any], files: dict[str, Path]) -> Iterator[str]:
+    """Files that are not those of the run."""
     logged = about.get("sha256", {})
     for name in ("cell", "plan"):
         if name in logged and name not in files:
-            notes.append(f"the run had a {name} file ({about.get('files', {}).get(name, '?')}) and none is given")
+            yield f"the run had a {name} file ({about.get('files', {}).get(name, '?')}) and none is given"
         elif name in files and name not in logged:
-            notes.append(f"the run had no {name} file and one is given")
+            yield f"the run had no {name} file and one is given"
         elif name in files and hashlib.sha256(file_content.content(files[name])).hexdigest() != logged[name]:
-            notes.append(f"the {name} file is not the one of the run: another SHA-256")
+            yield f"the {name} file is not the one of the run: another SHA-256"
+
+
+def _notes(about: dict[str, Any], files: dict[str, Path], sha256: str, *, compensated: bool) -> list[str]:
+    """Name the differences from when the log was written."""
+    if about.get(UNKNOWN):
+        return ["what the run was made of can no longer be read in the log"]
+    notes = [*_file_notes(about, files)]
     if bool(about.get("compensated", True)) != compensated:
         ran = "compensated" if about.get("compensated", True) else "original"
         notes.append(f"in the run the robot ran the {ran} program")

@@ -38,7 +38,7 @@ _EXPONENT = 0.75
 
 
 def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
-    """What the loop needs of a plan.
+    """Return the part of a plan that the loop needs.
 
     Args:
         plan: Of the program.
@@ -48,9 +48,6 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     sent = np.concatenate([plan.correction_part, plan.rotvec_part], axis=1)
     if not compensated:
         sent = np.zeros_like(sent)
-    contained = sent.copy()
-    if compensated and plan.measured_part is not None:
-        contained[:, :3] -= plan.measured_part  # what parts showed moves the nominal: no online cause may take it back
     dynamics = cell.tables.dynamics
     settings = (cell.tables.online or OnlineTable()).settings(cell.tables.timing, compensated=compensated)
     delays = settings.delays
@@ -65,16 +62,13 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
             w_lost = _lost(plan, cell)
         if settings.normal_only:
-            time = plan.path.time_s
-            late = arrival(plan.path.p_part_tcp, time, plan.deflection_part[:, :3])
-            w, w_lost = (np.stack([np.interp(time, late, c) for c in values.T], axis=1) for values in (w, w_lost))
-            cutting = np.interp(time, late, cutting)
+            w, w_lost, cutting = _late(plan, w, w_lost, cutting)
     return LoopPlan(
         p_part=plan.path.p_part_tcp + sent[:, :3],
         time_s=plan.path.time_s,
         w_tcp_part=w,
         cutting=cutting,
-        contained=contained,
+        contained=_contained(plan, sent, compensated=compensated),
         undo_play=_play_compensation(plan, cell, delays) if designed else None,
         turn_per_s=np.abs(plan.path.spindle_rad_s) / (2.0 * np.pi),
         tool=plan.path.tool.astype(np.int64),
@@ -87,6 +81,25 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_lost_part=w_lost,
         ahead=ahead,
     )
+
+
+def _contained(plan: Plan, sent: Float, *, compensated: bool) -> Float:
+    """(n, 6) m and rad, what the program contains of the correction for the force."""
+    out = sent.copy()
+    if compensated and plan.measured_part is not None:
+        out[:, :3] -= plan.measured_part  # what parts showed moves the nominal: no online cause may take it back
+    return out
+
+
+def _late(plan: Plan, *series: Float) -> list[Float]:
+    """Series over the plan's time, at the times at which a robot that bends comes to its points."""
+    time = plan.path.time_s
+    late = arrival(plan.path.p_part_tcp, time, plan.deflection_part[:, :3])
+    columns = [values.reshape(len(time), -1).T for values in series]
+    return [
+        np.stack([np.interp(time, late, column) for column in one], axis=1).reshape(values.shape)
+        for one, values in zip(columns, series, strict=True)
+    ]
 
 
 def _lost(plan: Plan, cell: Cell) -> Float:
@@ -151,7 +164,7 @@ def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop
 
 
 def load_behind(cell: Cell) -> FlangeSensor | None:
-    """What hangs behind what measures the force, flange sensor or instrumented holder; None where there is neither."""
+    """Load behind what measures the force, flange sensor or instrumented holder; None where there is neither."""
     table = cell.tables.online or OnlineTable()
     if table.force_from == "holder":
         return carried_load(cell, holder_of(cell)[1].segment) if table.force != "none" else None

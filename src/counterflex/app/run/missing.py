@@ -156,7 +156,7 @@ class LogMissing:
         }
 
     def lines(self) -> list[str]:
-        """What is missing, a sentence each; nothing where nothing is."""
+        """Name missing parts, a sentence each; nothing where nothing is."""
         out = [
             f"damaged: {one.segment}, bytes {one.begin} to {one.end - 1} cannot be read: "
             + (f"{one.missing} cycles missing after cycle {one.after}" if one.missing else "no cycle is missing there")

@@ -127,7 +127,7 @@ def _done(words: Any, action: str, begin_ns: int) -> bool:
 
 
 def _why_not(words: Any, action: str) -> str:
-    """Why a request had no effect; one that waits for something else is taken back, but never a stop."""
+    """Reason for which a request had no effect; one that waits for something else is taken back, but never a stop."""
     if action == "stop":
         return "not stopped yet: no telegram of the robot has come since; the loop does it with the next one"
     if action == "arm":

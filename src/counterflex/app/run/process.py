@@ -33,7 +33,7 @@ from counterflex.runtime.state.supervisor import State
 
 
 def about_run(settings: RunSettings, session: OnlineSession, out: Path) -> dict[str, Any]:
-    """What a run is.
+    """Describe a run.
 
     Args:
         settings: What it is made of.
@@ -200,13 +200,9 @@ def cycle_on(
     while True:
         control[_LOOP_NS] = clock_ns()
         if session.trouble != reported:
-            reported = session.trouble
-            if reported:
-                _say(pipe, reported)
-        if control[_GONE] or living.gone():
-            control[_GONE] = 1
-            if _at_rest(session) or quiet >= (END_S if session.loop.state in _ACTING else _SILENT_S):
-                return True
+            reported = _report(session, pipe)
+        if _alone(control, living) and _ramped_out(session, quiet):
+            return True
         if control[_END]:
             end_ns = end_ns or clock_ns() + round(END_S * 1e9)
             control[Request.STOP] = 1
@@ -218,17 +214,48 @@ def cycle_on(
         if session.another_port:
             control[Course.ANOTHER_PORT] = session.another_port
             return True
-        if settings.lockstep:  # a robot that waits is never late: no cycle without a telegram
-            received, waited = session.link.wait(_SLICE_S), _SLICE_S
-            if received or counters.malformed != malformed:
-                session.handle_cycle(received)
+        if settings.lockstep:
+            received, waited = _in_lockstep(session, malformed), _SLICE_S
             malformed = counters.malformed
         else:
             waited = session.patience_s
             received = session.cycle(waited)
         quiet = 0.0 if received else quiet + waited
-        if quiet >= settings.quiet_s or (settings.lockstep and not received and control[_END]):
+        if _is_over(settings, control, quiet, received=received):
             return True
+
+
+def _is_over(settings: RunSettings, control: Int, quiet_s: float, *, received: bool) -> bool:
+    """Return whether no telegrams come any more; in lockstep that the loop is to end is enough."""
+    return quiet_s >= settings.quiet_s or bool(settings.lockstep and not received and control[_END])
+
+
+def _in_lockstep(session: OnlineSession, malformed: int) -> bool:
+    """Make the cycle of a telegram: a robot that waits is never late, so there is none without one."""
+    received = session.link.wait(_SLICE_S)
+    if received or session.link.counters.malformed != malformed:
+        session.handle_cycle(received)
+    return received
+
+
+def _report(session: OnlineSession, pipe: Any) -> str:
+    """Tell what fails in the loop's own program, if anything does."""
+    if session.trouble:
+        _say(pipe, session.trouble)
+    return session.trouble
+
+
+def _alone(control: Int, living: Living) -> bool:
+    """Return whether one of the other processes of the run has died; it stays so."""
+    if not (control[_GONE] or living.gone()):
+        return False
+    control[_GONE] = 1
+    return True
+
+
+def _ramped_out(session: OnlineSession, quiet_s: float) -> bool:
+    """Return whether a loop that is alone has nothing more to do for a robot that was silent so long."""
+    return _at_rest(session) or quiet_s >= (END_S if session.loop.state in _ACTING else _SILENT_S)
 
 
 def _at_rest(session: OnlineSession) -> bool:

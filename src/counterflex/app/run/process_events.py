@@ -19,7 +19,7 @@ _SHOWN: dict[Event, tuple[float, str]] = {
 
 
 def shown_process(figures: ProcessFigures | None) -> dict[str, Any]:
-    """What process monitoring found, in shop units."""
+    """Results of process monitoring in shop units."""
     if figures is None:
         return {"events": [], "event_counts": {}, "wear": None, "slowed_share": 0.0, "least_speed": 1.0}
     wear = figures.wear

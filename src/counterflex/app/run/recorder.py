@@ -128,7 +128,7 @@ class Recorder:
         }
 
     def summary(self) -> dict[str, Any]:
-        """What the run was, plain values."""
+        """Describe the run in plain values."""
         control = self._control
         return {
             "cycles": self._cycles,

@@ -31,7 +31,7 @@ Chosen = tuple[str, Path | None]
 
 @dataclass(frozen=True, kw_only=True)
 class LinkOrder:
-    """What a link is opened with.
+    """Order to open a link.
 
     Attributes:
         cell: See there.
@@ -64,7 +64,7 @@ class LinkOrder:
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerOrder:
-    """What a simulated controller is made with.
+    """Order to make a simulated controller.
 
     Attributes:
         cell: What it has been told.

@@ -284,7 +284,7 @@ class Supervised:
             return self.summary()
 
     def summary(self) -> dict[str, Any]:
-        """What the recorder counted; where it died or stands still, what is still there is written and counted here."""
+        """Counts of the recorder; where it died or stands still, what is still there is written and counted here."""
         recorded = self._recorder_summary()
         died = recorded is None and not self.recorder.is_alive()
         if recorded is None:

@@ -47,7 +47,7 @@ _MEAN_OF = 8
 
 @dataclass(frozen=True)
 class RunSettings:
-    """What a run is made of.
+    """Settings of a run.
 
     Attributes:
         cell: Cell file with an ``[online]`` table.
@@ -125,14 +125,8 @@ def _require_upright(about: Mapping[str, Any], plan: Path | None) -> None:
             raise InputError(what, where=str(plan), hint="Run the compensated program without the loop")
 
 
-def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
-    """Read the files, build the loop and open the links.
-
-    Raises:
-        FileFormatError: A file cannot be used.
-        InputError: What the cell wants to use is not given.
-        OutputError: A port or the sensor cannot be reached.
-    """
+def _read(settings: RunSettings) -> tuple[tuple[Plan, dict[str, Any]] | None, Cell, RunSettings]:
+    """Plan and what it says of itself, cell, and settings with the robot that the cell chooses, checked together."""
     read = None if settings.plan is None else read_plan(settings.plan)
     cell = cell_of_run(settings.cell, read, settings.plan)
     require_plausible(cell)
@@ -144,40 +138,71 @@ def open_session(settings: RunSettings, *, ring: RecordRing | None = None, contr
     if read is not None and not settings.compensated:
         _require_programmed_feed(read[1], settings.plan)
         _require_no_measured(read[0], settings.plan)
+    return read, cell, settings
+
+
+def _measured_at(settings: RunSettings, table: OnlineTable, *, planned: bool) -> bool:
+    """Return whether what the cell takes its force from has an address.
+
+    Raises:
+        InputError: An estimator has nothing to estimate from.
+    """
+    _one_force(settings, table)
+    ports = [settings.force, settings.strain_port]
+    if table.force_from == "both":
+        measured = None not in ports
+    else:
+        measured = ports[table.force_from == "holder" and table.force != "none"] is not None
+    if table.force == "fused" and not (measured or planned or settings.tracker_port is not None):
+        raise InputError(
+            "the estimator has nothing to estimate from", where=str(settings.cell), value='force = "fused"',
+            hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
+        )  # fmt: skip
+    return measured
+
+
+def _require_force(settings: RunSettings, table: OnlineTable, *, measured: bool, known: bool) -> None:
+    """Refuse a run without what it takes its force from; ``known``: how the sensor sits in the robot."""
+    if table.force == "none" or (table.force == "fused" and not measured):
+        return
+    unreached = not measured and (table.force_from != "sensor" or _kind(settings).own_force is None)
+    if unreached or not known:
+        source = f', force_from = "{table.force_from}"' if table.force_from != "sensor" else ""
+        raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=not known)
+
+
+def _require_tracker(settings: RunSettings, cell: Cell, table: OnlineTable) -> None:
+    """Refuse a run that takes its place from a tracker and has none."""
+    if table.tracker == "none" and (table.force != "fused" or settings.tracker_port is None):
+        return
+    lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
+    lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
+    if lacking:
+        raise InputError(
+            "[online] tracker needs a tracker, and none is given", where=str(settings.cell),
+            value=f'tracker = "{table.tracker}"', limit=" and ".join(lacking),
+            hint='Or set tracker = "none" in [online]',
+        )  # fmt: skip
+
+
+def open_session(settings: RunSettings, *, ring: RecordRing | None = None, control: Int | None = None) -> OnlineSession:
+    """Read the files, build the loop and open the links.
+
+    Raises:
+        FileFormatError: A file cannot be used.
+        InputError: What the cell wants to use is not given.
+        OutputError: A port or the sensor cannot be reached.
+    """
+    read, cell, settings = _read(settings)
     planned = None if read is None else read[0]
     plan = None if planned is None else loop_plan(planned, cell, compensated=settings.compensated)
     loop = online_loop(cell, plan, compensated=settings.compensated and plan is not None)
     table = cell.tables.online or OnlineTable()
-    held = table.force_from == "holder" and table.force != "none"
     sensor = load_behind(cell)
-    fused = table.force == "fused"
-    _one_force(settings, table)
-    measured_at = settings.strain_port if held else settings.force
-    if table.force_from == "both" and (settings.force is None or settings.strain_port is None):
-        measured_at = None
-    if fused and measured_at is None and settings.tracker_port is None and plan is None:
-        raise InputError(
-            "the estimator has nothing to estimate from",
-            where=str(settings.cell),
-            value='force = "fused"',
-            hint="Give force_sensor.address or tracker.address (--scenario), --plan FILE, or several of them",
-        )
+    measured = _measured_at(settings, table, planned=plan is not None)
     motors = _motors(settings, cell, table, plan is not None)
-    unreached = measured_at is None and (held or table.force_from == "both" or _kind(settings).own_force is None)
-    if table.force != "none" and (unreached or sensor is None) and not (fused and measured_at is None):
-        source = f', force_from = "{table.force_from}"' if table.force_from != "sensor" else ""
-        raise _no_sensor(settings, f'force = "{table.force}"{source}', unreached=unreached, unknown=sensor is None)
-    tracked = table.tracker != "none" or (fused and settings.tracker_port is not None)
-    if tracked and (settings.tracker_port is None or cell.tables.tracker is None):
-        lacking = ["tracker.address (--scenario)"] if settings.tracker_port is None else []
-        lacking += ["a table [tracker] (counterflex identify tracker-frame)"] if cell.tables.tracker is None else []
-        raise InputError(
-            "[online] tracker needs a tracker, and none is given",
-            where=str(settings.cell),
-            value=f'tracker = "{table.tracker}"',
-            limit=" and ".join(lacking),
-            hint='Or set tracker = "none" in [online]',
-        )
+    _require_force(settings, table, measured=measured, known=sensor is not None)
+    _require_tracker(settings, cell, table)
     compile_kernels()  # before a port is open: what arrives meanwhile would be old
     link = _link(settings, cell, loop, planned)
     checks = SessionChecks(
@@ -244,12 +269,10 @@ def _require_programmed_feed(about: Mapping[str, Any], plan: Path | None) -> Non
     lowered_s = float(about.get("feed_lowered_s", 0.0))
     if lowered_s > 0.0:
         raise InputError(
-            "the plan is for a lower feed than the original program runs",
-            where=str(plan),
-            value=f"{lowered_s:g} s longer",
-            limit="the programmed feed",
+            "the plan is for a lower feed than the original program runs", where=str(plan),
+            value=f"{lowered_s:g} s longer", limit="the programmed feed",
             hint="Plan with compensate --programmed-feed, or run the compensated program",
-        )
+        )  # fmt: skip
 
 
 def _require_no_measured(plan: Plan, file: Path | None) -> None:
@@ -263,7 +286,7 @@ def _require_no_measured(plan: Plan, file: Path | None) -> None:
 
 
 def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool) -> MotorTorque | None:
-    """What makes torques of motor currents, where they are to be used."""
+    """Return the converter of motor currents to torques, where they are to be used."""
     if not settings.currents:
         return None
     constants = table.torque_per_current_nm
@@ -276,18 +299,16 @@ def _motors(settings: RunSettings, cell: Cell, table: OnlineTable, planned: bool
         lacking, hint = "motor currents are compared with the planned force, and no plan is given", "Give --plan FILE"
     if lacking or constants is None:
         raise InputError(
-            f"the motor currents are to be used, but {lacking}",
-            where=str(settings.cell),
-            value="run.currents",
+            f"the motor currents are to be used, but {lacking}", where=str(settings.cell), value="run.currents",
             hint=hint,
-        )
+        )  # fmt: skip
     return MotorTorque(cell.chain, np.array(constants))
 
 
 def _open_force(
     settings: RunSettings, cell: Cell, table: OnlineTable, link: RobotLink, plan: Plan | None, checks: SessionChecks
 ) -> tuple[ForceSource | None, ProcessWrench | None, Tare | None]:
-    """What measures the force, what makes a process wrench of it, and how its zero is taken where that is special."""
+    """Open the source of the force; with it, the process wrench made of it and its tare where that is special."""
     if table.force_from == "holder":
         if table.force == "none" or settings.strain_port is None:
             return None, None, None
@@ -328,7 +349,7 @@ def _one_force(settings: RunSettings, table: OnlineTable) -> None:
 
 
 def _no_sensor(settings: RunSettings, value: str, *, unreached: bool, unknown: bool) -> InputError:
-    """What of the force sensor is lacking: where it is, or how it sits in the robot."""
+    """Error of a force sensor of which something is lacking: where it is, or how it sits in the robot."""
     address = "strain.address" if "holder" in value else "force_sensor.address"
     if '"both"' in value:
         address = "force_sensor.address or strain.address"
@@ -366,7 +387,7 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
 
 
 def _opening(settings: RunSettings, address: tuple[str, int], table: SensorTable) -> Opening:
-    """Where the force sensor is, and what the cell file says of its link."""
+    """Address of the force sensor with the settings of its link in the cell file."""
     return Opening(
         *address,
         http_port=settings.force_http_port,

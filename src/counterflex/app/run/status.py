@@ -22,7 +22,7 @@ from counterflex.runtime.state.supervisor import Cause, State
 
 @dataclass(frozen=True)
 class Status:
-    """What a run looks like from outside, now and then.
+    """Status of a run as seen from outside, now and then.
 
     Attributes:
         state: Of the supervisor.
@@ -158,7 +158,7 @@ def _shared(number: int, unit: float) -> float | None:
 
 
 def force_message(status: Status) -> str:
-    """What to look at where the force is off the plan in the cut, for the status line; empty where it is not."""
+    """Advice where the force is off the plan in the cut, for the status line; empty where it is not."""
     if status.state < State.ACTIVE:
         return ""
     if Cause.FORCE_OFFSET in (status.cause, status.degraded):

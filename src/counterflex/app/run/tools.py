@@ -49,7 +49,7 @@ def tool_loads(cell: Cell, sensor: FlangeSensor) -> Mapping[int, tuple[float, Fl
 def tools_of(
     plan: Plan | None, cell: Cell, sensor: FlangeSensor | None, wrench: ProcessWrench | None
 ) -> ToolChange | None:
-    """What follows the tools of a plan that cuts with several; None where one cuts all.
+    """Return the follower of the tools of a plan that cuts with several; None where one cuts all.
 
     Args:
         plan: Of the program, or None.
@@ -63,7 +63,7 @@ def tools_of(
 
 
 def user(cell: Cell, sensor: FlangeSensor | None, wrench: ProcessWrench | None) -> Callable[[int], None]:
-    """What takes the constants of a tool by its number: weight, and with the holder its matrix and lever."""
+    """User of the constants of a tool by its number: weight, and with the holder its matrix and lever."""
     loads = {} if sensor is None else tool_loads(cell, sensor)
 
     def use(number: int) -> None:

@@ -10,7 +10,7 @@ from counterflex.app.strategy.entries import Entry
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.plan.strategy.entry_moves import EntryArc, arc_in, arc_out, ramp
-from counterflex.programs.program import Block, Program
+from counterflex.programs.program import Block, Program, has_g
 
 _LEVEL_M = 1e-9
 _STEP = 0.25
@@ -116,7 +116,7 @@ def _block(program: Program, motion: int) -> Block:
 
 def _restate(block: Block, lines: _Lines) -> None:
     """Write the motion code into a line that relied on the one before."""
-    if block.line in lines.text or any(word.letter == "G" and word.value in (0, 1, 2, 3) for word in block.words):
+    if block.line in lines.text or has_g(block.words, 0, 1, 2, 3):
         return
     at = min((word.start for word in block.words if word.letter != "N"), default=len(block.text))
     lines.text[block.line] = f"{block.text[:at]}{block.modal.motion} {block.text[at:]}"

@@ -74,44 +74,18 @@ class Run:
             return []
         if major in apt_words.REFUSED:
             raise self._fault(part, f"{apt_words.REFUSED[major][0]}: {major}", hint=apt_words.REFUSED[major][1])
-        if major in ("GOTO", "GODLTA"):
-            return self._goto(part)
-        if major in ("SPINDL", "COOLNT", "LOADTL", "LOAD", "STOP", "OPSTOP", "AUXFUN", "FINI", "END"):
-            return self._machine(part)
-        if major == "FEDRAT":
-            return self._feedrate(part)
-        if major == "DELAY":
-            return self._delay(part)
-        if major in ("CIRCLE", "MOVARC"):
-            return self._circle(part)
-        if major == TOOL_ON_CIRCLE:
-            return self._tool_on_circle(part)
+        if major in _WORDS:
+            return _WORDS[major](self, part)
         self._settings(part)
         return []
 
     def _settings(self, part: Statement) -> None:
         """Statements that stand for no word of a machine."""
         major = part.major
-        if major in ("UNITS", "UNIT", "MM", "INCH", "INCHES"):
-            self._units(part)
-        elif major == "RAPID":
-            self._rapid = True
-        elif major == "FROM":
-            self._lengths_in = self._lengths_in or f"FROM in line {part.line}"
-            self._p, self._axis = self._point(part)
-        elif major == "TLAXIS":
-            self._axis = self._direction(part, part.numbers())
-        elif major == "INDIRV":
-            i, j, k = self._values(part, (3,))
-            self._indirv = i, j, k
-        elif major == "MULTAX":
-            self._allow(part, ("ON", "OFF"))
-        elif major in ("MSYS", SYSTEM):
-            self._system(part)
+        if major in _SETTINGS:
+            _SETTINGS[major](self, part)
         elif major == "TLON":
             raise self._fault(part, f"{apt_words.REFUSED['GOFWD'][0]}: {major}", hint=apt_words.REFUSED["GOFWD"][1])
-        elif major == "GOHOME":
-            self._leave(part)
         elif major == "INSERT" and apt_words.CODES.search(
             re.sub(r"\([^)]*\)", "", part.text.upper().partition("INSERT")[2])
         ):
@@ -125,6 +99,20 @@ class Run:
             close = close_to(major, [*apt_words.READ, *apt_words.CARRIED], 1)
             hint = f"Did you mean {close[0]}?" if close else None
             raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
+
+    def _rapid_next(self, _: Statement) -> None:
+        self._rapid = True
+
+    def _from(self, part: Statement) -> None:
+        self._lengths_in = self._lengths_in or f"FROM in line {part.line}"
+        self._p, self._axis = self._point(part)
+
+    def _direct(self, part: Statement) -> None:
+        if part.major == "TLAXIS":
+            self._axis = self._direction(part, part.numbers())
+        else:
+            i, j, k = self._values(part, (3,))
+            self._indirv = i, j, k
 
     def _is_harmless(self, part: Statement) -> bool:
         """Return whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
@@ -335,44 +323,44 @@ class Run:
 
     def _machine(self, part: Statement) -> list[Word]:
         """SPINDL, COOLNT, LOADTL, STOP, OPSTOP, FINI as the M codes, S and T that they stand for."""
-        numbers, words = part.numbers(), part.words()
-        value = numbers[0].value if numbers else None
-        out: list[tuple[str, float]] = []
-        if part.major == "SPINDL":
-            self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *apt_words.TURNS))
-            gears = [n for word, n in itertools.pairwise(part.arguments) if word.text == "RANGE"]
-            numbers = [n for n in numbers if n not in gears]
-            value = numbers[0].value if numbers else None
-            if len(numbers) > 1 or (value is not None and not 0.0 <= value <= 1e6):
-                raise self._fault(part, "SPINDL takes one speed, 0 to 1e6 rpm")
-            if value is not None:
-                self._rpm = value
-                out.append(("S", value))
-            turns = next((apt_words.TURNS[word] for word in words if word in apt_words.TURNS), 1)
-            self._turns = turns
-            out.append(("M", {0: 5, 1: 3, -1: 4}[turns]))
-        elif part.major == "COOLNT":
-            self._allow(part, tuple(apt_words.COOLANT))
-            if len(words) != 1 or numbers:
-                raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(apt_words.COOLANT))
-            out.append(("M", apt_words.COOLANT[words[0]]))
-        elif part.major in ("LOADTL", "LOAD"):
-            self._allow(part, (*_LOADS, "TOOL") if part.major == "LOAD" else _LOADS)
-            if part.major == "LOAD" and words[:1] != ["TOOL"]:
-                raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
-            if value is None or value != int(value) or not 0 <= value <= 99_999:
-                raise self._fault(part, f"{part.major} needs the number of a tool first", hint="LOADTL/1, LOAD/TOOL,1")
-            self._tool, self._turns = int(value), 0
-            out += [("T", value), ("M", 6)]
-        elif part.major == "AUXFUN":
-            if value is None or value not in apt_words.NEUTRAL_M:
-                raise self._fault(part, "a function of the machine that is not read: AUXFUN",
-                                  hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
-            out.append(("M", value))
-        else:
-            out.append(("M", {"STOP": 0, "OPSTOP": 1, "FINI": 30, "END": 30}[part.major]))
         at = len(part.text) - len(part.text.lstrip())
-        return [Word(letter, number, at, at, False) for letter, number in out]
+        codes = _STOPS[part.major] if part.major in _STOPS else _CODES[part.major](self, part)
+        return [Word(letter, number, at, at, False) for letter, number in codes]
+
+    def _spindle(self, part: Statement) -> list[tuple[str, float]]:
+        self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *apt_words.TURNS))
+        gears = [n for word, n in itertools.pairwise(part.arguments) if word.text == "RANGE"]
+        speeds = [n.value for n in part.numbers() if n not in gears and n.value is not None]
+        if len(speeds) > 1 or not all(0.0 <= speed <= 1e6 for speed in speeds):
+            raise self._fault(part, "SPINDL takes one speed, 0 to 1e6 rpm")
+        self._rpm = speeds[0] if speeds else self._rpm
+        self._turns = next((apt_words.TURNS[word] for word in part.words() if word in apt_words.TURNS), 1)
+        return [*(("S", speed) for speed in speeds), ("M", {0: 5, 1: 3, -1: 4}[self._turns])]
+
+    def _coolant(self, part: Statement) -> list[tuple[str, float]]:
+        self._allow(part, tuple(apt_words.COOLANT))
+        words = part.words()
+        if len(words) != 1 or part.numbers():
+            raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(apt_words.COOLANT))
+        return [("M", apt_words.COOLANT[words[0]])]
+
+    def _load(self, part: Statement) -> list[tuple[str, float]]:
+        of_load = part.major == "LOAD"
+        self._allow(part, (*_LOADS, "TOOL") if of_load else _LOADS)
+        if of_load and part.words()[:1] != ["TOOL"]:
+            raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
+        value = part.numbers()[0].value if part.numbers() else None
+        if value is None or value != int(value) or not 0 <= value <= 99_999:
+            raise self._fault(part, f"{part.major} needs the number of a tool first", hint="LOADTL/1, LOAD/TOOL,1")
+        self._tool, self._turns = int(value), 0
+        return [("T", value), ("M", 6)]
+
+    def _function(self, part: Statement) -> list[tuple[str, float]]:
+        value = part.numbers()[0].value if part.numbers() else None
+        if value is None or value not in apt_words.NEUTRAL_M:
+            raise self._fault(part, "a function of the machine that is not read: AUXFUN",
+                              hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
+        return [("M", value)]
 
     def _delay(self, part: Statement) -> list[Word]:
         self._allow(part, ())
@@ -396,3 +384,17 @@ class Run:
                 hint="Write the file in one system",
             )  # fmt: skip
         self._msys = values, part.line
+
+
+_STOPS: Final = {"STOP": [("M", 0)], "OPSTOP": [("M", 1)], "FINI": [("M", 30)], "END": [("M", 30)]}
+_CODES: Final = {"SPINDL": Run._spindle, "COOLNT": Run._coolant, "LOADTL": Run._load, "LOAD": Run._load,
+                 "AUXFUN": Run._function}  # fmt: skip
+_WORDS: Final = dict.fromkeys((*_STOPS, *_CODES), Run._machine) | {
+    "GOTO": Run._goto, "GODLTA": Run._goto, "FEDRAT": Run._feedrate, "DELAY": Run._delay, "CIRCLE": Run._circle,
+    "MOVARC": Run._circle, TOOL_ON_CIRCLE: Run._tool_on_circle}  # fmt: skip
+"""Statements that stand for words of a machine."""
+_SETTINGS: Final = dict.fromkeys(("UNITS", "UNIT", "MM", "INCH", "INCHES"), Run._units) | {
+    "RAPID": Run._rapid_next, "FROM": Run._from, "TLAXIS": Run._direct, "INDIRV": Run._direct,
+    "MULTAX": lambda run, part: run._allow(part, ("ON", "OFF")), "MSYS": Run._system, SYSTEM: Run._system,
+    "GOHOME": Run._leave}  # fmt: skip
+"""Statements that stand for none."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar, Final
 
 import numpy as np
@@ -13,10 +12,10 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MINUTE
 from counterflex.programs.apt import tool_on_circle
 from counterflex.programs.gcode.write.arc_fit import PLANE_AXES, arc_error, written_turn
-from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
+from counterflex.programs.gcode.write.arc_pieces import ArcPiece, nominal_share, written_pieces
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.machine_in_place import MachineInPlace
-from counterflex.programs.motion_rows import LEAST_FEED_CHANGE, feed_factor
+from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion
 
 _AXIS_DIGITS: Final = 3
@@ -78,7 +77,7 @@ class AptInPlace(MachineInPlace):
         follows = bool(np.any(np.abs(self._here - motion.p_start) > _SAME_M))
         inherits = follows and (motion.kind == "arc" or any(word.absolute is False for word in block.words))
         if motion.kind == "dwell":
-            self._dwell(block, first, last)
+            self._dwell(block, index, last)
         elif not rows.moved[index] and not inherits:
             if motion.kind != "rapid":
                 self._feed(block, motion, rows.share_of(first, last) if motion.kind == "arc" else 1.0)
@@ -96,10 +95,10 @@ class AptInPlace(MachineInPlace):
             if motion.kind == "feed":
                 self.checked[first : last + 1] = True
 
-    def _dwell(self, block: Block, first: int, last: int) -> None:
+    def _dwell(self, block: Block, index: int, last: int) -> None:
         """Before a dwell, go to where it is planned, straight along the tool axis."""
-        planned = self.rows.command[last] if last >= first >= 1 else None
-        if planned is not None and float(np.linalg.norm(planned - self.rows.command[first - 1])) > 0.0:
+        planned = self.rows.relieved(index)
+        if planned is not None:
             self.lines.append("GOTO/" + self._numbers(block, planned, last))
             self.vertices_added += 1
         self._copy(block)
@@ -161,24 +160,18 @@ class AptInPlace(MachineInPlace):
         if last < first:
             self._edited(block, np.asarray(motion.p_end), max(last, 0))
             return
-        inner: Sequence[int] = []
-        if motion.kind == "feed":
-            inner = [int(row) for row in np.flatnonzero(rows.vertex[first:last]) + first]
+        inner = rows.inner(index) if motion.kind == "feed" else []
         before = first - 1
         for row in [*inner, last]:
             if motion.kind == "feed":
-                step = float(np.linalg.norm(rows.command[row] - rows.command[before]))
-                way = float(rows.way[row] - rows.way[before])
-                factor = float(feed_factor(np.array([way]), np.array([step]))[0]) * rows.share_of(before + 1, row)
-                self._feed(block, motion, factor)
+                self._feed(block, motion, rows.factor(before, row, rows.command[before], rows.command[row]))
             if row == last:
                 self._edited(block, rows.command[row], row)
             else:
                 self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
             self.written[row] = self._here
             before = row
-        self.split_motions += bool(inner)
-        self.vertices_added += len(inner)
+        self.count_split(len(inner))
 
     def _arc(self, block: Block, index: int, motion: Motion) -> None:
         circle, rows = self._circle, self.rows
@@ -192,45 +185,34 @@ class AptInPlace(MachineInPlace):
         command = np.vstack([self._here, rows.command[first : last + 1]])
         points = np.ascontiguousarray(command[:, axes])
         share = nominal_share(nominal, np.asarray(motion.p_centre)[axes], motion.turn_rad)
-        waiting = arc_pieces(points, share, motion.turn_rad, self.tolerance_m)[::-1]
-        arcs = lines = 0
-        while waiting:
-            piece = waiting.pop()
+        kept: list[bool] = []  # By piece: it is an arc
+        for piece, centre in written_pieces(
+            points, share, motion.turn_rad, self.tolerance_m,
+            lambda piece: self._fitted(piece, points, share, axes, level=on_circle),
+        ):  # fmt: skip
             row = first - 1 + piece.last
-            if piece.centre is not None:
-                level = not on_circle or np.ptp(points[piece.first : piece.last + 1, 2]) <= self.resolution_m
-                centre = self._fitted(piece, points, share, axes) if level else None
-                if centre is None:
-                    waiting += straight_pieces(points, share, piece.first, piece.last, self.tolerance_m)[::-1]
-                    continue
-                if on_circle:
-                    self._tool_on_circle(centre, rows.command[row], piece.turn_rad)
-                else:
-                    self._write_circle(circle, axes, centre)
-                arcs += 1
-            else:
+            kept.append(centre is not None)
+            if centre is None:
                 self.checked[first + piece.first : row + 1] = True
-                lines += 1
-            if on_circle:
-                if piece.centre is None:
-                    self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
-            elif row == last:
-                self._edited(block, rows.command[row], row)
+            elif on_circle:
+                self._tool_on_circle(centre, rows.command[row], piece.turn_rad)
             else:
+                self._write_circle(circle, axes, centre)
+            if row == last and not on_circle:
+                self._edited(block, rows.command[row], row)
+            elif centre is None or not on_circle:
                 self.lines.append("GOTO/" + self._numbers(block, rows.command[row], row))
             self.written[row] = self._here
-        self.arcs_kept += arcs == 1 and lines == 0
-        self.arcs_split += arcs + lines > 1 and arcs > 0
-        self.arcs_as_lines += arcs == 0
-        self.split_motions += arcs + lines > 1
-        self.vertices_added += arcs + lines - 1
+        self.count_arc(kept)
 
     def _fitted(
-        self, piece: ArcPiece, points: Float, share: Float, axes: list[int]
+        self, piece: ArcPiece, points: Float, share: Float, axes: list[int], *, level: bool
     ) -> tuple[float, float, float, float] | None:
         """Centre (u, v, w) and radius as they are written; None where rounding breaks the arc."""
         assert piece.centre is not None
         part = points[piece.first : piece.last + 1].copy()
+        if level and np.ptp(part[:, 2]) > self.resolution_m:
+            return None
         part[0] = self._here[axes]
         part[-1] = [float(self._coordinate(float(value))) * self._unit_m for value in part[-1]]
         at = share[piece.first : piece.last + 1]

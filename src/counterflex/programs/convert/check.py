@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Final
 
@@ -45,28 +46,22 @@ def refuse_other_path(
     """
     moves = [step for step in source if isinstance(step, Move) and step.index in pieces]
     read = [step for step in back if isinstance(step, Move)]
-    expected = sum(max(1, len(pieces[move.index])) for move in moves)
-    if len(read) != expected:
-        raise _fault(moves[-1].line if moves else 1, f"{len(read)} motions", f"{expected} motions")
-    worst, at = 0.0, 0
-    for move in moves:
-        begin = 0.0
-        for share in pieces[move.index] or [1.0]:
-            other = read[at]
-            worst = max(worst, _compared(move, begin, share, other, first=at == 0, whole_frame=whole_frame,
-                                         tolerance_m=tolerance_m))  # fmt: skip
-            begin = share
-            at += 1
-    _compare_words([step for step in source if isinstance(step, Process)],
-                   [step for step in back if isinstance(step, Process)])  # fmt: skip
+    expected = [(move, ends) for move in moves for ends in itertools.pairwise([0.0, *(pieces[move.index] or [1.0])])]
+    if len(read) != len(expected):
+        raise _fault(moves[-1].line if moves else 1, f"{len(read)} motions", f"{len(expected)} motions")
+    worst = 0.0
+    for at, ((move, ends), other) in enumerate(zip(expected, read, strict=True)):
+        off = _compared(move, ends, other, first=at == 0, whole_frame=whole_frame, tolerance_m=tolerance_m)
+        worst = max(worst, off)
+    _compare_words(_functions(source), _functions(back))
     return worst
 
 
 def _compared(
-    move: Move, begin: float, share: float, other: Move, *, first: bool, whole_frame: bool, tolerance_m: float
+    move: Move, ends: tuple[float, float], other: Move, *, first: bool, whole_frame: bool, tolerance_m: float
 ) -> float:
-    """Distance of a piece that is read back, m."""
-    motion, made = move.motion, other.motion
+    """Distance of a piece between two shares of a move that is read back, m."""
+    motion, made, (begin, share) = move.motion, other.motion, ends
     if (motion.kind == "dwell") != (made.kind == "dwell"):
         raise _fault(move.line, made.kind, motion.kind)
     if motion.kind == "dwell":
@@ -77,19 +72,27 @@ def _compared(
     off = float(np.linalg.norm((move.at(share) - np.asarray(made.p_end))[known]))
     if off > SAME_M:
         raise _fault(move.line, f"its end is {off / UM:.2f} um off", f"{SAME_M / UM:g} um")
-    if not first and len(known) == 3:
+    if motion.kind == "arc" and not first and len(known) == 3:
         between = float(np.linalg.norm(move.at(0.5 * (begin + share)) - other.at(0.5)))
-        if motion.kind == "arc" and between > SAME_M + (tolerance_m if made.kind != "arc" else 0.0):
+        if between > SAME_M + (tolerance_m if made.kind != "arc" else 0.0):
             raise _fault(move.line, f"its middle is {between / UM:.2f} um off", f"{SAME_M / UM:g} um")
-        off = max(off, between if motion.kind == "arc" else 0.0)
-    if share >= 1.0:
-        axis = float(np.linalg.norm(np.cross(move.axis, other.axis)))
-        turned = float(np.linalg.norm(rotation.log(move.R_part_tcp.T @ other.R_part_tcp))) if whole_frame else axis
-        if turned > SAME_RAD:
-            raise _fault(move.line, f"the tool is turned by {turned / DEG:.5f} deg", f"{SAME_RAD / DEG:.5f} deg")
+        off = max(off, between)
+    if share >= 1.0 and (turned := _turned(move, other, whole_frame)) > SAME_RAD:
+        raise _fault(move.line, f"the tool is turned by {turned / DEG:.5f} deg", f"{SAME_RAD / DEG:.5f} deg")
     if "rapid" not in (motion.kind, made.kind) and abs(made.feed_m_s / motion.feed_m_s - 1.0) > _SAME_FEED:
         raise _fault(move.line, f"{made.feed_m_s * 1e3:g} mm/s", f"{motion.feed_m_s * 1e3:g} mm/s")
     return off
+
+
+def _functions(steps: Sequence[Step]) -> list[Process]:
+    return [step for step in steps if isinstance(step, Process)]
+
+
+def _turned(move: Move, other: Move, whole_frame: bool) -> float:
+    """Angle between the orientations at two ends, rad; without the rotation about the tool its sine."""
+    if whole_frame:
+        return float(np.linalg.norm(rotation.log(move.R_part_tcp.T @ other.R_part_tcp)))
+    return float(np.linalg.norm(np.cross(move.axis, other.axis)))
 
 
 def _compare_words(source: Sequence[Process], back: Sequence[Process]) -> None:

@@ -73,8 +73,7 @@ class Emitter(ABC):
         Raises:
             ProgramError: The language cannot say one; names line and word.
         """
-        moves = [step for step in steps if isinstance(step, Move)]
-        self.turning = any(np.hypot(*move.axis[:2]) > UPRIGHT or move.axis[2] < 0.0 for move in moves)
+        self.turning = any(map(_tilted, steps))
         self.begin()
         for at, step in enumerate(steps):
             if isinstance(step, str):
@@ -183,6 +182,10 @@ class Emitter(ABC):
     @abstractmethod
     def arc(self, move: Move, start_share: float, end_share: float) -> None:
         """A piece of a circle."""
+
+
+def _tilted(step: Step) -> bool:
+    return isinstance(step, Move) and bool(np.hypot(*step.axis[:2]) > UPRIGHT or step.axis[2] < 0.0)
 
 
 def turn_deg(move: Move) -> float:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -13,9 +14,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.programs.language import LANGUAGES
-from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word, has_g
 from counterflex.programs.robot_text.program import RobotProgram
-from counterflex.programs.robot_writer.implied_stops import implied_stops
+from counterflex.programs.robot_writer.implied_stops import ImpliedStops, implied_stops
 from counterflex.programs.robot_writer.machine_functions import BEHIND
 
 ENDS: Final = frozenset((2, 17, 30, 60, 97, 98, 99))
@@ -106,28 +107,26 @@ def steps(
     Raises:
         ProgramError: Rotary words, whose meaning belongs to a machine.
     """
-    implied = implied_stops(program)
-    machine = not isinstance(program, RobotProgram)
-    stops = program.stops() if isinstance(program, RobotProgram) else frozenset()
-    named = set() if machine else set("XYZ")
+    implied, stops, named = implied_stops(program), frozenset[int](), set[str]()
+    if isinstance(program, RobotProgram):
+        implied, stops, named = ImpliedStops(), program.stops(), set("XYZ")
     for number, block in enumerate(program.blocks):
-        whole = machine and (to_robot or block.motion_count > 1)
         if comments and (remark := _remark(program, block)):
             yield remark
-        if machine and to_robot:
-            for extra in implied.before.get(number, ()):
-                yield from _process(extra)
+        if to_robot:
+            yield from _processes(implied.before.get(number, ()))
         codes = list(_process(block))
-        yield from (step for step in codes if step.code not in BEHIND)
-        named |= {word.letter for word in block.words if word.letter in "XYZ"} if block.motion_count else set()
-        for index in range(block.first_motion, block.first_motion + block.motion_count):
+        yield from itertools.filterfalse(_acts_behind, codes)
+        if block.motion_count:
+            named |= {"X", "Y", "Z"} & {word.letter for word in block.words}
+        whole = to_robot or block.motion_count > 1
+        for index in block.motions:
             if whole and index in implied.within:
                 yield from _process(implied.within[index])
             yield _move(program, index, R_part_tcp, "".join(sorted(named)), stops)
-        yield from (step for step in codes if step.code in BEHIND)
+        yield from filter(_acts_behind, codes)
         if whole:
-            for extra in implied.behind.get(number, ()):
-                yield from _process(extra)
+            yield from _processes(implied.behind.get(number, ()))
 
 
 def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], named: str, stops: frozenset[int]) -> Move:
@@ -145,22 +144,33 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     return Move(index, motion, R, before, named, index in stops, block.line)
 
 
+def _acts_behind(step: Process) -> bool:
+    return step.code in BEHIND
+
+
+def _processes(blocks: Iterable[Block]) -> Iterator[Process]:
+    return itertools.chain.from_iterable(map(_process, blocks))
+
+
 def _process(block: Block) -> Iterator[Process]:
     """Machine functions of a block, each by itself, in the order in which they act."""
-    codes = [int(word.value) for word in block.words if word.letter == "M" and word.value == int(word.value)]
-    codes = [code for code in codes if code not in ENDS | _NO_EFFECT]
-    speed = any(word.letter == "S" for word in block.words)
-    dwell = any(word.letter == "G" and word.value == 4.0 for word in block.words)
-    if speed and not codes and not dwell and block.modal.spindle_rpm != 0.0:
-        codes = [3 if block.modal.spindle_rpm > 0.0 else 4]
+    rpm = block.modal.spindle_rpm
+    codes = [word.value for word in block.words if word.letter == "M"]
+    codes = [code for code in codes if code == int(code) and code not in ENDS | _NO_EFFECT]
+    if not codes and rpm != 0.0 and not has_g(block.words, 4.0) and any(word.letter == "S" for word in block.words):
+        codes = [3.0 if rpm > 0.0 else 4.0]
     for code in sorted(codes, key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
-        own = tuple(word for word in block.words if word.letter in _TOGETHER) if code not in (3, 4, 5, 6) else ()
-        if code in (3, 4):
-            own = (Word("S", abs(block.modal.spindle_rpm), 0, 0),)
-        elif code == 6:
-            own = (Word("T", float(block.modal.tool), 0, 0),)
-        alone = replace(block, text="", words=(Word("M", float(code), 0, 0), *own), motion_count=0)
-        yield Process(code, alone, block.line)
+        words = (Word("M", code, 0, 0), *_own_words(int(code), block))
+        yield Process(int(code), replace(block, text="", words=words, motion_count=0), block.line)
+
+
+def _own_words(code: int, block: Block) -> tuple[Word, ...]:
+    """Words that belong to an M-code."""
+    if code in (3, 4):
+        return (Word("S", abs(block.modal.spindle_rpm), 0, 0),)
+    if code == 6:
+        return (Word("T", float(block.modal.tool), 0, 0),)
+    return () if code == 5 else tuple(word for word in block.words if word.letter in _TOGETHER)
 
 
 def _remark(program: Program, block: Block) -> str:

@@ -42,15 +42,14 @@ def implied_stops(program: Program) -> ImpliedStops:
             out.before[number] = [_saying(5, block)]
             requested = 0 if 6.0 in codes and not codes & {3.0, 4.0} else requested
         within = _within(program, block)
-        if (restart := within.pop(block.first_motion + block.motion_count, None)) is not None:
+        if (restart := within.pop(block.motions.stop, None)) is not None:
             out.behind[number] = [restart]
         out.within.update(within)
         direction = requested
         cooled = 9.0 not in codes and (cooled or bool(codes & {7.0, 8.0}))
-    if direction != 0 or cooled:
+    if left := [9] * cooled + [5] * (direction != 0):
         last = len(program.blocks) - 1
-        codes_left = [*([9] if cooled else []), *([5] if direction != 0 else [])]
-        out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in codes_left]
+        out.behind[last] = out.behind.get(last, []) + [_saying(code, program.blocks[last]) for code in left]
     return out
 
 
@@ -73,9 +72,8 @@ def _within(program: Program, block: Block) -> dict[int, Block]:
     if block.motion_count < 2 or not turning:
         return results
     start = 3 if block.modal.spindle_rpm > 0.0 else 4
-    end = block.first_motion + block.motion_count
-    for index in range(block.first_motion, end + 1):
-        now = index == end or program.motions[index].spindle_rad_s != 0.0
+    for index in (*block.motions, block.motions.stop):
+        now = index == block.motions.stop or program.motions[index].spindle_rad_s != 0.0
         if now != turning:
             turning = now
             results[index] = _saying(start if now else 5, block)

@@ -152,16 +152,26 @@ class MachineFunctions:
     def _function(self, code: int, block: Block) -> list[str]:
         if code not in self.statements:
             raise self._unmapped({code: block})
-        rpm = abs(block.modal.spindle_rpm)
-        statements = self.statements[code]
-        if any(SPEED in line for line in statements) and rpm == 0.0:
+        words = self._filling(code, block)
+        out = [_filled(line, words) for line in self.statements[code]]
+        if not out and code in _BY_HAND:
+            out = self._stop(_by_hand(code, words[SPEED], words[TOOL]))
+        if code in (3, 4):
+            out += self._pause() + self._until(self.ready, _NOT_AT_SPEED)
+        elif code == 5:
+            out += self._until(self.standing, _NOT_STANDING)
+        return out
+
+    def _filling(self, code: int, block: Block) -> dict[str, str]:
+        """Text for each place of the statements of a code."""
+        rpm, tool = abs(block.modal.spindle_rpm), block.modal.tool
+        if rpm == 0.0 and self._says(code, SPEED):
             raise ProgramError(
                 "the spindle is started without a speed", where=f"line {block.line}", value=f"M{code}",
                 limit="S above 0",
             )  # fmt: skip
-        tool = block.modal.tool
         data = self.tool_data.get(tool)
-        if data is None and any(DATA in line for line in statements):
+        if data is None and self._says(code, DATA):
             raise ProgramError(
                 "the cell file does not name the tool data of a tool", where=f"line {block.line}", value=f"T{tool}",
                 limit=f"tools.{forms_of(self.language).data_key} of T{tool} in {self.where}",
@@ -174,15 +184,7 @@ class MachineFunctions:
                     where=f"line {block.line}", value=" ".join(block.text.split())[:60],
                     limit=f"M{code} with {key[1].upper()}, for {key}",
                 )  # fmt: skip
-        words = {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
-        out = [_filled(line, words) for line in statements]
-        if not out and code in _BY_HAND:
-            out = self._stop(_by_hand(code, f"{rpm:.0f}", f"{tool}"))
-        if code in (3, 4):
-            out += self._pause() + self._until(self.ready, _NOT_AT_SPEED)
-        elif code == 5:
-            out += self._until(self.standing, _NOT_STANDING)
-        return out
+        return {SPEED: f"{rpm:.0f}", TOOL: f"{tool}", DATA: data or "", **own}
 
     def _example(self, key: str) -> str:
         return f'{key} = ["{forms_of(self.language).output}"]'

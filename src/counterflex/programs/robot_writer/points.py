@@ -168,15 +168,10 @@ def choose_points(
     feed = ~rapid & ~dwells
     position, angle, worst = _errors(at_point, way, p, turned_fine, feed[fine.row])
     point_speed = _held_speed(at_point, speed[fine.row], rapid[fine.row], way, travel)
-    Ts = T[row].copy()
-    Ts[:, :3, 3] = p[at_point]
-    part = fine.share[at_point] < 1.0
-    before = np.maximum(row[part] - 1, 0)
-    step = (turned_fine[at_point] - turned[np.maximum(row - 1, 0)])[part]
-    Ts[part, :3, :3] = R[before] @ rotation.exp(step)
+    step = turned_fine[at_point] - turned[np.maximum(row - 1, 0)]
     return RobotPoints(
         row=row,
-        Ts_part_tcp=Ts,
+        Ts_part_tcp=_poses(T, p[at_point], row, step, fine.share[at_point] < 1.0),
         speed_m_s=point_speed,
         exact=fine.at_rows(exact)[at_point],
         motion=path.motion[row],
@@ -189,6 +184,14 @@ def choose_points(
         cycle_s=cycle_s,
         feed_m_s=float(path.feed_m_s[fine.row[worst]]),
     )
+
+
+def _poses(T: Float, p: Float, row: Int, step: Float, part: Bool) -> Float:
+    """(k, 4, 4) m of points: places (k, 3) m, orientation that of a row, or a step (k, 3) rad behind the row before."""
+    Ts = T[row].copy()
+    Ts[:, :3, 3] = p
+    Ts[part, :3, :3] = T[np.maximum(row[part] - 1, 0), :3, :3] @ rotation.exp(step[part])
+    return Ts
 
 
 def _exact(program: Program, path: ToolPath, ends: Bool, events: frozenset[int]) -> Bool:

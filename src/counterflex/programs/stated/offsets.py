@@ -57,15 +57,7 @@ class IsoOffsets(OffsetReader):
     def take(self, block: Block) -> None:
         """Apply the words of a block."""
         codes = codes_of(block, "G")
-        if codes & set(_OF_TOOL):
-            number = _value(block, "H")
-            self.length = OWN if number is None else number or NONE
-        elif _GIVEN in codes:
-            self.length = OWN
-        elif _CANCEL in codes:
-            self.length = NONE
-        elif self.length > 0 and (number := _value(block, "H")) is not None:
-            self.length = number or NONE
+        self.length = self._length_after(codes, _value(block, "H"))
         if 10.0 in codes and _value(block, "L") in (2, 20):
             number = _value(block, "P")
             self.defined |= {self.offset} if not number else {_named(_OFFSETS[number - 1])} if number <= 9 else set()
@@ -74,6 +66,14 @@ class IsoOffsets(OffsetReader):
         further = _value(block, "P") if codes & _FURTHER else next((round(c) - 109 for c in codes & _HAAS), None)
         if further is not None:
             self.offset = f"G54.1 P{further}"
+
+    def _length_after(self, codes: set[float], number: int | None) -> int:
+        """Length offset behind a block with these G codes and this H."""
+        if codes & set(_OF_TOOL):
+            return OWN if number is None else number or NONE
+        if codes & {_GIVEN, _CANCEL}:
+            return OWN if _GIVEN in codes else NONE
+        return number or NONE if self.length > 0 and number is not None else self.length
 
 
 class SettableOffsets(OffsetReader):

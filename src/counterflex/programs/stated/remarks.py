@@ -58,10 +58,8 @@ def diameters_of(program: Program) -> dict[int, tuple[float, int]]:
         starts = [match.start() for match in _TOOL.finditer(text)]
         for begin, end in itertools.pairwise([0, *starts, len(text)]):
             named, match = _TOOL.match(text, begin), _DIAMETER.search(text, begin, end)
-            number = tool if named is None else int(named[1])
+            number = int(named[1]) if named is not None else tool if _OF_A_TOOL.search(text) else 0
             if match is None or number == 0 or _FEATURE.search(text, begin, match.start()):
-                continue
-            if named is None and not _OF_A_TOOL.search(text):
                 continue
             of_text = {"": unit, "MM": MM}.get((match[2] or "").upper(), _INCH_M)
             out.setdefault(number, (float(match[1]) * of_text, line))
@@ -121,14 +119,14 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     stops, waits_first = np.zeros(n, dtype=np.bool_), False
     for block in program.blocks:
         reader.take(block)
-        behind = block.first_motion + block.motion_count - 1
+        behind = block.motions.stop - 1
         if _waits(block, waits):
             waits_first = waits_first or behind < 0
             stops[behind : behind + 1] = True  # nothing before the first motion
         coolant = next((_COOLANT[code] for code in codes_of(block, "M") if code in _COOLANT), coolant)
         if not block.motion_count:
             continue
-        rows = slice(block.first_motion, block.first_motion + block.motion_count)
+        rows = slice(block.motions.start, block.motions.stop)
         if reader.offset not in names:
             names.append(reader.offset)
         lengths[rows], works[rows] = reader.length, names.index(reader.offset)

@@ -14,7 +14,7 @@ from counterflex.core.units import INCH, MINUTE
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
 from counterflex.programs.language import GCODE, LANGUAGES, object_at
-from counterflex.programs.program import Block, Program, Word
+from counterflex.programs.program import Block, Program, Word, has_g
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.offsets import NONE, UNSAID, codes_of, offset_reader
 
@@ -77,7 +77,7 @@ def _zeros_set_here(program: Program) -> list[str]:
     """G10 L20, which LinuxCNC and Fanuc read in different ways."""
     for block in program.blocks:
         words = {word.letter: word.value for word in block.words}
-        tens = any(word.letter == "G" and word.value == 10.0 for word in block.words)
+        tens = has_g(block.words, 10.0)
         if (
             tens
             and words.get("L") == 20.0
@@ -178,14 +178,15 @@ def _without_length(program: Program) -> list[str]:
             cancel = block.line
         moved = moved or block.motion_count > 0
         other = other or reader.length not in (NONE, UNSAID) or before not in (NONE, UNSAID)
-        if reader.length == NONE and not bare and block.motion_count and any(
-            motion.kind in ("feed", "arc")
-            for motion in program.motions[block.first_motion : block.first_motion + block.motion_count]
-        ):  # fmt: skip
+        if reader.length == NONE and not bare and _cuts(program, block):
             bare = block.line
     if not bare or not (other or cancel):
         return []
     return [f"line {bare} moves at feed with no tool length offset in force: Z is read as the height of the tool tip"]
+
+
+def _cuts(program: Program, block: Block) -> bool:
+    return any(program.motions[index].kind in ("feed", "arc") for index in block.motions)
 
 
 def _skipped_by_switch(program: Program) -> list[str]:
@@ -202,5 +203,5 @@ def _skipped_by_switch(program: Program) -> list[str]:
 
 def _code(block: Block) -> str:
     """Code that dwells: the cycle, or G4."""
-    by_hand = any(word.letter == "G" and word.value == 4.0 for word in block.words)
+    by_hand = has_g(block.words, 4.0)
     return block.modal.motion if block.modal.motion in _CYCLES and not by_hand else "G4"

@@ -396,8 +396,10 @@ class OnlineSession:
         if self.trouble and hard == 0 and not resetting:
             hard = _INTERNAL
         if self._job is not None and self.link.job not in (0, self._job):
-            hard = hard or (_WRONG_JOB if armed else 0)
-            soft = _WRONG_JOB if not armed and soft in self._yielding else soft
+            if armed:
+                hard = hard or _WRONG_JOB
+            elif soft in self._yielding:
+                soft = _WRONG_JOB
         if len(self.control) >= CONTROL:
             soft = self._watch_processes(soft, armed, now_ns)
         if self.not_closed and (armed or (self._result.state <= _READY and not resetting)):

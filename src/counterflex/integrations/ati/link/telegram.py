@@ -106,72 +106,89 @@ def read_scaling(document: bytes, where: str = "netftapi2.xml") -> Scaling:
     except (ParseError, DefusedXmlException, ValueError, LookupError) as fault:
         raise ProtocolError(f"not an XML document: {fault}", where=where) from fault
 
-    def text(name: str) -> str:
-        element = root.find(f".//{name}")
-        if element is None or not (element.text or "").strip():
-            raise ProtocolError(f"the field '{name}' is missing", where=where)
-        return (element.text or "").strip()
-
-    def number(name: str) -> float:
-        try:
-            value = float(text(name))
-        except ValueError:
-            value = 0.0
-        if not 0.0 < value < 1e12:
-            raise ProtocolError(f"the field '{name}' is no positive number", where=where, value=repr(text(name)))
-        return value
-
-    def unit(name: str, known: dict[str, float]) -> float:
-        plain = text(name).replace("-", "").replace("*", "").replace(" ", "")
-        if plain not in known:
-            raise ProtocolError("the sensor's unit is not known", where=f"{where}: {name}", value=text(name))
-        return known[plain]
-
-    force, moment = unit("scfgfu", _NEWTON), unit("scfgtu", _NEWTON_METRE)
-    range_n, range_nm = _calibrated(root, force, moment)
+    field = _Fields(root, where)
+    force, moment = field.unit("scfgfu", _NEWTON), field.unit("scfgtu", _NEWTON_METRE)
+    range_n, range_nm = _calibrated(field, force, moment)
     return Scaling(
-        force_n=force / number("cfgcpf"),
-        moment_nm=moment / number("cfgcpt"),
-        rate_hz=_rate(root),
-        product=(root.findtext(".//prodname") or "").strip(),
+        force_n=force / field.number("cfgcpf"),
+        moment_nm=moment / field.number("cfgcpt"),
+        rate_hz=field.rate(),
+        product=field.stated("prodname"),
         range_n=range_n,
         range_nm=range_nm,
     )
 
 
-def _rate(root: Element) -> float | None:
-    """Records per second, where the document tells them as a number."""
+@dataclass(frozen=True)
+class _Fields:
+    """Fields of the document."""
+
+    root: Element
+    where: str  # Name of the document, for errors
+
+    def stated(self, name: str) -> str:
+        """Text of a field; empty where the document does not say it."""
+        return (self.root.findtext(f".//{name}") or "").strip()
+
+    def text(self, name: str) -> str:
+        """Text of a field that is needed."""
+        if not self.stated(name):
+            raise ProtocolError(f"the field '{name}' is missing", where=self.where)
+        return self.stated(name)
+
+    def number(self, name: str) -> float:
+        """Positive number of a field that is needed."""
+        value = _positive(self.text(name))
+        if value is None:
+            raise ProtocolError(
+                f"the field '{name}' is no positive number", where=self.where, value=repr(self.text(name))
+            )
+        return value
+
+    def unit(self, name: str, known: dict[str, float]) -> float:
+        """SI value of a unit."""
+        plain = self.text(name).replace("-", "").replace("*", "").replace(" ", "")
+        if plain not in known:
+            raise ProtocolError("the sensor's unit is not known", where=f"{self.where}: {name}", value=self.text(name))
+        return known[plain]
+
+    def rate(self) -> float | None:
+        """Records per second, where the document gives them as a number."""
+        return _positive(self.stated("comrdtrate"))
+
+    def six(self, name: str) -> list[float]:
+        """Six finite numbers; empty where the document does not say them."""
+        try:
+            values = [float(word) for word in self.stated(name).replace(";", " ").replace(",", " ").split()]
+        except ValueError:
+            return []
+        return values if len(values) == 6 and all(map(math.isfinite, values)) else []
+
+
+def _positive(text: str) -> float | None:
+    """A number above 0 and below 1e12; None of anything else."""
     try:
-        value = float(root.findtext(".//comrdtrate") or "")
+        value = float(text)
     except ValueError:
         return None
     return value if 0.0 < value < 1e12 else None
 
 
-def _calibrated(root: Element, force: float, moment: float) -> tuple[Three, Three]:
+def _calibrated(field: _Fields, force: float, moment: float) -> tuple[Three, Three]:
     """Largest force and moment that the sensor is calibrated for, SI, about the axes in which it sends."""
     # Its document gives the ratings (``cfgmr``, 0 where it does not say) about its own origin. Where readings are moved
     # elsewhere (``cfgtfx``) the moment of the rated force over that way comes on top, and where they are turned the
     # rating is that of the whole vector. What does not say it is not watched, beyond what counts can show.
-
-    def six(name: str) -> list[float]:
-        words = (root.findtext(f".//{name}") or "").replace(";", " ").replace(",", " ").split()
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            return []
-        return values if len(values) == 6 and all(math.isfinite(value) for value in values) else []
-
-    rated = six("cfgmr")
+    rated = field.six("cfgmr")
     if not rated:
         return (math.inf,) * 3, (math.inf,) * 3
     limits = [value if value > 0.0 else math.inf for value in rated]
     forces, moments = [force * value for value in limits[:3]], [moment * value for value in limits[3:]]
-    moved = six("cfgtfx")
+    moved = field.six("cfgtfx")
     if any(moved[3:]):
         forces, moments = [math.hypot(*forces)] * 3, [math.hypot(*moments)] * 3
     if any(moved[:3]):
-        way = math.hypot(*moved[:3]) * _METRE.get((root.findtext(".//scfgtdu") or "").strip(), math.inf)
+        way = math.hypot(*moved[:3]) * _METRE.get(field.stated("scfgtdu"), math.inf)
         moments = [value + way * math.hypot(*forces) for value in moments]
     return (forces[0], forces[1], forces[2]), (moments[0], moments[1], moments[2])
 

@@ -13,7 +13,7 @@ from counterflex.integrations.heidenhain.language.emitter import signed
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of
 from counterflex.integrations.heidenhain.language.written_position import WrittenPosition
 from counterflex.programs.gcode.write.arc_fit import arc_error, radius_centre, written_turn
-from counterflex.programs.gcode.write.arc_pieces import ArcPiece, arc_pieces, nominal_share, straight_pieces
+from counterflex.programs.gcode.write.arc_pieces import ArcPiece, nominal_share, written_pieces
 from counterflex.programs.program import Block, Modal, Motion
 
 _ROUNDINGS: Final = 3.0
@@ -26,7 +26,7 @@ class ArcWriter(WrittenPosition):
     def _arc(self, block: Block, index: int, motion: Motion) -> None:
         rows, modal, function = self.rows, block.modal, function_of(block)
         first, last = int(rows.first[index]), int(rows.last[index])
-        corrected = bool(rows.moved[index]) or index in self._forced or not self.program.straight
+        corrected = self._corrected(index)
         line = PathLine(block)
         if not corrected and not self._follows():
             self._keep(block, index, motion, rows.share_of(first, last), function)
@@ -36,44 +36,30 @@ class ArcWriter(WrittenPosition):
         nominal = self._work(modal, np.vstack([motion.p_start, rows.nominal[first : last + 1]]))
         command = np.ascontiguousarray(self._work(modal, np.vstack([self._here, rows.command[first : last + 1]])))
         share = nominal_share(nominal, self._work(modal, motion.p_centre), motion.turn_rad)
-        waiting = arc_pieces(command, share, motion.turn_rad, self.tolerance_m)[::-1]
         pending, self._pole_block = self._pole_block, None
-        single = len(waiting) == 1 and waiting[0].centre is not None
-        if pending is not None and not (single and function == "C"):
-            self._copy(pending)
-            pending, self._pole_written = None, True
-        arcs = lines = 0
-        tail = ""
-        while waiting:
-            piece = waiting.pop()
+        kept: list[bool] = []  # By piece: it is an arc
+        tail, factor = "", rows.share_of(first, last)
+        for piece, fitted in written_pieces(
+            command, share, motion.turn_rad, self.tolerance_m,
+            lambda piece: self._fitted(modal, piece, command, share),
+        ):  # fmt: skip
             row = first - 1 + piece.last
-            fitted = None if piece.centre is None else self._fitted(modal, piece, command, share)
-            if piece.centre is not None and fitted is None:
-                waiting += straight_pieces(command, share, piece.first, piece.last, self.tolerance_m)[::-1]
-                if pending is not None:
-                    self._copy(pending)
-                    pending, self._pole_written = None, True
-                continue
-            head = line if arcs + lines == 0 else None
-            if head is not None and waiting:
-                tail = line.take_last()
-            ends = "" if waiting else tail
-            factor = rows.share_of(first, last)
+            head, ends = None if kept else line, tail
+            if row < last:
+                tail, ends = tail if kept else line.take_last(), ""
+            if pending is not None and not (fitted and row == last and not kept and function == "C"):
+                self._copy(pending)
+                pending, self._pole_written = None, True
             if fitted is not None:
                 self._write_arc(block, motion, head, fitted, rows.command[row], (pending, factor, ends))
                 pending = None
-                arcs += 1
             else:
                 self._write_chord(block, motion, head, rows.command[row], (factor, ends))
                 self.checked[first + piece.first : row + 1] = True
-                lines += 1
+            kept.append(fitted is not None)
             self.written[row] = self._here
         self._arrive(index, motion)
-        self.arcs_kept += arcs == 1 and lines == 0
-        self.arcs_split += arcs + lines > 1 and arcs > 0
-        self.arcs_as_lines += arcs == 0
-        self.split_motions += arcs + lines > 1
-        self.vertices_added += arcs + lines - 1
+        self.count_arc(kept)
 
     def _write_chord(
         self, block: Block, motion: Motion, line: PathLine | None, p: Float, rest: tuple[float, str]

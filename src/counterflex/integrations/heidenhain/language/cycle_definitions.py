@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.frames import FrameFault, spatial
 from counterflex.integrations.heidenhain.language.source import Statement
 from counterflex.integrations.heidenhain.language.state import State
@@ -65,45 +65,62 @@ def define_frame(part: Statement, number: int, state: State, values: Values, nam
 
 
 def _define(part: Statement, number: int, state: State, numbers: dict[str, float], name: str) -> bool:
-    frames, unit = state.frames, state.unit_m
-    if number == 7:
-        if "#" in numbers:
-            raise part.fault(name, "a datum of the datum table of the control is not known", None, None,
-                             "Write the shift itself: CYCL DEF 7.1 X+10")  # fmt: skip
-        given = {"XYZ".index(word[-1]): (value * unit, word.startswith("I")) for word, value in numbers.items()}
-        if any(not abs(value) <= FARTHEST_M for value, _ in given.values()):
-            raise part.fault(name, "the datum shift is beyond any machine", None, None, "At most 1000 m")
-        frames.set_shift(given)
-    elif number == 8:
-        frames.set_mirror(frozenset("XYZ".index(word) for word in numbers))
-    elif number == 10:
-        if len(numbers) != 1:
-            raise part.fault(name, "cycle 10 needs one angle", None, None, "CYCL DEF 10.1 ROT+30")
-        ((word, angle),) = numbers.items()
-        frames.set_rotation(angle, word == "IROT")
-    elif number == 11:
-        if numbers.get("SCL") != 1.0:
-            raise part.fault(name, "whether cycle 11 scales the tool axis depends on a machine parameter", None, None,
-                             "Write cycle 26 with X, Y and Z")  # fmt: skip
-    elif number == 26:
-        factors = np.array([numbers.get(axis, 1.0) for axis in "XYZ"])
-        if not np.all((factors >= _SMALLEST) & (factors < _LARGEST)):
-            raise part.fault(name, "a scale is out of range", None, None, "0.000001 to 99.999999")
-        frames.set_scale(factors, np.array([numbers.get(f"CC{axis}", 0.0) for axis in "XYZ"]) * unit)
-    else:
-        return _tilt(part, state, numbers, name)
-    return False
+    before = state.frames.A
+    wrong, hint = _CYCLES[number](state, numbers)
+    if wrong:
+        raise part.fault(name, wrong, None, None, hint)
+    return number == 19 and bool(np.any(before != state.frames.A))
 
 
-def _tilt(part: Statement, state: State, numbers: dict[str, float], name: str) -> bool:
+def _shift(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+    if "#" in numbers:
+        hint = "Write the shift itself: CYCL DEF 7.1 X+10"
+        return "a datum of the datum table of the control is not known", hint
+    given = {"XYZ".index(word[-1]): (value * state.unit_m, word.startswith("I")) for word, value in numbers.items()}
+    if any(not abs(value) <= FARTHEST_M for value, _ in given.values()):
+        return "the datum shift is beyond any machine", "At most 1000 m"
+    state.frames.set_shift(given)
+    return _DONE
+
+
+def _mirror(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+    state.frames.set_mirror(frozenset("XYZ".index(word) for word in numbers))
+    return _DONE
+
+
+def _rotate(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+    if len(numbers) != 1:
+        return "cycle 10 needs one angle", "CYCL DEF 10.1 ROT+30"
+    ((word, angle),) = numbers.items()
+    state.frames.set_rotation(angle, word == "IROT")
+    return _DONE
+
+
+def _scale(_: State, numbers: dict[str, float]) -> tuple[str, str]:
+    if numbers.get("SCL") == 1.0:
+        return _DONE
+    return "whether cycle 11 scales the tool axis depends on a machine parameter", "Write cycle 26 with X, Y and Z"
+
+
+def _tilt(state: State, numbers: dict[str, float]) -> tuple[str, str]:
     angles = [numbers.get(axis, 0.0) for axis in "ABC"]
     if sum(angle != 0.0 for angle in angles) > 1:
-        raise _ambiguous(part, name)
-    before = state.frames.A
+        what = "a machine parameter decides whether the angles of cycle 19 are spatial or those of axes"
+        return what, "Write PLANE SPATIAL"
     state.frames.set_plane(spatial(*angles))
-    return bool(np.any(before != state.frames.A))
+    return _DONE
 
 
-def _ambiguous(part: Statement, name: str) -> ProgramError:
-    return part.fault(name, "a machine parameter decides whether the angles of cycle 19 are spatial or those of axes",
-                      None, None, "Write PLANE SPATIAL")  # fmt: skip
+def _scale_axes(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+    factors = np.array([numbers.get(axis, 1.0) for axis in "XYZ"])
+    if not np.all((factors >= _SMALLEST) & (factors < _LARGEST)):
+        return "a scale is out of range", "0.000001 to 99.999999"
+    state.frames.set_scale(factors, np.array([numbers.get(f"CC{axis}", 0.0) for axis in "XYZ"]) * state.unit_m)
+    return _DONE
+
+
+_DONE: Final = "", ""
+_CYCLES: Final[dict[int, Callable[[State, dict[str, float]], tuple[str, str]]]] = {
+    7: _shift, 8: _mirror, 10: _rotate, 11: _scale, 19: _tilt, 26: _scale_axes,
+}  # fmt: skip
+"""By number: executes a cycle; what is wrong with it and what to do, empty where it is done."""

@@ -88,22 +88,21 @@ def drilling(
     Raises:
         ProgramError: One is missing or out of range, or the control decides what it means.
     """
-    for name in NEEDED[number]:
-        if name not in q:
-            raise fault(f"cycle {number} without {name}", "", f"It needs {' '.join(NEEDED[number])}")
+    missing = next((name for name in NEEDED[number] if name not in q), None)
+    if missing is not None:
+        raise fault(f"cycle {number} without {missing}", "", f"It needs {' '.join(NEEDED[number])}")
     if q.get("Q395", 0.0) != 0.0:
         raise fault("a depth that refers to the diameter needs the tip angle of the tool table", "Q395", "Q395=0")
     if q["Q201"] > 0.0:
         raise fault("a positive depth: a machine parameter decides whether the control refuses it", "Q201",
                     "Give the depth a negative sign")  # fmt: skip
-    if q["Q200"] < 0.0 or q["Q204"] < 0.0 or not 0.0 < q["Q206"] <= 1e6 or not 0.0 <= q.get("Q208", 0.0) <= 1e6:
+    if min(q["Q200"], q["Q204"]) < 0.0 or not 0.0 < q["Q206"] <= 1e6 or not 0.0 <= q.get("Q208", 0.0) <= 1e6:
         raise fault("a clearance or feed of the cycle is out of range", "", "Q200, Q204 >= 0, Q206 > 0")
-    depth, stroke = -q["Q201"], q.get("Q202", 0.0) if number == 200 else -q["Q201"]
+    depth = -q["Q201"]
+    stroke = q.get("Q202", 0.0) if number == 200 else depth
     if depth > 0.0 and (stroke <= 0.0 or depth / stroke > _MOST):
         raise fault("the plunging depth of the cycle is out of range", "Q202", "Above zero, at most 10000 strokes")
-    above, bottom = q.get("Q210", 0.0), q["Q211"]
-    if not 0.0 <= above <= _LONGEST_S or not 0.0 <= bottom <= _LONGEST_S:
-        raise fault("a dwell of the cycle is out of range", "Q211", "0 to 3600 s")
+    above, bottom = _dwells(q, fault)
     if stroke < depth and bottom > 0.0:
         raise fault("whether Q211 acts at every plunging depth or at the bottom only depends on the software of the "
                     "control", "Q211", "Q211=0, or Q202 as deep as the hole")  # fmt: skip
@@ -112,3 +111,11 @@ def drilling(
         number, surface, surface + q["Q200"] * unit_m, surface + max(q["Q200"], q["Q204"]) * unit_m,
         surface - depth * unit_m, stroke * unit_m, q["Q206"], q.get("Q208", 0.0), above, bottom,
     )  # fmt: skip
+
+
+def _dwells(q: dict[str, float], fault: Callable[[str, str, str], ProgramError]) -> tuple[float, float]:
+    """Dwells above the hole and at its bottom, s."""
+    above, bottom = q.get("Q210", 0.0), q["Q211"]
+    if not 0.0 <= min(above, bottom) <= max(above, bottom) <= _LONGEST_S:
+        raise fault("a dwell of the cycle is out of range", "Q211", "0 to 3600 s")
+    return above, bottom

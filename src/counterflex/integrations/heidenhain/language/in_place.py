@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language import LIMITS
 from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
 from counterflex.integrations.heidenhain.language.emitter import dwell_lines
 from counterflex.integrations.heidenhain.language.source import code_of
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of
-from counterflex.programs.motion_rows import feed_factor
-from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
+from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
 
 _FLOW: Final = re.compile(
     r"\s*(?:LBL\b|CALL\b|FN\s*\d|Q[LRS]?\d+\s*=|BEGIN\s+PGM\b|END\s+PGM\b|M\s*(?:2|30)\s*$)", re.IGNORECASE
@@ -121,24 +120,16 @@ class HeidenhainInPlace(ArcWriter):
         self._flush()
         feed = next((word for word in block.words if word.letter == "F"), None)
         match = re.search(r"TOOL\s+CALL.*?\bF\s*([\d.]+)", block.text, re.IGNORECASE)
-        if feed is not None or match is not None:
-            self._feed = feed.value if feed is not None else float(match[1]) if match is not None else None
+        if feed is not None:
+            self._feed = feed.value
+        elif match is not None:
+            self._feed = float(match[1])
         if function_of(block) != "CC":
             self._copy(block)
             return
-        here = self._work(block.modal, self._nominal)
         given = {word.letter: word for word in block.words if word.letter in "XY"}
-        before = self._pole
-        pole = [float(here[0]), float(here[1])]
-        for axis, letter in enumerate("XY"):
-            word = given.get(letter)
-            if word is not None:
-                pole[axis] = word.value * block.modal.unit_m + (0.0 if word.absolute else pole[axis])
-            elif given and before is not None:
-                pole[axis] = before[axis]
-        self._pole = (pole[0], pole[1])
-        own = len(given) == 2 and all(word.absolute and word.literal for word in given.values())
-        if own:
+        self._pole = self._pole_of(block, given)
+        if len(given) == 2 and all(word.absolute and word.literal for word in given.values()):
             self._pole_block = block
         elif self._follows() or not self._pole_written or not self.program.straight:
             self.lines.append(self._centre(block, self._pole))
@@ -146,53 +137,57 @@ class HeidenhainInPlace(ArcWriter):
         else:
             self._copy(block)
 
+    def _pole_of(self, block: Block, given: dict[str, Word]) -> tuple[float, float]:
+        """Pole of a CC in programmed axes, m, from the coordinates that it names."""
+        u, v, _ = self._work(block.modal, self._nominal).tolist()
+        pole = [u, v]
+        for axis, letter in enumerate("XY"):
+            word = given.get(letter)
+            if word is not None:
+                pole[axis] = word.value * block.modal.unit_m + (0.0 if word.absolute else pole[axis])
+            elif given and self._pole is not None:
+                pole[axis] = self._pole[axis]
+        return pole[0], pole[1]
+
     def _straight(self, block: Block, index: int, motion: Motion) -> None:
         rows = self.rows
         first, last = int(rows.first[index]), int(rows.last[index])
-        corrected = bool(rows.moved[index]) or index in self._forced or not self.program.straight
+        corrected = self._corrected(index)
         follows, function = self._follows(), function_of(block)
         self._flush()
         line = PathLine(block)
         relative = function == "LP" or any(w.absolute is False for w in line.words if w.letter in "XYZ")
-        if not corrected and not (follows and (relative or self._leaves_out(block))):
+        if not (corrected or (follows and (relative or self._leaves_out(block)))):
             self._keep(block, index, motion, 1.0, function)
             return
-        if not corrected:
-            self.completed_blocks += 1
-        inner = [int(row) for row in np.flatnonzero(rows.vertex[first:last]) + first] if (
-            motion.kind == "feed" and last > first) else []  # fmt: skip
-        tail = line.take_last() if inner else ""
+        self.completed_blocks += not corrected
+        feeds = motion.kind == "feed"
+        inner = rows.inner(index) if feeds else []
         if relative:
             line = self._absolute(block, function)
-            tail = line.take_last() if inner else ""
-        before = first - 1
-        steps = [*inner, last] if last >= 0 else [last]
-        for number, row in enumerate(steps):
-            p = rows.command[row] if row >= 0 else np.asarray(motion.p_end)
-            factor = 1.0
-            if motion.kind == "feed" and row >= 0:
-                step = float(np.linalg.norm(rows.command[row] - rows.command[before])) if before >= 0 else 0.0
-                way = float(rows.way[row] - rows.way[before]) if before >= 0 else 0.0
-                factor = float(feed_factor(np.array([way]), np.array([step]))[0]) * rows.share_of(before + 1, row)
-            self._piece(block, motion, line if number == 0 else None, p, row, factor, tail if row == last else "")
-            before = row
-            if row >= 0:
-                self.written[row] = self._here
+        tail = line.take_last() if inner else ""
+        own: PathLine | None = line
+        for before, row in itertools.pairwise([first - 1, *inner, last]):
+            self._piece(block, motion, own, (before, row), tail if row == last else "")
+            own = None
         self._arrive(index, motion)
-        if motion.kind == "feed" and last >= first:
+        if feeds and last >= first:
             self.checked[first : last + 1] = True
-        self.split_motions += bool(inner)
-        self.vertices_added += len(inner)
+        self.count_split(len(inner))
 
-    def _piece(
-        self, block: Block, motion: Motion, line: PathLine | None, p: Float, row: int, factor: float, tail: str
-    ) -> None:
-        """Write the line of one straight piece."""
+    def _piece(self, block: Block, motion: Motion, line: PathLine | None, ends: tuple[int, int], tail: str) -> None:
+        """Write the line of one straight piece between two rows."""
+        (before, row), rows = ends, self.rows
+        known = motion.kind == "feed" and min(ends) >= 0
+        factor = rows.factor(before, row, rows.command[before], rows.command[row]) if known else 1.0
+        p = rows.command[row] if row >= 0 else np.asarray(motion.p_end)
         joined = any(word.end == word.start for word in block.words if word.letter in "XYZ")
         whole = joined or (line is None and function_of(block) == "LN")
         coordinates = self._go(line, block.modal, p, every=whole)
         turned = self._turn(line, block, row) if row >= 0 else ""
         feed = self._f(block, motion, factor, line)
+        if row >= 0:
+            self.written[row] = self._here
         if line is not None:
             self.lines.append(line.render() + tail)
             return
@@ -218,9 +213,8 @@ class HeidenhainInPlace(ArcWriter):
 
     def _relieve(self, block: Block, index: int) -> None:
         """Before a dwell, go to where it is planned, along the tool axis."""
-        first, last = int(self.rows.first[index]), int(self.rows.last[index])
-        planned = self.rows.command[last] if last >= first >= 1 else None
-        if planned is not None and float(np.linalg.norm(planned - self.rows.command[first - 1])) > 0.0:
+        planned = self.rows.relieved(index)
+        if planned is not None:
             coordinates = self._go(None, block.modal, planned)
             if coordinates:
                 self.lines.append(f"L {coordinates}")
@@ -229,7 +223,7 @@ class HeidenhainInPlace(ArcWriter):
     def _cycle(self, block: Block) -> None:
         """A block with a drilling cycle: as it is where nothing of it is corrected, else as single moves."""
         self._flush()
-        indices = range(block.first_motion, block.first_motion + block.motion_count)
+        indices = block.motions
         motions = [self.program.motions[k] for k in indices]
         if not any(bool(self.rows.moved[k]) for k in indices) and not self._follows() and self.program.straight:
             self._copy(block)

@@ -193,14 +193,12 @@ class MoveMaker(Targets):
             raise words.fault("polar coordinates without a pole", None, "Write CC before")
         values = []
         for k, (name, unit) in enumerate((("PR", state.unit_m), ("PA", DEG))):
-            absolute, step = words.take(name), words.take(f"I{name}")
-            if absolute is not None:
-                values.append(absolute * unit)
-                continue
-            if state.polar_point is None:
+            value, incremental = words.coordinate(name) or (0.0, True)
+            if incremental and state.polar_point is None:
                 raise words.fault(f"{name} counts from a polar position, and the last motion ended elsewhere",
-                                  f"I{name}" if step is not None else None, f"Write {name}")  # fmt: skip
-            values.append(state.polar_point[k] + (0.0 if step is None else step * unit))
+                                  f"I{name}", f"Write {name}")  # fmt: skip
+            before = state.polar_point[k] if incremental and state.polar_point is not None else 0.0
+            values.append(before + value * unit)
         radius, angle = values
         x, y = state.pole_m
         return (x + radius * math.cos(angle), y + radius * math.sin(angle)), (radius, angle)
@@ -214,26 +212,25 @@ class MoveMaker(Targets):
         named = words.has("X", "IX", "Y", "IY")
         if (not named or words.has("IX", "IY")) and (state.partial is not None or state.shifted or state.settle):
             raise words.fault("CC counts from where the tool stands behind a change of datum", None, "CC X+10 Y+20")
-        here = state.to_work(state.p_part)
-        before = state.pole_m
-        pole = [float(here[0]), float(here[1])]
-        for axis, letter in enumerate("XY"):
-            absolute, step = words.take(letter), words.take(f"I{letter}")
-            value = step if absolute is None else absolute
-            if value is None and named:
-                if before is None:
-                    raise words.fault(f"CC without {letter}, and none before", None, "CC X+10 Y+20")
-                pole[axis] = before[axis]
-            elif value is not None:
-                lost = absolute is None and axis not in state.named and not state.start_known
-                if lost:
-                    raise words.fault(f"CC counts from a place along {letter} that is not known", f"I{letter}")
-                pole[axis] = value * state.unit_m + (pole[axis] if absolute is None else 0.0)
+        u, v, _ = state.to_work(state.p_part).tolist()
+        pole = [self._pole(words, axis, here) for axis, here in enumerate((u, v))] if named else [u, v]
         if not named and len(state.named & {0, 1}) < 2 and not state.start_known:
             raise words.fault("CC takes the place of the tool, which is not known", None, "CC X+10 Y+20")
         if max(map(abs, pole)) > FARTHEST_M:
             raise words.fault("the pole is beyond any machine", None, "At most 1000 m")
         state.pole_m, state.polar_point = (pole[0], pole[1]), None
+
+    def _pole(self, words: PathWords, axis: int, here_m: float) -> float:
+        """One coordinate of a CC that names one or both, m in programmed axes."""
+        state, letter, given = self._state, "XY"[axis], words.coordinate("XY"[axis])
+        if given is None:
+            if state.pole_m is None:
+                raise words.fault(f"CC without {letter}, and none before", None, "CC X+10 Y+20")
+            return state.pole_m[axis]
+        value, incremental = given
+        if incremental and axis not in state.named and not state.start_known:
+            raise words.fault(f"CC counts from a place along {letter} that is not known", f"I{letter}")
+        return value * state.unit_m + (here_m if incremental else 0.0)
 
     # ---- corners -----------------------------------------------------------------------------------------------
 

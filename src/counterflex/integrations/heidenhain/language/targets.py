@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MINUTE, RPM
 from counterflex.integrations.heidenhain.language.state import State
 from counterflex.integrations.heidenhain.language.values import TILT_ANGLES
-from counterflex.integrations.heidenhain.language.words import AXES, ROTARY, PathWords
+from counterflex.integrations.heidenhain.language.words import AXES, ROTARY, Item, PathWords
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import Motion, MotionKind, Word
 from counterflex.programs.unknown import Unknown
@@ -148,12 +148,9 @@ class Targets:
         state = self._state
         given: dict[int, tuple[float, bool]] = {}
         for axis, letter in enumerate(AXES):
-            absolute, step = words.take(letter), words.take(f"I{letter}")
-            if absolute is not None and step is not None:
-                raise words.fault(f"{letter} is given absolutely and incrementally", f"I{letter}")
-            value = step if absolute is None else absolute
-            if value is not None:
-                given[axis] = value * state.unit_m, absolute is None
+            named = words.coordinate(letter)
+            if named is not None:
+                given[axis] = named[0] * state.unit_m, named[1]
         given |= {} if p_plane is None else {0: (p_plane[0], False), 1: (p_plane[1], False)}
         self._check_frame(words, given)
         if state.partial is not None:
@@ -227,33 +224,29 @@ class Targets:
             raise words.fault("a tool vector in a block without all of TX, TY and TZ", _VECTOR[0])
         angles = list(state.angles)
         for axis, letter in enumerate(ROTARY):
-            absolute, step = words.take(letter), words.take(f"I{letter}")
-            if absolute is not None:
-                angle = absolute * DEG
-                if state.shortest:
-                    angle = angles[axis] + math.remainder(angle - angles[axis], 2.0 * math.pi)
+            value, incremental = words.coordinate(letter) or (0.0, True)
+            angle = value * DEG
+            if incremental:
+                angles[axis] += angle
+            elif state.shortest:
+                angles[axis] += math.remainder(angle - angles[axis], 2.0 * math.pi)
+            else:
                 angles[axis] = angle
-            elif step is not None:
-                angles[axis] += step * DEG
             if not abs(angles[axis]) <= 1e7:
                 raise words.fault("the target is beyond any machine", letter, "At most 1e7 rad")
         return (angles[0], angles[1], angles[2])
 
+    def _of_plane(self, item: Item) -> bool:
+        """Return whether a rotary word turns the tool to the plane in force: its angle, or 0 without a tilted plane."""
+        if not self._state.frames.has("plane"):
+            return item.value == 0.0 and not item.name.startswith("I")
+        angle = TILT_ANGLES[ROTARY.index(item.name[-1])]
+        return isinstance(item.value, Unknown) and item.value.why.startswith(f"{angle} ")
+
     def _tool_axis(self, words: PathWords) -> tuple[float, float, float]:
+        """Turn to the plane in force or to a tool vector: the tool axis, in the part."""
         state = self._state
-        turned = [words.take_item(letter) for letter in (*ROTARY, *(f"I{c}" for c in ROTARY))]
-        rotary = [item for item in turned if item is not None]
-        tilted = bool(state.frames.has("plane"))
-        for item in rotary:
-            of_plane = isinstance(item.value, Unknown) and item.value.why.startswith(
-                TILT_ANGLES[ROTARY.index(item.name[-1])] + " "
-            )
-            if not ((of_plane and tilted) or (item.value == 0.0 and not tilted and not item.name.startswith("I"))):
-                raise words.fault(
-                    "a rotary position beside PLANE or tool vectors belongs to a machine that is not known", item,
-                    "A+Q120 B+Q121 C+Q122 behind PLANE, zero behind PLANE RESET",
-                )  # fmt: skip
-        if rotary:
+        if self._turned_to_plane(words):
             state.aligned = True
             return state.plane_axis
         if not words.has(*_VECTOR):
@@ -265,3 +258,15 @@ class Targets:
             raise words.fault(what, next(n for n in _VECTOR if n in words.items), "Write M128 before")
         x, y, z = (vector / size).tolist()
         return (x, y, z)
+
+    def _turned_to_plane(self, words: PathWords) -> bool:
+        """Use rotary words; whether there are any."""
+        turned = [words.take_item(letter) for letter in (*ROTARY, *(f"I{c}" for c in ROTARY))]
+        rotary = [item for item in turned if item is not None]
+        for item in rotary:
+            if not self._of_plane(item):
+                raise words.fault(
+                    "a rotary position beside PLANE or tool vectors belongs to a machine that is not known", item,
+                    "A+Q120 B+Q121 C+Q122 behind PLANE, zero behind PLANE RESET",
+                )  # fmt: skip
+        return bool(rotary)

@@ -41,27 +41,28 @@ class Item:
 
 def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[Item]:
     at, code, behind_m = begin, part.code, False
-    while True:
-        at += len(code[at:]) - len(code[at:].lstrip())
-        if at >= len(code):
-            return
-        kind, match = next(((k, m) for k, p in _TOKENS if (m := p.match(code, at)) is not None), ("", None))
-        if match is None or (match.end() < len(code) and kind == "valued" and code[match.end()].isalnum()
-                             and code[match.end()].isdigit()):  # fmt: skip
-            word = code[at:].split()[0]
-            raise part.fault(name, "an unknown word of Klartext", at, word[:20])
-        if kind == "bare":
-            yield Item("".join(match[0].split()).upper(), 1.0, at, match.end(), True)
-        elif kind == "sense":
-            yield Item("DR", 1.0 if match[2] == "+" else -1.0, at, match.end(), True)
-        elif kind == "back":
-            yield Item("MB", 1.0, at, match.end(), True)
-        else:
+    while (at := at + len(code[at:]) - len(code[at:].lstrip())) < len(code):
+        kind, match = _token(part, at, name)
+        key, text = "".join(match[0].split()).upper(), ""
+        if kind == "valued":
             key, text = match[1].upper(), match[2]
-            yield Item(f"{key}|M" if behind_m and key in ("F", "X", "Y", "Z") else key, values.number(text), at,
-                       match.end(), "Q" not in text.upper())  # fmt: skip
-            behind_m = behind_m or (key == "M" and text.strip().isdecimal() and int(text) in _OF_M)
+            value, literal = values.number(text), "Q" not in text.upper()
+        else:
+            key = {"sense": "DR", "back": "MB"}.get(kind, key)
+            value, literal = -1.0 if kind == "sense" and match[2] == "-" else 1.0, True
+        of_m = behind_m and text and key in ("F", "X", "Y", "Z")
+        yield Item(f"{key}|M" if of_m else key, value, at, match.end(), literal)
+        behind_m = behind_m or (key == "M" and text.strip().isdecimal() and int(text) in _OF_M)
         at = match.end()
+
+
+def _token(part: Statement, at: int, name: str) -> tuple[str, re.Match[str]]:
+    """Kind and match of the word that begins at an index."""
+    code = part.code
+    kind, match = next(((k, m) for k, p in _TOKENS if (m := p.match(code, at)) is not None), ("", None))
+    if match is None or (kind == "valued" and code[match.end() : match.end() + 1].isdigit()):
+        raise part.fault(name, "an unknown word of Klartext", at, code[at:].split()[0][:20])
+    return kind, match
 
 
 class PathWords:
@@ -118,6 +119,17 @@ class PathWords:
             return None
         self._unused.discard(name)
         return self.number(self.items[name])
+
+    def coordinate(self, name: str) -> tuple[float, bool] | None:
+        """Use a coordinate: its value, and whether it counts from where the tool stands (I); None where none is named.
+
+        Raises:
+            ProgramError: It is given absolutely and incrementally.
+        """
+        absolute, step = self.take(name), self.take(f"I{name}")
+        if absolute is not None and step is not None:
+            raise self.fault(f"{name} is given absolutely and incrementally", f"I{name}")
+        return (absolute, False) if absolute is not None else None if step is None else (step, True)
 
     def take_item(self, name: str) -> Item | None:
         """Use a word whose value need not be known."""

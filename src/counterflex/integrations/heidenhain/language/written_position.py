@@ -46,6 +46,10 @@ class WrittenPosition(MachineInPlace):
         if last >= 0:
             self.written[last], self.checked[last] = self._here, True
 
+    def _corrected(self, index: int) -> bool:
+        """Return whether a motion is written anew."""
+        return bool(self.rows.moved[index]) or index in self._forced or not self.program.straight
+
     def _follows(self) -> bool:
         """The written position differs from that of the source by more than rounding."""
         return bool(np.any(np.abs(self._here - self._nominal) > 0.5 * self.resolution_m))
@@ -118,21 +122,26 @@ class WrittenPosition(MachineInPlace):
         nominal, command = self._angles[0][row], self._angles[1][row]
         mode = block.modal.tool_centre
         if mode == TOOL_CENTRE:
-            texts = [(c, spelled(c, round(float(v) / DEG, 4), 4)) for c, v in zip("ABC", command, strict=True)]
-            for letter, text in texts if line is not None else ():
-                if line is not None and line.find(letter) is not None:
-                    line.set(letter, text)
-            return " ".join(text for letter, text in texts if any(w.letter == letter for w in block.words))
+            return self._rotary(line, {word.letter for word in block.words}, command)
         if mode == TOOL_VECTOR and function_of(block) == "LN":
             size = float(np.linalg.norm(command)) or 1.0
-            vector = command / size if block.modal.R_part_work is None else command / size @ np.array(
-                block.modal.R_part_work)  # fmt: skip
+            R = block.modal.R_part_work
+            vector = command / size if R is None else command / size @ np.array(R)
             vectors = [f"T{c}{signed(float(v), VECTOR_DECIMALS)}" for c, v in zip("XYZ", vector, strict=True)]
             if line is not None:
                 line.set_vector(vectors)
             return " ".join(vectors)
         self.dropped_rad = max(self.dropped_rad, float(np.linalg.norm(command - nominal)))
         return ""
+
+    @staticmethod
+    def _rotary(line: PathLine | None, named: set[str], command: Float) -> str:
+        """Rotary words of a row, rad, that a block names, put into its line."""
+        texts = {c: spelled(c, round(float(v) / DEG, 4), 4) for c, v in zip("ABC", command, strict=True)}
+        for letter, text in texts.items():
+            if line is not None and line.find(letter) is not None:
+                line.set(letter, text)
+        return " ".join(text for letter, text in texts.items() if letter in named)
 
     def _f(self, block: Block, motion: Motion, factor: float, line: PathLine | None, *, local: bool = False) -> str:
         """F of a piece where it differs from the one in force; it is put into the line."""

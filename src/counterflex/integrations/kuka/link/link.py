@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from counterflex.core.array_table import ArrayTable
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.integrations.kuka.link.answer_kernel import ARRAYS, answer
 from counterflex.integrations.kuka.link.config import RsiConfig
@@ -21,9 +22,33 @@ from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.runtime.plausibility.axis_check import ABOUT, ABSENT, EXACT
 from counterflex.runtime.state.supervisor import State
 
-_CURRENTS = tuple(f"MACur.A{i}" for i in range(1, 7))
+_AXES = tuple(f"A{i}" for i in range(1, 7))
+_CURRENTS = tuple(f"MACur.{axis}" for axis in _AXES)
 _COUNTER = re.compile(rb"<IPOC>\s*(\d{1,15})\s*</IPOC>")
 _MALFORMED, _NEW = Verdict.MALFORMED, Verdict.NEW
+
+
+def _first_of(words: tuple[str, ...], part: str, names: Sequence[str]) -> str:
+    """The first of several elements that a configuration has; empty where it has none."""
+    return next((word for word in words if f"{word}.{part}" in names), "")
+
+
+def _tags(word: str, parts: Sequence[str]) -> list[str]:
+    return [f"{word}.{part}" for part in parts]
+
+
+def _place_in(names: Sequence[str], name: str) -> int:
+    """Place of a value; -1 where there is none."""
+    return names.index(name) if name in names else -1
+
+
+def _ending_in(names: Sequence[str], ending: str) -> int:
+    """Place of the first value whose name ends so; -1 where there is none."""
+    return next((place for place, name in enumerate(names) if name.endswith(ending)), -1)
+
+
+def _or_nowhere(places: Int | None) -> Int:
+    return np.zeros(0, dtype=np.int64) if places is None else places
 
 
 class RsiLink:
@@ -58,42 +83,29 @@ class RsiLink:
         self.config = config
         self._reader, self._writer = robot_reader(config), answer_writer(config, texts={"EStr": "counterflex"})
         names = self._reader.names
-        pose = next((word for word in ("RSol", "RIst") if f"{word}.X" in names), None)
-        if pose is None:
-            raise InputError(
-                "the RSI configuration sends no pose", where=config.where, hint="Add DEF_RSol and DEF_RIst to SEND"
-            )
-        angles = next((word for word in ("ASPos", "AIPos") if f"{word}.A1" in names), None)
-        if angles is None:
-            raise InputError(
-                "the RSI configuration sends no axis angles", where=config.where, hint="Add DEF_ASPos to SEND"
-            )
-        self._nominal = self._reader.place(*(f"{pose}.{a}" for a in "XYZABC"))
-        self._axes = self._reader.place(*(f"{angles}.A{i}" for i in range(1, 7)))
-        self._actual = self._reader.place(*(f"RIst.{a}" for a in "XYZABC")) if "RIst.X" in names else None
+        pose, angles = _first_of(("RSol", "RIst"), "X", names), _first_of(("ASPos", "AIPos"), "A1", names)
+        for word, what, lacking in ((pose, "pose", "DEF_RSol and DEF_RIst"), (angles, "axis angles", "DEF_ASPos")):
+            if not word:
+                hint = f"Add {lacking} to SEND"
+                raise InputError(f"the RSI configuration sends no {what}", where=config.where, hint=hint)
+        self._nominal = self._reader.place(*_tags(pose, "XYZABC"))
+        self._axes = self._reader.place(*_tags(angles, _AXES))
+        self._actual = self._reader.place(*_tags("RIst", "XYZABC")) if "RIst.X" in names else None
         set_angles = angles == "ASPos"
         # Whether set angles come with a set pose or measured with measured ones (EXACT), or not (ABOUT)
         self.commanded_is = EXACT if set_angles == (pose == "RSol") else ABOUT
         # Likewise the measured pose; ABSENT without RIst
         self.measured_is = ABSENT if self._actual is None else ABOUT if set_angles else EXACT
         self._currents = self._reader.place(*_CURRENTS) if set(_CURRENTS) <= set(names) else None
-        self._delay = self._reader.place("Delay.D")[0] if "Delay.D" in names else -1
-        self._enable = self._reader.place("Enable")[0] if "Enable" in names else -1
-        self._stat = next((i for i, name in enumerate(names) if name.endswith(".Stat")), -1)
+        self._delay, self._enable = _place_in(names, "Delay.D"), _place_in(names, "Enable")
+        self._stat = _ending_in(names, ".Stat")
         answers = self._writer.names
-        self._pose_out = (
-            self._writer.place(*(f"RKorr.{a}" for a in "XYZABC"))
-            if "RKorr.X" in answers and "RKorr.C" in answers
-            else None
-        )
-        word = next((w for w in ("AKorr", "AK") if f"{w}.A1" in answers), None)
-        self._axes_out = None if word is None else self._writer.place(*(f"{word}.A{i}" for i in range(1, 7)))
+        by_pose, axes_word = {"RKorr.X", "RKorr.C"} <= set(answers), _first_of(("AKorr", "AK"), "A1", answers)
+        self._pose_out = self._writer.place(*_tags("RKorr", "XYZABC")) if by_pose else None
+        self._axes_out = self._writer.place(*_tags(axes_word, _AXES)) if axes_word else None
         if self._pose_out is None and self._axes_out is None:
-            raise InputError(
-                "the RSI configuration takes in no correction",
-                where=config.where,
-                hint="Add RKorr.X to RKorr.C (wired to POSCORR) or AKorr.A1 to AKorr.A6 (AXISCORR) to RECEIVE",
-            )
+            hint = "Add RKorr.X to RKorr.C (wired to POSCORR) or AKorr.A1 to AKorr.A6 (AXISCORR) to RECEIVE"
+            raise InputError("the RSI configuration takes in no correction", where=config.where, hint=hint)
         self._override = self._place_of("Override")
         self._line = SessionCounter(round(period_s * 1e3))
         self._port = RobotPort(host, config.port if port is None else port, LARGEST_DATAGRAM, peer, wire)
@@ -106,14 +118,13 @@ class RsiLink:
         self._numbers: Float = np.zeros(len(names))
         self._number_view = self._numbers.data  # the same, read faster
         self.holds_feed = self._place_of("FeedHold") >= 0  # The configuration has the tag ``FeedHold``
-        places = [self._place_of("Stop"), self._place_of("FeedHold"), self._override, self._place_of("State")]
-        nowhere = np.zeros(0, dtype=np.int64)
+        places = [self._place_of(name) for name in ("Stop", "FeedHold", "Override", "State")]
         pieces, parts = self._writer.fixed
         self._table = ArrayTable(
             ARRAYS,
             values=self._writer.values,
-            pose=nowhere if self._pose_out is None else self._pose_out,
-            axes=nowhere if self._axes_out is None else self._axes_out,
+            pose=_or_nowhere(self._pose_out),
+            axes=_or_nowhere(self._axes_out),
             free=np.array(places, dtype=np.int64),
             buffer=self._writer.buffer,
             pieces=pieces,
@@ -127,7 +138,7 @@ class RsiLink:
         self._repeated_counter = -1
 
     def _place_of(self, name: str) -> int:
-        return self._writer.names.index(name) if name in self._writer.names else -1
+        return _place_in(self._writer.names, name)
 
     @property
     def cartesian(self) -> bool:

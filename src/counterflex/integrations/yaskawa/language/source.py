@@ -27,6 +27,7 @@ _CALLED: Final = re.compile(r"\bJOB:([^\s(]+)", re.IGNORECASE)
 _TYPES: Final = (inform.PULSE, *inform.WORLD, inform.USER, "TOOL", "MTOOL", "MASTER")
 _MOST_VALUES: Final = 8
 _REMARKS: Final = ("'", "//")
+_CLOSES: Final = {closing: opening for opening, closing in OPENS.items()}
 _REMARK: Final = re.compile(r"(?<=\S)\s+//.*")
 _LOCAL_NAME: Final = re.compile(r"L(?:BP|EX|[BIDRSP])\s*\d+\s+\S+", re.IGNORECASE)
 _LARGEST_MM: Final = 100_000.0
@@ -247,10 +248,9 @@ class Job:
         self.partner: dict[int, int] = {}
         self.branches: dict[int, list[int]] = {}
         open_blocks: list[tuple[str, int]] = []
-        closed_by = {closing: opening for opening, closing in OPENS.items()}
         for at, code in enumerate(self.codes):
             word = code.split()[0].upper() if code and not code.startswith(_REMARKS) else ""
-            here = self.statements[at].start
+            here, inside = self.statements[at].start, open_blocks[-1][0] if open_blocks else ""
             if word.startswith("*"):
                 if word in self.labels:
                     raise self.fault(here, f"the label {word} is there twice", "once")
@@ -258,14 +258,14 @@ class Job:
             elif word in OPENS:
                 open_blocks.append((word, at))
                 self.branches[at] = []
-            elif word in closed_by:
-                if not open_blocks or open_blocks[-1][0] != closed_by[word]:
-                    raise self.fault(here, f"{word} closes nothing", closed_by[word])
+            elif word in _CLOSES:
+                if inside != _CLOSES[word]:
+                    raise self.fault(here, f"{word} closes nothing", _CLOSES[word])
                 begin = open_blocks.pop()[1]
                 self.partner[begin], self.partner[at] = at, begin
             elif word in ("ELSEIFEXP", "ELSE", "CASE", "DEFAULT"):
                 needed = "SWITCH" if word in ("CASE", "DEFAULT") else "IFTHENEXP"
-                if not open_blocks or open_blocks[-1][0] != needed:
+                if inside != needed:
                     raise self.fault(here, f"{word} belongs into {needed}", needed)
                 self.branches[open_blocks[-1][1]].append(at)
         if open_blocks:

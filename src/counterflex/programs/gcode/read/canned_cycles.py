@@ -16,6 +16,7 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import code_name
 from counterflex.programs.gcode.read.motion import LONGEST_DWELL_S, MotionMaker
 from counterflex.programs.gcode.read.targets import target_of
+from counterflex.programs.gcode.read.work_offsets import six
 
 # How far G73 and G83 stay off the chips.
 _CLEARANCE_M: Final = 0.010 * INCH
@@ -83,37 +84,13 @@ class CycleMaker(MotionMaker):
         rotary = [axis for axis in axes if axis > 2]
         if rotary:
             raise block.fault("a canned cycle cannot turn a rotary axis", "XYZABC"[rotary[0]])
-        needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
-        count = self._cycle_words(block, code, axes, needed)
+        count = self._cycle_words(block, code, axes)
         self._require_axes(block, state.unknown - (set(axes) if state.absolute else set()), "a canned cycle")
-        if third in state.frame.mirror_m:
-            raise block.fault("a canned cycle along a mirrored axis is not read", f"G{code}", name, "Post its moves")
-        sticky = state.cycle
-        peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
-        if code == 860 and state.spindle_rpm == 0.0:
-            raise block.fault("G86 with the spindle stopped", f"G{code}", "0 rpm", "Start it with M3 or M4")
-        if "Q" in needed and peck <= 0.0:
-            raise block.fault(f"the peck Q of {name} is not positive", "Q", f"Q{sticky['Q']:g}")
-        if "P" in needed and not 0.0 <= dwell_s <= LONGEST_DWELL_S:
-            raise block.fault(f"the dwell P of {name} is out of range", "P", f"P{dwell_s:g}")
+        peck, dwell_s = self._peck_and_dwell(block, code, name)
         here = state.position[third]
-        if state.cycle_initial is None:
-            state.cycle_initial = here
-            state.cycle_began = (state.plane, (here - state.origin[third]) / state.unit_m)
-        old = state.cycle_initial
-        self._same_series(block, name, (old - state.origin[third]) / state.unit_m)
-        base = state.origin[third] if state.absolute else old
-        r = base + sticky["R"] * state.unit_m
-        bottom = (base if state.absolute else r) + sticky["Z"] * state.unit_m
-        if bottom > r:
-            heights = [(height - state.origin[third]) / state.unit_m for height in (r, bottom)]
-            raise block.fault(
-                f"the R height of {name} is below the bottom of the hole",
-                "R",
-                f"R at {heights[0]:.6g}, bottom at {heights[1]:.6g}",
-            )
-        if "Q" in needed and (r - bottom) / peck > _MOST_PECKS:
-            raise block.fault(f"the peck Q of {name} makes too many pecks", "Q", f"Q{sticky['Q']:g}")
+        r, bottom, old = self._heights(block, name, third)
+        if code in (730, 830) and (r - bottom) / peck > _MOST_PECKS:
+            raise block.fault(f"the peck Q of {name} makes too many pecks", "Q", f"Q{state.cycle['Q']:g}")
         if old < r and here != r:
             self._along(block, third, r, rapid=True)
         clear = max(r, old) if state.retract_initial else r
@@ -121,26 +98,57 @@ class CycleMaker(MotionMaker):
             target = list(target_of(state, block, axes))
             above = state.position[third] - r > _SAME_HEIGHT_M  # as LinuxCNC does: not up to clear first
             target[third] = state.position[third] if above else clear
-            self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid=True)
+            self.straight(block, six(target), rapid=True)
             if state.position[third] != r:
                 self._along(block, third, r, rapid=True)
             for step in hole(code, r, bottom, clear, peck, dwell_s):
                 self._step(block, third, step)
 
-    def _same_series(self, block: BlockWords, name: str, initial: float) -> None:
-        """Refuse a series of cycles whose first height means another place since a change of plane, offset or unit."""
-        plane, began = self._state.cycle_began
-        if plane != self._state.plane or abs(initial - began) > _SAME_NUMBER:
+    def _peck_and_dwell(self, block: BlockWords, code: int, name: str) -> tuple[float, float]:
+        """Peck Q in m and dwell P in s."""
+        state, sticky = self._state, self._state.cycle
+        peck, dwell_s = sticky.get("Q", 0.0) * state.unit_m, sticky.get("P", 0.0)
+        if PLANE_AXES[state.plane][2] in state.frame.mirror_m:
+            raise block.fault("a canned cycle along a mirrored axis is not read", f"G{code}", name, "Post its moves")
+        if code == 860 and state.spindle_rpm == 0.0:
+            raise block.fault("G86 with the spindle stopped", f"G{code}", "0 rpm", "Start it with M3 or M4")
+        if code in (730, 830) and peck <= 0.0:
+            raise block.fault(f"the peck Q of {name} is not positive", "Q", f"Q{sticky['Q']:g}")
+        if code in (820, 860, 890) and not 0.0 <= dwell_s <= LONGEST_DWELL_S:
+            raise block.fault(f"the dwell P of {name} is out of range", "P", f"P{dwell_s:g}")
+        return peck, dwell_s
+
+    def _heights(self, block: BlockWords, name: str, third: int) -> tuple[float, float, float]:
+        """R height, bottom and first height of the series, m; refuse a series whose first height changed its meaning.
+
+        A change of plane, offset or unit does that.
+        """
+        state, sticky = self._state, self._state.cycle
+        origin, unit = state.origin[third], state.unit_m
+        if state.cycle_initial is None:
+            state.cycle_initial = state.position[third]
+            state.cycle_began = (state.plane, (state.cycle_initial - origin) / unit)
+        old = state.cycle_initial
+        (plane, began), initial = state.cycle_began, (old - origin) / unit
+        if plane != state.plane or abs(initial - began) > _SAME_NUMBER:
             raise block.fault(
                 f"{name} continues a series of cycles after a change of plane, offset or unit: controllers differ "
-                f"in the initial height of the series",
-                f"G{self._state.motion}",
-                f"{began:.6g} in G{plane} then, {initial:.6g} in G{self._state.plane} now",
+                f"in the initial height of the series", f"G{state.motion}",
+                f"{began:.6g} in G{plane} then, {initial:.6g} in G{state.plane} now",
                 "End the series before the change with G80 and begin the next with G0",
-            )
+            )  # fmt: skip
+        base = origin if state.absolute else old
+        r = base + sticky["R"] * unit
+        bottom = (base if state.absolute else r) + sticky["Z"] * unit
+        if bottom > r:
+            heights = [(height - origin) / unit for height in (r, bottom)]
+            raise block.fault(f"the R height of {name} is below the bottom of the hole", "R",
+                              f"R at {heights[0]:.6g}, bottom at {heights[1]:.6g}")  # fmt: skip
+        return r, bottom, old
 
-    def _cycle_words(self, block: BlockWords, code: int, axes: dict[int, float], needed: str) -> int:
+    def _cycle_words(self, block: BlockWords, code: int, axes: dict[int, float]) -> int:
         """Take the words of a canned cycle into those that stay in force; returns the number of repetitions L."""
+        needed = "ZR" + {730: "Q", 830: "Q", 820: "P", 860: "P", 890: "P"}.get(code, "")
         third, name, sticky = PLANE_AXES[self._state.plane][2], code_name("G", code), self._state.cycle
         if third in axes:
             sticky["Z"] = axes.pop(third)
@@ -158,7 +166,7 @@ class CycleMaker(MotionMaker):
     def _along(self, block: BlockWords, axis: int, height: float, rapid: bool) -> None:
         target = list(self._state.position)
         target[axis] = height
-        self.straight(block, (target[0], target[1], target[2], target[3], target[4], target[5]), rapid)
+        self.straight(block, six(target), rapid)
 
     def _step(self, block: BlockWords, axis: int, step: Step) -> None:
         if step.kind == "dwell":

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Final
 
+from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.macro_flow import MacroFlow, scan_macro
 from counterflex.programs.gcode.read.scanner import FlowWord, ScannedLine, error_at, scan_line
 
@@ -79,13 +80,8 @@ class Source:
                     self._place(index, flow)
         if self._open:
             remaining = self._open[-1]
-            raise error_at(
-                name,
-                remaining.start + 1,
-                f"O{remaining.label} {remaining.keyword} is never closed",
-                0,
-                lines[remaining.start].strip(),
-            )
+            what = f"O{remaining.label} {remaining.keyword} is never closed"
+            raise self._fault(remaining.start, what, 0, lines[remaining.start].strip())
 
     def _place_macro(self, index: int, macro: MacroFlow) -> None:
         """Note a line of the flow of a macro; a loop and its END find each other."""
@@ -94,7 +90,7 @@ class Source:
             self._loop_starts[macro.loop] = index
         elif macro.keyword == "end":
             if macro.loop not in self._loop_starts:
-                raise error_at(self.name, index + 1, f"END{macro.loop} closes no loop", 0, self.lines[index].strip())
+                raise self._fault(index, f"END{macro.loop} closes no loop", 0, self.lines[index].strip())
             start = self._loop_starts.pop(macro.loop)
             self.loops[start], self.loops[index] = index, start
 
@@ -116,45 +112,46 @@ class Source:
         if keyword in ("call", "return", "break", "continue"):
             return
         if not isinstance(flow.label, str):
-            raise error_at(
-                self.name, index + 1, "this O word needs a plain label", flow.column, self.lines[index].strip()
-            )
-        label = flow.label
+            raise self._fault(index, "this O word needs a plain label", flow.column, self.lines[index].strip())
+        label, column = flow.label, flow.column
         top = self._open[-1] if self._open else None
         if keyword == "":
             if label in self.labels:
-                raise error_at(self.name, index + 1, "the O number is used twice", flow.column, f"O{label}")
+                raise self._fault(index, "the O number is used twice", column, f"O{label}")
             self.labels[label] = index
         elif keyword == "while" and top is not None and (top.keyword, top.label) == ("do", label):
             self._close(index)
         elif keyword in ("sub", "while", "do", "if", "repeat"):
-            if keyword == "sub":
-                if label in self.subs:
-                    raise error_at(self.name, index + 1, "the subroutine is defined twice", flow.column, f"O{label}")
-                if top is not None:
-                    raise error_at(
-                        self.name, index + 1, "a subroutine opens inside another O word", flow.column, f"O{label}"
-                    )
-            construct = Construct(keyword, label, index)
-            self._open.append(construct)
-            self.at[index] = construct
-            if keyword == "sub":
-                self.subs[label] = construct
+            self._begin(index, Construct(keyword, label, index), column)
+        elif top is None or (top.keyword, top.label) != (_CLOSERS.get(keyword, "if"), label):
+            opened = f"O{top.label} {top.keyword} (line {top.start + 1})" if top else "nothing"
+            raise self._fault(index, f"O{label} {keyword} closes nothing of its own", column, f"{opened} open")
+        elif keyword in ("else", "elseif"):
+            self._branch(index, top, flow)
         else:
-            requested = _CLOSERS.get(keyword, "if")
-            if top is None or (top.keyword, top.label) != (requested, label):
-                opened = f"O{top.label} {top.keyword} (line {top.start + 1})" if top else "nothing"
-                raise error_at(
-                    self.name, index + 1, f"O{label} {keyword} closes nothing of its own", flow.column, f"{opened} open"
-                )
-            if keyword in ("else", "elseif"):
-                last = self.scan(top.branches[-1]).flow if top.branches else None
-                if last is not None and last.keyword == "else":
-                    raise error_at(self.name, index + 1, f"O{label} {keyword} follows its else", flow.column)
-                top.branches.append(index)
-                self.at[index] = top
-            else:
-                self._close(index)
+            self._close(index)
+
+    def _fault(self, index: int, what: str, column: int, value: object = None) -> ProgramError:
+        return error_at(self.name, index + 1, what, column, value)
+
+    def _begin(self, index: int, construct: Construct, column: int) -> None:
+        """Note the first line of a construct."""
+        if construct.keyword == "sub":
+            if construct.label in self.subs:
+                raise self._fault(index, "the subroutine is defined twice", column, f"O{construct.label}")
+            if self._open:
+                raise self._fault(index, "a subroutine opens inside another O word", column, f"O{construct.label}")
+            self.subs[construct.label] = construct
+        self._open.append(construct)
+        self.at[index] = construct
+
+    def _branch(self, index: int, top: Construct, flow: FlowWord) -> None:
+        """Note an else or elseif of a construct."""
+        last = self.scan(top.branches[-1]).flow if top.branches else None
+        if last is not None and last.keyword == "else":
+            raise self._fault(index, f"O{top.label} {flow.keyword} follows its else", flow.column)
+        top.branches.append(index)
+        self.at[index] = top
 
     def _close(self, index: int) -> None:
         construct = self._open.pop()

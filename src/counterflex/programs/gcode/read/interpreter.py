@@ -20,6 +20,7 @@ from counterflex.programs.gcode.read.motion import FARTHEST_M, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
 from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.work_offsets import Six
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
@@ -192,37 +193,23 @@ class Interpreter(FlowRunner):
     def _straight(self, text: str, index: int, words: tuple[Word, ...]) -> bool:
         """Execute a plain G0 or G1 line under G94; False where the line needs the long way."""
         state = self._state
-        if not state.plain or self._maker.away:
-            return False
-        plain = _plain_words(words, state.motion)
+        plain = _plain_words(words, state.motion) if state.plain and not self._maker.away else None
         if plain is None:
             return False
         code, feed, axes = plain
-        unit = state.unit_m
-        origin = state.origin if state.absolute else state.position
-        x, y, z = state.position[:3]
-        if "X" in axes:
-            x = origin[0] + axes["X"] * unit
-        if "Y" in axes:
-            y = origin[1] + axes["Y"] * unit
-        if "Z" in axes:
-            z = origin[2] + axes["Z"] * unit
-        if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+        target = _plain_target(state, axes)
+        if target is None or (code == 10 and feed is None and not state.feed):
             return False
+        rapid = code == 0
         if feed is not None:
-            state.feed, state.feed_unit_m = feed, unit
-        elif code == 10 and not state.feed:
-            return False
+            state.feed, state.feed_unit_m = feed, state.unit_m
         if code != state.motion:
             state.choose_motion(code)
             self._refresh()
-        motions = self._maker.motions
-        last = motions[-1].p_end if motions else None
-        here = state.position
-        p_start = last if last is not None and (last[0], last[1], last[2]) == here[:3] else point(here)
-        abc = _ZERO_ABC if here[3:] == _ZERO_ABC else radians(here)
-        state.position = (x, y, z, here[3], here[4], here[5])
-        rapid = code == 0
+        motions, here = self._maker.motions, state.position
+        p_start = self._maker.start_point()
+        abc = _abc(here)
+        state.position = (*target, *here[3:])
         if state.constant_surface:
             self._refresh()
         motions.append(
@@ -230,7 +217,7 @@ class Interpreter(FlowRunner):
                 len(self.blocks),
                 "rapid" if rapid else "feed",
                 p_start,
-                p_start if (x, y, z) == here[:3] else point((x, y, z)),
+                p_start if target == here[:3] else point(target),
                 0.0 if rapid else (state.feed or 0.0) * state.feed_unit_m / MINUTE,
                 state.spindle_rpm * RPM,
                 state.tool,
@@ -243,11 +230,12 @@ class Interpreter(FlowRunner):
         return True
 
     def _refresh(self, machine: bool = False) -> Modal:
-        modal = self._state.modal(machine)
-        modal = self._modals.setdefault(modal, modal)
+        modal = self._state.modal()
+        self._modal = self._modals.setdefault(modal, modal)
         if not machine:
-            self._modal = modal
-        return modal
+            return self._modal
+        modal = self._state.modal(machine)
+        return self._modals.setdefault(modal, modal)
 
     # Every other line -----------------------------------------------------------------------------------------------
 
@@ -318,9 +306,29 @@ class Interpreter(FlowRunner):
             apply_offsets(block, self._state)
         return False
 
+    def _move(self, block: BlockWords, motion: int | None, machine: bool) -> bool:
+        """Make the motion that a block's words ask for; whether it was a canned cycle."""
+        state, maker = self._state, self._maker
+        active, moved = state.motion, block.has("XYZABC")
+        vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
+        if not (moved or (active in (20, 30) and block.has("IJKR")) or vector):
+            if machine:
+                raise block.fault("G53 needs an axis word", "G530", "G53")
+            if motion not in (None, 0, 10, 800):
+                raise block.fault("the motion code has no axis word", f"G{motion}", code_name("G", motion or 0))
+            return False
+        if motion == 800:
+            raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
+        if active == 800:
+            letter = next(axis for axis in "XYZABC" if block.has(axis))
+            raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
+        count = len(maker.motions)
+        maker.run(block, active, machine)
+        return active >= 730 and len(maker.motions) > count
+
     def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
         """Execute a block's words in LinuxCNC's order."""
-        state, maker = self._state, self._maker
+        state = self._state
         special = block.g.get("non-modal")
         motion = block.g.get("motion")
         machine = special == 530
@@ -331,35 +339,19 @@ class Interpreter(FlowRunner):
             return self._refresh(), False, jump
         apply_rates(block, state)
         if special == 40:
-            maker.dwell(block, block.take("P") if block.has("P") else block.take("X"))
+            self._maker.dwell(block, block.take("P") if block.has("P") else block.take("X"))
         apply_modes(block, state, self._tool_lengths)
-        if special in TAKES_AXES and motion is not None and motion != 800 and block.has("XYZABC"):
+        if special in TAKES_AXES and motion not in (None, 800) and block.has("XYZABC"):
             raise block.fault(
                 "two codes of one block both need the axis words", f"G{special}",
-                f"{code_name('G', special or 0)} and {code_name('G', motion)}",
+                f"{code_name('G', special or 0)} and {code_name('G', motion or 0)}",
             )  # fmt: skip
         if motion is not None:
             state.choose_motion(motion)
         cycle = self._places(block, special)
-        active = state.motion
-        modal = self._refresh()
-        if machine:
-            modal = self._refresh(machine=True)
+        modal = self._refresh(machine)
         jump = self._subprogram(source, block)
-        if motion == 800 and block.has("XYZABC"):
-            raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
-        vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
-        if block.has("XYZABC") or (active in (20, 30) and block.has("IJKR")) or vector:
-            if active == 800:
-                letter = next(axis for axis in "XYZABC" if block.has(axis))
-                raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
-            count = len(maker.motions)
-            maker.run(block, active, machine)
-            cycle = cycle or (active >= 730 and len(maker.motions) > count)
-        elif machine:
-            raise block.fault("G53 needs an axis word", "G530", "G53")
-        elif motion is not None and motion not in (0, 10, 800):
-            raise block.fault("the motion code has no axis word", f"G{motion}", code_name("G", motion))
+        cycle = self._move(block, motion, machine) or cycle
         block.finish()
         if "input" in block.m:
             self._parameters.forget_input()
@@ -368,6 +360,19 @@ class Interpreter(FlowRunner):
         if not machine and state.constant_surface:
             modal = self._refresh()
         return modal, cycle, jump
+
+
+def _abc(position: Six) -> tuple[float, float, float]:
+    """Rotary axes in rad; of all motions that turn none, the same object."""
+    return _ZERO_ABC if position[3:] == _ZERO_ABC else radians(position)
+
+
+def _plain_target(state: State, axes: dict[str, float]) -> tuple[float, float, float] | None:
+    """(3,) m, where the axis words of a plain line lead; None where no machine reaches that."""
+    here, unit = state.position, state.unit_m
+    origin = state.origin if state.absolute else here
+    x, y, z = (origin[k] + axes[c] * unit if c in axes else here[k] for k, c in enumerate("XYZ"))
+    return (x, y, z) if abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M else None
 
 
 def _plain_words(words: tuple[Word, ...], motion: int) -> tuple[int, float | None, dict[str, float]] | None:

@@ -12,7 +12,7 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import HAAS_OFFSETS, code_name
 from counterflex.programs.gcode.read.frames import Frame, Rotation
 from counterflex.programs.gcode.read.state import State, minus, plus
-from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, Six, further
+from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, further, six
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
 _OFFSET_CODES: Final = (540, 550, 560, 570, 580, 590, 591, 592, 593)
@@ -154,7 +154,7 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
         offset = list(before)
         for axis, value in given.items():
             offset[axis] = value * state.unit_m if axis < 3 else value
-        state.tool_length = (offset[0], offset[1], offset[2], offset[3], offset[4], offset[5])
+        state.tool_length = six(offset)
     else:
         number = block.whole("H", 0, 99_999)
         number = state.tool if number is None else number
@@ -281,7 +281,7 @@ def apply_offsets(block: BlockWords, state: State) -> None:
         for axis, value in axes.items():
             number = value * state.unit_m if axis < 3 else value
             shift[axis] = number if code == 520 else here[axis] - number
-        state.g92 = state.g92_saved = _as_six(shift)
+        state.g92 = state.g92_saved = six(shift)
         state.g92_known = True
     elif code == 921:
         state.g92 = state.g92_saved = ZERO
@@ -304,7 +304,8 @@ def _require_place(block: BlockWords, state: State, axes: Iterable[int], name: s
         )  # fmt: skip
 
 
-def _set_work_offset(block: BlockWords, state: State) -> None:
+def _offset_named(block: BlockWords, state: State) -> tuple[int, str]:
+    """Kind L and name of the work offset that G10 sets."""
     kind = block.whole("L", 0, 99)
     if kind not in (2, 20):
         raise block.fault("G10 is read with L2 or L20 only", "L" if kind is not None else "G100", None,
@@ -317,21 +318,21 @@ def _set_work_offset(block: BlockWords, state: State) -> None:
     number = block.whole("P", 0, MOST_FURTHER if fanuc else 9)
     if number is None:
         raise block.fault("G10 needs the number P of the work offset", "G100", "G10")
-    turn = block.take("R")
-    if turn is not None and abs(turn) > 0.0:
+    if block.take("R"):
         raise block.fault("a rotated work offset (G10 ... R) is not read", "R", hint="Post the program unrotated")
-    name = state.work_offset if number == 0 else further(number) if fanuc else LINUXCNC_OFFSETS[number - 1]
+    return kind, state.work_offset if number == 0 else further(number) if fanuc else LINUXCNC_OFFSETS[number - 1]
+
+
+def _set_work_offset(block: BlockWords, state: State) -> None:
+    kind, name = _offset_named(block, state)
     axes, offsets = block.take_axes(), state.work_offsets
-    if kind == 20 and not fanuc:
+    here = kind == 20 and not state.fanuc_offsets
+    if here:
         _require_place(block, state, axes, "G10 L20")
     shifted = minus(state.position, state.g92)
     for axis, value in axes.items():
         given = value * state.unit_m if axis < 3 else value
-        if kind == 20 and not fanuc:
+        if here:
             offsets.set_here(name, axis, shifted[axis] - given)
         else:
             offsets.set_in_machine(name, axis, given)
-
-
-def _as_six(values: list[float]) -> Six:
-    return (values[0], values[1], values[2], values[3], values[4], values[5])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.read.parameters import Parameters
 from counterflex.programs.gcode.read.state import State, plus
 from counterflex.programs.gcode.read.targets import target_of
-from counterflex.programs.gcode.read.work_offsets import ZERO, Six
+from counterflex.programs.gcode.read.work_offsets import ZERO, Six, six
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
 
 # No machine is larger, and beyond it a float no longer resolves a micrometre against rounding.
@@ -67,6 +67,11 @@ class MotionMaker:
 
     # Elementary motions ---------------------------------------------------------------------------------------------
 
+    def start_point(self) -> Float:
+        """(3,) m, where the next motion begins: the array at which the last one ends where that is the same place."""
+        last, here = self.motions[-1].p_end if self.motions else None, self._state.position
+        return last if last is not None and (last[0], last[1], last[2]) == here[:3] else point(here)
+
     def _append(
         self,
         kind: MotionKind,
@@ -79,10 +84,8 @@ class MotionMaker:
     ) -> None:
         state = self._state
         state.work_offsets.fix(state.work_offset, self._parameters.line)
-        start = state.position
+        start, p_start = state.position, self.start_point()
         state.position = target
-        last = self.motions[-1].p_end if self.motions else None
-        p_start = last if last is not None and tuple(last) == start[:3] else point(start)
         centre, normal, turn = arc if arc is not None else (None, None, 0.0)
         self.motions.append(
             Motion(
@@ -219,48 +222,51 @@ class MotionMaker:
         state = self._state
         first, second, third = PLANE_AXES[state.plane]
         unit = state.unit_m
-        if not block.has("XYZABCIJKR"):
-            return
         in_plane = block.has("XYZ"[first] + "XYZ"[second])
         self._require_axes(block, state.unknown, "an arc")
         p_target = self._check(block, target_of(state, block, block.take_axes()))
-        turned = state.frame.rows is not None
-        start, target = (state.to_work(p) if turned else p for p in (state.position, p_target))
-        if state.frame.polar and block.has(_CENTRE_LETTERS):
-            raise block.fault("an arc in polar coordinates (G16) has its centre", next(
-                letter for letter in _CENTRE_LETTERS if block.has(letter)), hint="Write R, or G15 before")  # fmt: skip
+        start, target = state.position, p_target
+        if state.frame.rows is not None:
+            start, target = state.to_work(start), state.to_work(target)
+        centred = next(filter(block.has, _CENTRE_LETTERS), None)
+        if state.frame.polar and centred:
+            raise block.fault("an arc in polar coordinates (G16) has its centre", centred, None,
+                              "Write R, or G15 before")  # fmt: skip
         turns = block.whole("P", 1, 100_000) or 1
         radius = block.take("R")
-        offsets = {axis: block.take(_CENTRE_LETTERS[axis]) for axis in (first, second)}
+        given = {axis: value for axis in (first, second) if (value := block.take(_CENTRE_LETTERS[axis])) is not None}
         wrong = _CENTRE_LETTERS[third]
         if block.has(wrong):
             raise block.fault(f"{wrong} has no place in an arc of plane G{state.plane}", wrong)
-        given = {axis: value for axis, value in offsets.items() if value is not None}
-        name = "G2" if clockwise else "G3"
         a, b = (start[first], start[second]), (target[first], target[second])
         try:
-            if radius is not None:
-                if given:
-                    raise block.fault("an arc has both R and a centre", "R")
-                if not in_plane:
-                    raise block.fault("an arc with R needs an end point in its plane", "R")
-                arc = by_radius(a, b, radius * unit, clockwise, turns, unit)
+            if radius is None:
+                arc = by_centre(a, b, self._centre(block, given, start, clockwise), clockwise, turns, unit)
+            elif given:
+                raise block.fault("an arc has both R and a centre", "R")
+            elif not in_plane:
+                raise block.fault("an arc with R needs an end point in its plane", "R")
             else:
-                letters = _CENTRE_LETTERS[first] + " " + _CENTRE_LETTERS[second]
-                if not given:
-                    raise block.fault(
-                        "an arc has neither R nor a centre", "G" + name[1:] + "0", name, f"Write {letters} or R"
-                    )
-                if state.arc_absolute and len(given) < 2:
-                    raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
-                zero = ZERO if turned else state.origin
-                base = zero if state.arc_absolute else start
-                centre = (base[first] + given.get(first, 0.0) * unit, base[second] + given.get(second, 0.0) * unit)
-                arc = by_centre(a, b, centre, clockwise, turns, unit)
+                arc = by_radius(a, b, radius * unit, clockwise, turns, unit)
         except ArcFault as fault:
             letter = fault.letter or next(_CENTRE_LETTERS[axis] for axis in given)
             raise block.fault(fault.what, letter, fault.value) from fault
         self._append_arc(block, arc, p_target, target[third] - start[third])
+
+    def _centre(self, block: BlockWords, given: dict[int, float], start: Six, clockwise: bool) -> tuple[float, float]:
+        """Centre of an arc in its plane, m, from the words I, J, K that a block has."""
+        state = self._state
+        first, second, _ = PLANE_AXES[state.plane]
+        letters, name = f"{_CENTRE_LETTERS[first]} {_CENTRE_LETTERS[second]}", "G2" if clockwise else "G3"
+        if not given:
+            raise block.fault("an arc has neither R nor a centre", f"{name}0", name, f"Write {letters} or R")
+        if state.arc_absolute and len(given) < 2:
+            raise block.fault("under G90.1 an arc needs both words of its centre", "", name, f"Write {letters}")
+        base = start
+        if state.arc_absolute:
+            base = state.origin if state.frame.rows is None else ZERO
+        x, y = (base[axis] + given.get(axis, 0.0) * state.unit_m for axis in (first, second))
+        return x, y
 
     def _append_arc(self, block: BlockWords, arc: Arc, target: Six, rise_m: float) -> None:
         state = self._state
@@ -277,21 +283,26 @@ class MotionMaker:
         feed, _ = self._feed(block, math.hypot(arc.radius_m * arc.turn_rad, rise_m), 0.0)
         self._append("arc", target, feed, arc=(point(p_centre), normal, turn))
 
+    def _stored(self, code: int, axes: Collection[int]) -> tuple[Six, list[int]]:
+        """Stored position of G28 or G30 along axes, all where none is named, and those along which it is not known."""
+        goal, lost = list(self._state.position), []
+        for axis in axes or range(6):
+            stored = self._parameters.stored_position(code, axis)
+            if stored is not None:
+                goal[axis] = (stored * MM if axis < 3 else stored) - self._state.tool_length[axis]
+            elif axes or axis < 3:
+                lost.append(axis)
+        return six(goal), lost
+
     def home(self, block: BlockWords, code: int) -> None:
         """Execute G28 or G30: through the point of the axis words, then those axes to the stored position.
 
         Where the stored position is not known, the way ends at the point of the axis words: :attr:`away`.
         """
         axes = block.take_axes()
-        state, here, lost = self._state, self._state.position, []
+        state, here = self._state, self._state.position
         before = frozenset(state.unknown)
-        goal = list(here)
-        for axis in axes or range(6):
-            stored = self._parameters.stored_position(code, axis)
-            if stored is not None:
-                goal[axis] = (stored * MM if axis < 3 else stored) - state.tool_length[axis]
-            elif axes or axis < 3:
-                lost.append(axis)
+        goal, lost = self._stored(code, axes)
         moves = axes if state.absolute else {axis: value for axis, value in axes.items() if value != 0.0}
         if moves:
             target = target_of(state, block, moves)
@@ -303,7 +314,7 @@ class MotionMaker:
             self._leave(code_name("G", code), [axis for axis in lost if axis < 3])
             return
         state.unknown -= set(axes or range(3))
-        self.straight(block, (goal[0], goal[1], goal[2], goal[3], goal[4], goal[5]), rapid=True)
+        self.straight(block, goal, rapid=True)
 
     def cycle(self, block: BlockWords, code: int) -> None:
         """Execute a canned cycle: see :class:`~counterflex.programs.gcode.read.canned_cycles.CycleMaker`."""

@@ -71,20 +71,9 @@ def read_gcode(
     lines = split_lines(text)
     _refuse_hidden_ends(lines, name)
     if not any(line.strip() for line in lines):
-        raise ProgramError(
-            "the program is empty",
-            where=f"{name}:1:1",
-            hint="Give a file with G-code; post it again where the CAM system wrote nothing",
-        )
-    state = State(
-        work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
-        unknown=set() if machine.known else {0, 1, 2},
-        fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
-        g92_known=machine.known,
-        lengths_known=machine.known or machine.tool_lengths is not None,
-    )
-    if machine.part_at_g54:
-        state.position = state.work_offsets["G54"]
+        hint = "Give a file with G-code; post it again where the CAM system wrote nothing"
+        raise ProgramError("the program is empty", where=f"{name}:1:1", hint=hint)
+    state = _state_at_start(machine, lines)
     zero = state.position[:3]
     try:
         source = Source(name, lines)
@@ -105,6 +94,19 @@ def read_gcode(
         straight=straight,
         part_zero=(state.work_offsets.reference, state.work_offsets.line) if state.work_offsets.reference else None,
     )
+
+
+def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> State:
+    state = State(
+        work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
+        unknown=set() if machine.known else {0, 1, 2},
+        fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
+        g92_known=machine.known,
+        lengths_known=machine.known or machine.tool_lengths is not None,
+    )
+    if machine.part_at_g54:
+        state.position = state.work_offsets["G54"]
+    return state
 
 
 def _refuse_hidden_ends(lines: Sequence[str], name: str) -> None:

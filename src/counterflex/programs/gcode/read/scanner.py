@@ -152,33 +152,48 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
         return ScannedLine(comments=tuple(comments), percent=True)
     if _FILE_NAME.fullmatch(text.strip()):
         return ScannedLine(comments=(text.strip(),))
+    words, assignments, flow = _parts(cursor, text)
+    return ScannedLine(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
+
+
+def _parts(cursor: Cursor, text: str) -> tuple[list[ScannedWord], list[Assignment], FlowWord | None]:
+    """Read words, assignments and an O word to the end of the line."""
     words: list[ScannedWord] = []
     assignments: list[Assignment] = []
     flow: FlowWord | None = None
-    while cursor.place < len(clean):
-        character = cursor.peek()
+    while character := cursor.peek():
         if character == "#":
-            column = cursor.column
-            target = cursor.parameter()
-            if not cursor.take("="):
-                raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
-            assignments.append(Assignment(target, cursor.assigned(), column))
+            assignments.append(_assignment(cursor))
         elif character == "o" or (character == ":" and cursor.place == 0):
             if flow is not None or assignments or any(word.letter != "N" for word in words):
                 raise cursor.error("an O word must come first on its line", repr(text.strip()[:30]))
             flow = _flow(cursor)
-        elif "a" <= character <= "z":
-            if flow is not None:
-                raise cursor.error("nothing may follow an O word's own arguments", repr(cursor.peek(12)))
-            start = cursor.column
-            cursor.place += 1
-            value = cursor.value()
-            end = columns[cursor.place - 1] + 1
-            number = value.value if isinstance(value, Number) else None
-            words.append(ScannedWord(character.upper(), number, None if number is not None else value, start, end))
-        else:
+        elif not "a" <= character <= "z":
             raise _no_letter(cursor)
-    return ScannedLine(tuple(words), tuple(assignments), flow, tuple(comments), block_delete)
+        elif flow is not None:
+            raise cursor.error("nothing may follow an O word's own arguments", repr(cursor.peek(12)))
+        else:
+            words.append(_word(cursor))
+    return words, assignments, flow
+
+
+def _assignment(cursor: Cursor) -> Assignment:
+    """Read ``#1=...``; the cursor stands on the sign."""
+    column = cursor.column
+    target = cursor.parameter()
+    if not cursor.take("="):
+        raise cursor.error("= is expected after a parameter", repr(cursor.peek(8) or "end of line"))
+    return Assignment(target, cursor.assigned(), column)
+
+
+def _word(cursor: Cursor) -> ScannedWord:
+    """Read a letter and its value; the cursor stands on the letter."""
+    letter, start = cursor.peek().upper(), cursor.column
+    cursor.place += 1
+    value = cursor.value()
+    end = cursor.columns[cursor.place - 1] + 1
+    number = value.value if isinstance(value, Number) else None
+    return ScannedWord(letter, number, value if number is None else None, start, end)
 
 
 def _no_letter(cursor: Cursor) -> ProgramError:

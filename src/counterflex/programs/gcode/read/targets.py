@@ -9,7 +9,7 @@ from counterflex.core.units import DEG
 from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.state import State
-from counterflex.programs.gcode.read.work_offsets import Six
+from counterflex.programs.gcode.read.work_offsets import Six, six
 
 
 def target_of(state: State, block: BlockWords, axes: dict[int, float], machine: bool = False) -> Six:
@@ -31,7 +31,7 @@ def target_of(state: State, block: BlockWords, axes: dict[int, float], machine: 
         for axis, value in axes.items():
             target[axis] = (value * state.unit_m if axis < 3 else value) - state.tool_length[axis]
         state.unknown -= set(axes)
-        return (target[0], target[1], target[2], target[3], target[4], target[5])
+        return six(target)
     if not state.absolute:
         _require_known(state, block, axes)
     if not state.frame.plain:
@@ -44,7 +44,7 @@ def target_of(state: State, block: BlockWords, axes: dict[int, float], machine: 
         target[axis] = (origin[axis] if state.absolute else target[axis]) + number
     if state.absolute:
         state.unknown -= set(axes)
-    return (target[0], target[1], target[2], target[3], target[4], target[5])
+    return six(target)
 
 
 def _require_known(state: State, block: BlockWords, axes: dict[int, float]) -> None:
@@ -87,11 +87,11 @@ def _framed(state: State, block: BlockWords, axes: dict[int, float]) -> Six:
     work = list(state.to_work(state.position))
     for axis, number in values.items():
         work[axis] = number + (0.0 if state.absolute else work[axis])
-    end = list(state.to_part((work[0], work[1], work[2], work[3], work[4], work[5])))
+    end = list(state.to_part(six(work)))
     for axis in range(6):  # bit for bit where nothing moves
         if axis not in values and axis not in frame.affected:
             end[axis] = state.position[axis]
-    return (end[0], end[1], end[2], end[3], end[4], end[5])
+    return six(end)
 
 
 def _lengths(state: State, block: BlockWords, axes: dict[int, float]) -> dict[int, float]:

@@ -69,43 +69,46 @@ class Block:
         return self._text[start:end].strip()[:40]
 
     def _name(self, name: Name) -> None:
-        shown = self._shown(name.start, name.end)
-        if name.name in self._table.drilling and name.called and not self.cycle:
+        table, word = self._table, name.name
+        if word in table.drilling and name.called and not self.cycle:
             self.cycle = self._text[name.start : name.end]
-            self._columns[name.name] = name.start
-            return
-        if name.name == "MCALL" and self._table.drilling:
+            self._columns[word] = name.start
+        elif word == "MCALL" and table.drilling:
             self.modal_call = True
+        elif self._neutral(name):
             return
-        if name.name == "FGROUP" and {axis.strip().upper() for axis in name.arguments.split(",")} >= set(AXES):
-            return
-        if name.name == "FGROUP":
-            raise self._fault("the feed belongs to some axes only: FGROUP", name.start, shown, "FGROUP(X,Y,Z)")
-        if name.name == "CYCLE800" and _NO_SWIVEL.fullmatch(name.arguments):
-            return
-        if name.arguments.strip("() ") in _NEUTRAL_WITH.get(name.name, ()) and (name.called or name.name == "SETMS"):
-            return
-        if name.name in self._table.refused or name.name.startswith(self._table.cycles or "0"):
-            if name.name not in self._table.carried:
-                what, hint = self._table.refused.get(name.name, REFUSED_CYCLE)
-                raise self._fault(f"{what}: {name.name}", name.start, shown, hint)
-            return
-        if name.name in self._table.group:
-            self._group(name.name, name.start)
-        elif name.name == "RET":
+        elif word in table.refused or word.startswith(table.cycles or "0"):
+            if word not in table.carried:
+                what, hint = table.refused.get(word, REFUSED_CYCLE)
+                raise self._fault(f"{what}: {word}", name.start, self._shown(name.start, name.end), hint)
+        elif word in table.group:
+            self._group(word, name.start)
+        elif word == "RET":
             self.m.append(17)
-        elif name.name not in self._table.carried:
+        elif word not in table.carried:
+            if not table.subprograms:
+                raise self._unknown(name)
+            self.calls.append(name)
+
+    def _neutral(self, name: Name) -> bool:
+        """Return whether a name with its arguments changes nothing that is read."""
+        arguments = name.arguments
+        if name.name == "FGROUP":
+            if not {axis.strip().upper() for axis in arguments.split(",")} >= set(AXES):
+                shown = self._shown(name.start, name.end)
+                raise self._fault("the feed belongs to some axes only: FGROUP", name.start, shown, "FGROUP(X,Y,Z)")
+            return True
+        if name.name == "CYCLE800" and _NO_SWIVEL.fullmatch(arguments):
+            return True
+        return arguments.strip("() ") in _NEUTRAL_WITH.get(name.name, ()) and (name.called or name.name == "SETMS")
+
+    def _unknown(self, name: Name) -> ProgramError:
+        what, hint = REFUSED_CALL
+        if not name.called:
             close = close_to(name.name, [*self._table.group, *self._table.carried], 1)
-            if self._table.subprograms:
-                self.calls.append(name)
-                return
-            if name.called:
-                raise self._fault(REFUSED_CALL[0], name.start, shown, REFUSED_CALL[1])
-            what, hint = (
-                f"an unknown word of the {self._table.dialect} dialect",
-                f"Did you mean {close[0]}?" if close else "",
-            )
-            raise self._fault(what, name.start, shown, hint or None)
+            what = f"an unknown word of the {self._table.dialect} dialect"
+            hint = f"Did you mean {close[0]}?" if close else ""
+        return self._fault(what, name.start, self._shown(name.start, name.end), hint or None)
 
     def _group(self, code: str, start: int) -> None:
         group = self._table.group[code]
@@ -118,43 +121,42 @@ class Block:
         self._columns[code] = start
 
     def _address(self, address: Address) -> None:
+        table, name, value = self._table, address.name, address.value
         shown = self._shown(address.start, address.end)
-        if address.name == "G" and address.value is not None:
-            code = f"G{address.value:g}"
-            if code in self._table.refused:
-                what, hint = self._table.refused[code]
-                raise self._fault(what, address.start, shown, hint)
-            if code not in self._table.group:
-                raise self._fault(f"an unknown G code of the {self._table.dialect} dialect", address.start, shown, None)
-            self._group(code, address.start)
-            self._codes.append(Word("G", address.value, address.start, address.end))
-            return
-        if address.name in ("M", "M1") and address.value is not None:
-            if address.value not in self._table.m_codes:
-                raise self._fault(f"an unknown M code of the {self._table.dialect} dialect", address.start, shown,
-                                  "M functions of the machine builder are not read")  # fmt: skip
-            self.m.append(int(address.value))
-            self._codes.append(Word("M", address.value, address.start, address.end))
-            return
-        if address.name in self._table.refused:
-            what, hint = self._table.refused[address.name]
+        if name in ("G", "M", "M1") and value is not None:
+            self._code(address, name[0], value, shown)
+        elif name in table.refused:
+            what, hint = table.refused[name]
             raise self._fault(what, address.start, shown, hint)
-        if address.name == "L" and self._table.subprograms and address.value is not None:
+        elif name == "L":
+            if not table.subprograms or value is None:
+                raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
             self.calls.append(Name(shown.replace(" ", "").upper(), False, address.start, address.end))
-            return
-        if address.name == "P" and self._table.subprograms and address.name not in self.given:
-            self.given["P"] = address
-            return
-        if address.name == "L":
-            raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
-        if address.name not in _TAKEN and address.name not in self._table.carried_values:
-            hint = f"If it is a variable of the program, declare it: DEF REAL {address.name}"
-            named = self._table.subprograms and len(address.name) > 1
-            raise self._fault(f"an unknown word of the {self._table.dialect} dialect", address.start, shown,
-                              hint if named else None)  # fmt: skip
-        if address.name in self.given:
+        elif name not in _TAKEN and name not in table.carried_values:
+            declare = f"If it is a variable of the program, declare it: DEF REAL {name}"
+            raise self._fault(f"an unknown word of the {table.dialect} dialect", address.start, shown,
+                              declare if table.subprograms and len(name) > 1 else None)  # fmt: skip
+        elif name in self.given:
             raise self._fault("the word appears twice in one block", address.start, shown, None)
-        self.given[address.name] = address
+        else:
+            self.given[name] = address
+
+    def _code(self, address: Address, letter: str, value: float, shown: str) -> None:
+        """Note a G or M code."""
+        table, code = self._table, f"{letter}{value:g}"
+        if letter == "M":
+            if value not in table.m_codes:
+                raise self._fault(f"an unknown M code of the {table.dialect} dialect", address.start, shown,
+                                  "M functions of the machine builder are not read")  # fmt: skip
+            self.m.append(int(value))
+        elif code in table.refused:
+            what, hint = table.refused[code]
+            raise self._fault(what, address.start, shown, hint)
+        elif code not in table.group:
+            raise self._fault(f"an unknown G code of the {table.dialect} dialect", address.start, shown, None)
+        else:
+            self._group(code, address.start)
+        self._codes.append(Word(letter, value, address.start, address.end))
 
     def fault(self, what: str, name: str = "", value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error at a word, a code, or the line's beginning."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from counterflex.core.errors import ProgramError
@@ -107,41 +107,46 @@ def cycle_of(text: str, unit_m: float, fault: Callable[[str], ProgramError]) -> 
     """
     name, _, inside = text.strip().partition("(")
     name = name.strip().upper()
-    values: list[float | None] = []
-    for part in inside.rstrip().removesuffix(")").split(","):
-        if part.strip() and not _NUMBER.fullmatch(part.strip()):
-            raise fault(f"an argument of {name} is no plain number")
-        values.append(float(part) if part.strip() else None)
-    values += [None] * (18 - len(values))
-
-    def length(index: int) -> float | None:
-        value = values[index]
-        return None if value is None else value * unit_m
-
-    retract, reference, safety = length(0), length(1), abs(length(2) or 0.0)
+    values = _arguments(name, inside, fault)
+    lengths = [None if value is None else value * unit_m for value in values]
+    retract, reference, safety = lengths[0], lengths[1], abs(lengths[2] or 0.0)
     if retract is None or reference is None:
         raise fault(f"{name} without RTP and RFP")
-    bottom, relative = length(3), length(4)
-    if relative is not None:  # DPR counts from the surface, and wins
-        bottom = reference - abs(relative)
+    bottom = _depth(lengths[3:5], reference)
     if bottom is None or bottom >= reference or retract < reference + safety:
         raise fault(f"{name} needs a depth (DP or DPR) below RFP, and RTP at or above RFP + SDIS")
     about = Cycle(name, retract, reference + safety, reference, bottom)
     if name == "CYCLE81":
         return about
     if name == "CYCLE82":
-        return Cycle(name, retract, reference + safety, reference, bottom, at_depth_s=values[5] or 0.0)
-    first, first_relative = length(5), length(6)
-    if first_relative is not None:
-        first = reference - abs(first_relative)
-    if first is None or not bottom <= first < reference:
+        return replace(about, at_depth_s=values[5] or 0.0)
+    return _deep(about, values, _depth(lengths[5:7], reference), unit_m, fault)
+
+
+def _deep(
+    about: Cycle, values: list[float | None], first: float | None, unit_m: float, fault: Callable[[str], ProgramError]
+) -> Cycle:
+    """CYCLE83, with its strokes."""
+    if first is None or not about.bottom_m <= first < about.reference_m:
         raise fault("CYCLE83 needs a first depth (FDEP or FDPR) between RFP and the final one")
-    degression = values[7] or 0.0
-    share = values[10] if values[10] is not None else 1.0
-    if not 0.0 < share <= 1.0 or degression <= -1.0 or any(values[i] is not None and i > 11 for i in range(18)):
+    degression, at_depth_s, outside_s = (value or 0.0 for value in values[7:10])
+    share = 1.0 if values[10] is None else values[10]
+    if not 0.0 < share <= 1.0 or degression <= -1.0 or values[12:18] != [None] * 6:
         raise fault("arguments of CYCLE83 behind VARI, FRF beyond 0 to 1, or DAM below -1 are not read")
-    return Cycle(
-        name, retract, reference + safety, reference, bottom, first,
-        degression * unit_m if degression > 0.0 else degression, values[8] or 0.0, values[9] or 0.0, share,
-        values[11] == 1.0,
-    )  # fmt: skip
+    degression *= unit_m if degression > 0.0 else 1.0
+    return replace(about, first_m=first, degression_m=degression, at_depth_s=at_depth_s, outside_s=outside_s,
+                   first_share=share, removal=values[11] == 1.0)  # fmt: skip
+
+
+def _arguments(name: str, inside: str, fault: Callable[[str], ProgramError]) -> list[float | None]:
+    """Arguments of a call, 18 at least; None where one is left out."""
+    parts = [part.strip() for part in inside.rstrip().removesuffix(")").split(",")]
+    if not all(_NUMBER.fullmatch(part) for part in parts if part):
+        raise fault(f"an argument of {name} is no plain number")
+    return [float(part) if part else None for part in parts] + [None] * (18 - len(parts))
+
+
+def _depth(given: list[float | None], surface_m: float) -> float | None:
+    """Depth from a pair of arguments: absolute, or from the surface, which wins."""
+    absolute, relative = given
+    return absolute if relative is None else surface_m - abs(relative)

@@ -174,17 +174,7 @@ class MoveMaker:
         """Rotary positions, or the tool axis in the part frame, at the end of a block."""
         state = self._state
         if state.tool_centre == TOOL_VECTOR:
-            for letter in ROTARY:
-                if block.has(letter):
-                    raise block.fault("a rotary word beside A3 B3 C3 of the same program", letter,
-                                      hint="Give the tool axis in one way")  # fmt: skip
-            if not block.has(*VECTOR):
-                return state.angles
-            vector = np.array([block.take(name) or 0.0 for name in VECTOR])
-            if float(np.linalg.norm(vector)) < _SHORTEST_VECTOR:
-                raise block.fault("the tool axis A3 B3 C3 has no length", next(n for n in VECTOR if n in block.given))
-            x, y, z = map(float, state.turned(vector))
-            return (x, y, z)
+            return self._vector(block)
         for name in VECTOR:
             if block.has(name):
                 raise block.fault("a tool axis A3 B3 C3 without TRAORI", name, hint="Write TRAORI before")
@@ -197,6 +187,20 @@ class MoveMaker:
                 base = 0.0 if block.absolute(letter, state.absolute) else angles[axis]
                 angles[axis] = base + value * DEG
         return (angles[0], angles[1], angles[2])
+
+    def _vector(self, block: Block) -> tuple[float, float, float]:
+        """The tool axis as a vector, A3 B3 C3, in the part frame."""
+        for letter in ROTARY:
+            if block.has(letter):
+                what = "a rotary word beside A3 B3 C3 of the same program"
+                raise block.fault(what, letter, hint="Give the tool axis in one way")
+        if not block.has(*VECTOR):
+            return self._state.angles
+        vector = np.array([block.take(name) or 0.0 for name in VECTOR])
+        if float(np.linalg.norm(vector)) < _SHORTEST_VECTOR:
+            raise block.fault("the tool axis A3 B3 C3 has no length", next(n for n in VECTOR if n in block.given))
+        x, y, z = map(float, self._state.turned(vector))
+        return (x, y, z)
 
     def straight(self, block: Block, number: int, rapid: bool) -> None:
         """Execute G0 or G1."""
@@ -318,36 +322,34 @@ class MoveMaker:
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state
-        first, second, third = PLANE_AXES[state.plane]
         radius, opening = block.take("CR"), block.take("AR")
-        if block.has(_CENTRE[third]):
-            raise block.fault(f"{_CENTRE[third]} has no place in an arc of plane G{state.plane}", _CENTRE[third])
-        centre = self._centre(block, a, first, second)
-        given = [name for name, value in (("CR", radius), ("AR", opening)) if value is not None]
-        if len(given) + (centre is not None) != 1 and not (given == ["AR"] and not in_plane):
-            what = "an arc has neither a centre nor CR= nor AR=" if not given else "an arc is given in two ways"
-            raise block.fault(what, given[0] if given else "", None, _ARC_ENDS)
-        if opening is not None and not 0.0 < opening < 360.0:
-            raise block.fault("the opening angle AR is out of range", "AR", hint="Above 0 and below 360 deg")
-        if (radius is not None or (opening is not None and centre is None)) and not in_plane:
-            raise block.fault("an arc without a centre needs an end point in its plane", given[0])
-        if radius is not None:
-            return by_radius(a, b, radius * state.unit_m, clockwise, turns, state.unit_m), b
-        if centre is None and opening is not None:
-            size = 0.5 * math.dist(a, b) / math.sin(0.5 * opening * DEG)
-            return by_radius(a, b, math.copysign(size, 180.0 - opening), clockwise, turns, state.unit_m), b
-        assert centre is not None
-        if opening is not None:
-            turn = opening * DEG * (-1.0 if clockwise else 1.0)
-            u, v = a[0] - centre[0], a[1] - centre[1]
-            b = (
-                centre[0] + u * math.cos(turn) - v * math.sin(turn),
-                centre[1] + u * math.sin(turn) + v * math.cos(turn),
-            )
-        return by_centre(a, b, centre, clockwise, turns, state.unit_m), b
+        centre = self._centre(block, a)
+        self._refuse_form(block, centre is not None, in_plane)
+        unit = state.unit_m
+        if centre is not None:
+            b = b if opening is None else _turned(a, centre, opening * DEG * (-1.0 if clockwise else 1.0))
+            return by_centre(a, b, centre, clockwise, turns, unit), b
+        angle = opening or 0.0
+        size = math.copysign(0.5 * math.dist(a, b) / math.sin(0.5 * angle * DEG), 180.0 - angle) if angle else 0.0
+        return by_radius(a, b, size if radius is None else radius * unit, clockwise, turns, unit), b
 
-    def _centre(self, block: Block, a: tuple[float, float], first: int, second: int) -> tuple[float, float] | None:
+    def _refuse_form(self, block: Block, centred: bool, in_plane: bool) -> None:
+        """Refuse an arc that is given in no way, in two, or without the end that it needs."""
+        given = [name for name in ("CR", "AR") if name in block.given]
+        if len(given) + centred != 1 and (given != ["AR"] or in_plane):
+            what = "an arc is given in two ways" if given else "an arc has neither a centre nor CR= nor AR="
+            raise block.fault(what, "".join(given[:1]), None, _ARC_ENDS)
+        if "AR" in given and not 0.0 < (block.given["AR"].value or 0.0) < 360.0:
+            raise block.fault("the opening angle AR is out of range", "AR", hint="Above 0 and below 360 deg")
+        if not in_plane and not (centred and given != ["CR"]):
+            raise block.fault("an arc without a centre needs an end point in its plane", given[0])
+
+    def _centre(self, block: Block, a: tuple[float, float]) -> tuple[float, float] | None:
         """Centre from I J K, which count from the start unless AC says otherwise; None where the block has none."""
+        first, second, third = PLANE_AXES[self._state.plane]
+        wrong = _CENTRE[third]
+        if block.has(wrong):
+            raise block.fault(f"{wrong} has no place in an arc of plane G{self._state.plane}", wrong)
         if not block.has(_CENTRE[first], _CENTRE[second]):
             return None
         out = []
@@ -356,6 +358,12 @@ class MoveMaker:
             absolute = _CENTRE[axis] in block.given and block.absolute(_CENTRE[axis], False)
             out.append(value * self._state.unit_m + (0.0 if absolute else start))
         return (out[0], out[1])
+
+
+def _turned(a: tuple[float, float], centre: tuple[float, float], turn_rad: float) -> tuple[float, float]:
+    """A point turned about a centre in their plane."""
+    u, v, cos, sin = a[0] - centre[0], a[1] - centre[1], math.cos(turn_rad), math.sin(turn_rad)
+    return centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos
 
 
 def frame_of(block: Block, name: str, state: State) -> tuple[Float, Float]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.flow import line_end
@@ -128,11 +128,8 @@ class Run:
                 return False
             text = text[: head.label_start].ljust(head.label_end) + text[head.label_end :]
 
-        def fault(what: str, column: int, value: object, hint: str | None) -> ProgramError:
-            return error_at(source.name, number, what, column, value, hint)
-
         line = self.scanned(text, number)
-        block = Block(line, fault, text, self.table)
+        block = Block(line, partial(error_at, source.name, number), text, self.table)
         first = len(self.maker.motions)
         self._frame(block)
         dwell = "dwell" in block.groups
@@ -333,18 +330,23 @@ class Run:
             elif code in (3, 4, 5, 19):
                 state.spindle = {3: 1, 4: -1}.get(code, 0)
 
+    def _leave(self, block: Block, machine: str | None, axes: bool) -> None:
+        """Go to a place of the machine."""
+        fixed = machine in ("G74", "G75")
+        away = [axis for axis, name in enumerate((*AXES, *ROTARY)) if block.take(name) is not None]
+        if fixed:
+            away += [axis for axis, name in enumerate(AXES) if block.take(f"{name}1") is not None]
+            block.take("FP")
+        if axes or fixed:
+            self.maker.leave(len(self.blocks), machine or "G500", [axis for axis in away if axis < 3])
+
     def _move(self, block: Block) -> bool:
         """Execute the motion of a block; whether its axis words are targets in the part."""
         state, maker = self._state, self.maker
         machine = block.groups.get("machine")
         axes = block.has(*AXES, *ROTARY, *VECTOR)
         if machine is not None or (state.machine_axes and axes):
-            away = [axis for axis, name in enumerate((*AXES, *ROTARY)) if block.take(name) is not None]
-            if machine in ("G74", "G75"):
-                away += [axis for axis, name in enumerate(AXES) if block.take(f"{name}1") is not None]
-                block.take("FP")
-            if axes or machine in ("G74", "G75"):
-                maker.leave(len(self.blocks), machine or "G500", [axis for axis in away if axis < 3])
+            self._leave(block, machine, axes)
             return False
         arc = state.motion in ("G2", "G3")
         if not axes and not (arc and block.has(*_ARC)):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.programs.gcode.write.arc_fit import arc_error, fit_centre
 from counterflex.programs.simplify import simplify
 
+T = TypeVar("T")
 _LARGEST_PIECE_RAD: Final = 1.9 * math.pi
 """rad. A written piece turns less than a whole turn, so that its start and end tell its angle."""
 
@@ -69,6 +71,28 @@ def arc_pieces(points: Float, share: Float, turn_rad: float, tolerance_m: float)
     pieces = _joined(points, share, pieces, turn_rad, tolerance_m)
     straight = straight_pieces(points, share, 0, len(points) - 1, tolerance_m)
     return straight if len(straight) <= len(pieces) else pieces
+
+
+def written_pieces(
+    points: Float, share: Float, turn_rad: float, tolerance_m: float, rounded: Callable[[ArcPiece], T | None]
+) -> Iterator[tuple[ArcPiece, T | None]]:
+    """Pieces as they can be written: where rounding breaks an arc, straight pieces take its place.
+
+    Args:
+        points: See :func:`arc_pieces`, as ``share``, ``turn_rad`` and ``tolerance_m``.
+        rounded: What a language writes for an arc, called when all before it is written; None where rounding breaks it.
+
+    Yields:
+        Each piece with what ``rounded`` returns, None of a straight one.
+    """
+    waiting = arc_pieces(points, share, turn_rad, tolerance_m)[::-1]
+    while waiting:
+        piece = waiting.pop()
+        written = None if piece.centre is None else rounded(piece)
+        if piece.centre is not None and written is None:
+            waiting += straight_pieces(points, share, piece.first, piece.last, tolerance_m)[::-1]
+        else:
+            yield piece, written
 
 
 def straight_pieces(points: Float, share: Float, first: int, last: int, tolerance_m: float) -> list[ArcPiece]:

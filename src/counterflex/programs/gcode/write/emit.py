@@ -8,13 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.core.arrays import Float
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
 from counterflex.programs.gcode.write.arcs import emit_arc
 from counterflex.programs.gcode.write.machine import MOTION_CODES, WrittenMachine
 from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, evaluated, flatten, number
 from counterflex.programs.motion_rows import feed_factor
-from counterflex.programs.program import Block, Modal, Motion
+from counterflex.programs.program import Block, Modal, Motion, Word, has_g
 
 _NO_TARGET: Final = frozenset(
     (4.0, 5.1, 10.0, 22.0, 28.0, 30.0, 43.1, 50.1, 51.1, 52.0, 53.0, 65.0, 68.0, 92.0, 92.1, 92.2, 92.3)
@@ -93,29 +92,30 @@ class Emitter(WrittenMachine):
 
     def _still(self, block: Block, line: WrittenLine) -> None:
         """A block without motion; origin settings and targets that say where the tool stands follow the offset."""
-        codes = {w.value for w in line.words if w.letter == "G"}
+        modal, moved = block.modal, self.inherits(block.modal)
         axes = [w for w in line.words if w.letter in AXES]
-        level = line.find("L")
-        at_tool = 92.0 in codes or (10.0 in codes and level is not None and level.value == 20.0)
-        moved = self.inherits(block.modal)
+        at_tool = has_g(line.words, 92.0) or (has_g(line.words, 10.0) and line.find("L", (20.0,)) is not None)
         if axes and moved and at_tool:
             for word in axes:
-                value = word.value + self.off[AXES.index(word.letter)] / block.modal.unit_m
-                line.replace(word, word.letter + number(value, self.digits(block.modal) + 2))
+                value = word.value + self.off[AXES.index(word.letter)] / modal.unit_m
+                line.replace(word, word.letter + number(value, self.digits(modal) + 2))
             self.completed_blocks += 1
-        elif axes and not codes & _NO_TARGET and block.modal.motion in ("G0", "G1", "G2", "G3"):
-            stated = self.state_motion(block, line, block.modal.motion)
-            if moved and block.modal.absolute:
-                for word in axes:
-                    text, _ = self.target(block.modal, AXES.index(word.letter), self.current(AXES.index(word.letter)))
-                    line.replace(word, word.letter + text)
-            self.completed_blocks += stated or (moved and block.modal.absolute)
-        elif 53.0 in codes:
-            self.completed_blocks += self.state_motion(block, line, block.modal.motion)
-        if self.motion_word(line) is not None:
+        elif axes and not has_g(line.words, *_NO_TARGET) and modal.motion in ("G0", "G1", "G2", "G3"):
+            self.completed_blocks += self._state_place(block, line, axes, moved and modal.absolute)
+        elif has_g(line.words, 53.0):
+            self.completed_blocks += self.state_motion(block, line, modal.motion)
+        if line.find("G", MOTION_CODES) is not None:
             self.written_motion = None
             self._expanding = False
         self.lines.append(line.render())
+
+    def _state_place(self, block: Block, line: WrittenLine, axes: list[Word], follows: bool) -> bool:
+        """Axis words that say where the tool stands; whether the line had to be changed."""
+        stated = self.state_motion(block, line, block.modal.motion)
+        for word in axes if follows else ():
+            axis = AXES.index(word.letter)
+            line.replace(word, word.letter + self.target(block.modal, axis, self.current(axis))[0])
+        return stated or follows
 
     def _straight(self, block: Block, line: WrittenLine, index: int, motion: Motion) -> None:
         modal, rows = block.modal, self.rows
@@ -130,28 +130,21 @@ class Emitter(WrittenMachine):
         else:
             self.check_words(block, motion)
             shift = rows.shift[last] if last >= 0 else np.array(self.off)
-            inner = np.flatnonzero(rows.vertex[first:last]) + first if motion.kind == "feed" and last > first else ()
-            if len(inner):
-                self._split(block, line, index, motion, [int(row) for row in inner])
+            inner = rows.inner(index) if motion.kind == "feed" else []
+            if inner:
+                self._split(block, line, index, motion, inner)
                 return
             start = self.here()
             self.set_end(line, block, motion, shift)
             self.turns.set(line, modal, last)
-            self.hold_feed(line, modal, motion.feed_m_s, self._whole_factor(first, last, start) if corrected else 1.0)
+            factor = rows.factor(first - 1, last, start, self.here()) if corrected and last >= 0 else 1.0
+            self.hold_feed(line, modal, motion.feed_m_s, factor)
             completed = not corrected and line.changed
         self.completed_blocks += completed
         self.lines.append(line.render())
         self.arrive(index, motion)
         if motion.kind == "feed":
             self.checked[first : last + 1] = True
-
-    def _whole_factor(self, first: int, last: int, start: Float) -> float:
-        """Feed factor of a corrected motion that stays one block."""
-        if last < 0:
-            return 1.0
-        nominal = float(self.rows.way[last] - self.rows.way[first - 1])
-        factor = float(feed_factor(np.array([nominal]), np.array([np.linalg.norm(self.here() - start)]))[0])
-        return factor * self.rows.share_of(first, last)
 
     def _split(self, block: Block, line: WrittenLine, index: int, motion: Motion, inner: list[int]) -> None:
         """One straight motion as several blocks; the first is the source's own line."""
@@ -163,7 +156,7 @@ class Emitter(WrittenMachine):
         factors = feed_factor(np.diff(rows.way[[first - 1, *steps]]), travel)
         factors = factors * [rows.share_of(a + 1, b) for a, b in itertools.pairwise([first - 1, *steps])]
         feeds = self.feeds(line, modal, self._shares(float(rows.way[first - 1]), rows.way[steps], travel))
-        prefix = "G53 G1" if any(w.letter == "G" and w.value == 53.0 for w in line.words) else "G1"
+        prefix = "G53 G1" if has_g(line.words, 53.0) else "G1"
         for step, row in enumerate(steps):
             if step == 0:
                 self.go(line, modal, rows.command[row])
@@ -181,18 +174,14 @@ class Emitter(WrittenMachine):
         self.checked[first : last + 1] = True
         if stop:
             self.lines.append(stop)
-        self.split_motions += 1
-        self.vertices_added += len(inner)
+        self.count_split(len(inner))
 
     def _relieve(self, modal: Modal, index: int, motion: Motion) -> None:
         """Before a dwell, go to where it is planned; that lies along the tool axis, see :class:`MotionRows`."""
         # It goes at the feed of the last feed motion. In inverse time (G93) that needs a word of its own: F = feed /
         # length, in 1/min.
-        last = int(self.rows.last[index])
-        if last < 1:
-            return
-        planned = self.rows.command[last]
-        if float(np.linalg.norm(planned - self.rows.command[int(self.rows.first[index]) - 1])) == 0.0:
+        planned = self.rows.relieved(index)
+        if planned is None:
             return
         feed_m_s = next((m.feed_m_s for m in reversed(self.program.motions[:index]) if m.feed_m_s > 0.0), 0.0)
         if modal.feed_mode == 93 and feed_m_s == 0.0:
@@ -213,13 +202,13 @@ class Emitter(WrittenMachine):
         """A canned cycle or homing block: as it is when nothing of it is corrected, else as single moves."""
         # Once one is written out, the rest of the run is too: words and the level to return to (G98) are those of the
         # first cycle of a run.
-        indices = range(block.first_motion, block.first_motion + block.motion_count)
+        indices = block.motions
         modal, motions = block.modal, self.program.motions
         fastest = max(indices, key=lambda i: motions[i].feed_m_s)
         share = self.rows.share_of(int(self.rows.first[fastest]), int(self.rows.last[fastest]))
         self.hold_feed(line, modal, motions[fastest].feed_m_s, share)
-        homing = any(w.letter == "G" and w.value in (28.0, 30.0) for w in line.words)
-        moved = any(bool(self.rows.moved[i]) for i in indices)
+        homing = has_g(line.words, 28.0, 30.0)
+        moved = bool(self.rows.moved[indices.start : indices.stop].any())
         if homing and not moved:
             named = {w.letter for w in line.words} & set(AXES) or set(AXES)
             self.off = [0.0 if letter in named else off for letter, off in zip(AXES, self.off, strict=True)]
@@ -249,25 +238,11 @@ class Emitter(WrittenMachine):
             motion = self.program.motions[i]
             self.begin(i, motion)
             turning = self._spindle(block, turning, motion.spindle_rad_s != 0.0)
-            first, last = int(self.rows.first[i]), int(self.rows.last[i])
             if motion.kind == "dwell":
                 self._relieve(block.modal, i, motion)
                 self.lines.append(f"G4 P{number(motion.duration_s, 3)}")
-            else:
-                code = "G0" if motion.kind == "rapid" else "G1"
-                inner = np.flatnonzero(self.rows.vertex[first:last]) + first if motion.kind == "feed" else ()
-                for row in inner:
-                    self.lines.append(code + self.added(block.modal, self.rows.command[row]))
-                    self.written[row] = self.here()
-                shift = self.rows.shift[last] if last >= 0 else np.array(self.off)
-                words = self.added(block.modal, np.asarray(motion.p_end) + shift)
-                if words:
-                    self.lines.append(code + words)
-                    self.written_motion = code
-                    if self._blends(block, i) and not (stop and i == indices[-1]):
-                        self.lines.append("G4 P0")
-                if motion.kind == "feed":
-                    self.checked[first : last + 1] = True
+            elif self._expand_move(block, i, motion) and self._blends(block, i) and not (stop and i == indices[-1]):
+                self.lines.append("G4 P0")
             self.off = [self.current(axis) - float(motion.p_end[axis]) for axis in range(3)]
             self.arrive(i, motion)
         self._spindle(block, turning, block.modal.spindle_rpm != 0.0)
@@ -276,12 +251,29 @@ class Emitter(WrittenMachine):
         self._expanding = True
         self.cycles_expanded += 1
 
+    def _expand_move(self, block: Block, index: int, motion: Motion) -> bool:
+        """A move of a cycle as blocks of its own; whether its end needed one."""
+        rows, feeds = self.rows, motion.kind == "feed"
+        first, last = int(rows.first[index]), int(rows.last[index])
+        code = "G1" if feeds else "G0"
+        for row in rows.inner(index) if feeds else ():
+            self.lines.append(code + self.added(block.modal, rows.command[row]))
+            self.written[row] = self.here()
+        shift = rows.shift[last] if last >= 0 else np.array(self.off)
+        words = self.added(block.modal, np.asarray(motion.p_end) + shift)
+        if words:
+            self.lines.append(code + words)
+            self.written_motion = code
+        if feeds:
+            self.checked[first : last + 1] = True
+        return bool(words)
+
     def _blends(self, block: Block, index: int) -> bool:
         """Return whether the end of a motion of a cycle needs a stop of its own once it is written out."""
         # A cycle is run in exact path mode whatever the program has set. Moves of their own would be blended under G64:
         # the tool would turn back before the bottom, and go sideways before it is out of the hole.
         motions = self.program.motions
-        dwells = index + 1 < block.first_motion + block.motion_count and motions[index + 1].kind == "dwell"
+        dwells = index + 1 in block.motions and motions[index + 1].kind == "dwell"
         return not self._exact and not dwells and block.modal.motion in _CYCLE_NAMES
 
     def _spindle(self, block: Block, turning: bool, requested: bool) -> bool:

@@ -216,18 +216,10 @@ class WrittenMachine(MachineInPlace):
 
     # ---- modal motion ----------------------------------------------------------------------------------------
 
-    @staticmethod
-    def motion_word(line: WrittenLine) -> Word | None:
-        """The motion word of a line, or None."""
-        for word in line.words:
-            if word.letter == "G" and word.value in MOTION_CODES:
-                return word
-        return None
-
     def state_motion(self, block: Block, line: WrittenLine, code: str) -> bool:
         """Write the motion word where the line has none and another one than ``code`` is active."""
         active = self.written_motion or block.modal.motion
-        missing = active != code and self.motion_word(line) is None
+        missing = active != code and line.find("G", MOTION_CODES) is None
         if missing:
             line.lead(code)
         self.written_motion = None
@@ -236,19 +228,19 @@ class WrittenMachine(MachineInPlace):
     @staticmethod
     def exact_stop_word(line: WrittenLine) -> str:
         """Take an exact stop for one block (G9) out of a line that gets followers; the last of them gets it."""
-        for word in line.words:
-            if word.letter == "G" and word.value == 9.0:
-                line.remove(word)
-                return "G9 "
-        return ""
+        word = line.find("G", (9.0,))
+        if word is None:
+            return ""
+        line.remove(word)
+        return "G9 "
 
     def stop_word(self, line: WrittenLine) -> str | None:
         """Take a program stop out of a line that gets followers; it acts behind the motion."""
-        for word in line.words:
-            if word.letter == "M" and word.value in _STOPS:
-                line.remove(word)
-                return f"M{int(word.value)}"
-        return None
+        word = line.find("M", _STOPS)
+        if word is None:
+            return None
+        line.remove(word)
+        return f"M{int(word.value)}"
 
     def feeds(self, line: WrittenLine, modal: Modal, shares: list[float]) -> list[str]:
         """Feed words of the pieces of a block: none, except in inverse time, where each has its share of the time."""

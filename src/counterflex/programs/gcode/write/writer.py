@@ -51,8 +51,7 @@ def _refuse_unsaid(program: Program, rows: MotionRows) -> None:
             value=block.text.strip()[:60], hint=hint,
         )  # fmt: skip
     for block in program.blocks:
-        here = range(block.first_motion, block.first_motion + block.motion_count)
-        if block.cycle and any(rows.moved[index] for index in here):
+        if block.cycle and any(rows.moved[index] for index in block.motions):
             raise ProgramError(
                 "a drilling cycle or CIP is corrected, and is not written back", where=block.where(program.name),
                 value=block.text.strip()[:60], hint=hint,

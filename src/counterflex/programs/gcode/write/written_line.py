@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from counterflex.programs.gcode.read.codes import TAKEN_BY_G
 from counterflex.programs.gcode.write.spelling import RS274, Spell
@@ -40,10 +40,10 @@ class WrittenLine:
         self._edits: list[tuple[int, int, str]] = []
         self._added: list[tuple[int, str]] = []
 
-    def find(self, letter: str) -> Word | None:
-        """First word with this letter, or None."""
+    def find(self, letter: str, values: Collection[float] | None = None) -> Word | None:
+        """First word with this letter and one of these values, or None."""
         for word in self.words:
-            if word.letter == letter:
+            if word.letter == letter and (values is None or word.value in values):
                 return word
         return None
 
@@ -129,25 +129,16 @@ def flatten(block: Block, decimals: int) -> tuple[str, tuple[Word, ...]]:
     parts: list[str] = []
     words: list[Word] = []
     at = 0
-    length = 0
-
-    def add(text: str) -> int:
-        nonlocal length
-        start = length + (1 if parts else 0)
-        parts.append(text)
-        length = start + len(text)
-        return start
-
     for word in [*block.words, None]:
-        for comment in _comments(block.text[at : word.start if word else len(block.text)]):
-            add(comment)
+        parts += _comments(block.text[at : word.start if word else len(block.text)])
         if word is None:
             break
         at = word.end
         if flow or word.letter in _FLOW_LETTERS:
             continue
         text = block.text[word.start : word.end].strip() if word.literal else word.letter + _short(word.value, decimals)
-        start = add(text)
+        start = len(" ".join([*parts, ""]))
+        parts.append(text)
         words.append(Word(word.letter, word.value, start, start + len(text)))
     return " ".join(parts), tuple(words)
 

@@ -25,7 +25,7 @@ from counterflex.integrations.abb.language.read.routines import Modules, Routine
 from counterflex.integrations.abb.language.read.scanner import Source, Statement
 from counterflex.integrations.abb.language.read.targets import Speed, Targets
 from counterflex.integrations.abb.language.table import FORMS, Form
-from counterflex.programs.expression import is_number
+from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Modal, Word
 from counterflex.programs.robot_text.execution import Execution
 from counterflex.programs.robot_text.process_words import NUMBER
@@ -262,14 +262,17 @@ class Motions(Execution):
             external = known(value if parts is None else external, "the place of the external axes", place)
             self.targets.check_external(external, given[0].start)
             return
-        T: Float | None = None
-        numbers: list[float] = []
-        tip = None if self.cell is None else self.cell.tip_of_axes
-        if tip is not None and isinstance(axes, list) and len(axes) == _AXES and first_unknown(axes) is None:
-            numbers = [float(axis) for axis in axes if is_number(axis)]
-            T = tip(numbers, self.targets.external.now | self.targets.external_of(external))
+        T, numbers = self._tip(axes, external)
         self._away.append((statement, T, len(self.by_axes), numbers, external))
         self.by_axes.append(len(self._blocks) - 1)
+
+    def _tip(self, axes: Value, external: Value) -> tuple[Float | None, list[float]]:
+        """Pose (4, 4) m of the tip at a place by axes, and the axes; None where the robot or a value is not known."""
+        tip = None if self.cell is None else self.cell.tip_of_axes
+        if tip is None or not isinstance(axes, list) or len(axes) != _AXES or first_unknown(axes) is not None:
+            return None, []
+        numbers = [float(axis) for axis in axes if is_number(axis)]
+        return tip(numbers, self.targets.external.now | self.targets.external_of(external)), numbers
 
     def _arrive(self, statement: Statement) -> None:
         """Make the motion by axes that came before, where the robot goes on from its end."""

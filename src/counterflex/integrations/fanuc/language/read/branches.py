@@ -160,8 +160,8 @@ class Branches(MotionExecution):
 
     def gives_up(self, routine: Routine, number: int) -> bool:
         """Return whether a label leads to an alarm and the end of the job, over signals and waits only."""
-        at, seen, alarm = routine.labels.get(number), set[int](), False
-        while at is not None and at not in seen and at < len(routine.texts):
+        at, seen, alarm, count = routine.labels.get(number, -1), set[int](), False, len(routine.texts)
+        while 0 <= at < count and at not in seen:
             seen.add(at)
             text = routine.texts[at]
             at += 1
@@ -174,10 +174,11 @@ class Branches(MotionExecution):
             if row.word in ("ABORT", "END", "RETURN"):
                 return row.word == "ABORT" or (alarm and self.depth == 1)
             if row.word == "JMP":
-                at = _jumped(routine, text)
+                jumped = _jumped(routine, text)
+                at = -1 if jumped is None else jumped
             elif row.treatment is not Treatment.NEUTRAL and row.word not in (*ASSIGNED, *_HARMLESS):
                 return False
-        return alarm and at is not None and at >= len(routine.texts) and self.depth == 1
+        return alarm and at >= count and self.depth == 1
 
     def _waits_on(self, step: Step, number: int, condition: Unknown) -> bool:
         """Return whether a label leads back to a statement with nothing but signals, waits and registers on the way."""

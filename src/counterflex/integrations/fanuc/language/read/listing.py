@@ -7,12 +7,13 @@ import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.fanuc.language.program import LETTERS, FanucPosition
 from counterflex.programs.robot_text.process_words import NUMBER
 
+T = TypeVar("T")
 _PART: Final = re.compile(r"^[^\S\r\n]*/(PROG|ATTR|APPL|MN|POS|END)\b[^\r\n]*", re.MULTILINE | re.IGNORECASE)
 _NUMBERED: Final = re.compile(r"[^\S\r\n]*\d*[^\S\r\n]*:[^\S\r\n]*")
 _CONTINUED: Final = re.compile(r"(?<=\n)([^\S\r\n]*):")
@@ -159,14 +160,13 @@ class Listing:
         if frames is None:
             raise self._fault("a position does not say its frames", start, "GP1: UF : 1, UT : 1, CONFIG : '...'")
         values, numbers = self._values(frames.end(), stop, start)
-        cartesian = all(letter in values for letter in LETTERS)
-        named = LETTERS if cartesian else ""
-        if not cartesian and "J1" not in values:
+        named = LETTERS if set(LETTERS) <= values.keys() else ""
+        if not named and "J1" not in values:
             raise self._fault("a position without all of X Y Z W P R", start, "X Y Z W P R, or J1 to J6")
         return FanucPosition(
             int(match[2]), start, end, match.span(1),
-            {key: numbers[key] for key in named},
-            {key: values[key] for key in named},
+            _chosen(numbers, named),
+            _chosen(values, named),
             _number(frames[1]), _number(frames[2]),
             {int(key[1]): value for key, value in values.items() if key[0] == "E"},
             "" if stop == close else "".join(text[stop:close].split()),
@@ -210,3 +210,7 @@ def _units(key: str) -> tuple[str, ...]:
 
 def _number(text: str) -> int | None:
     return None if text.upper() == "F" else int(text)
+
+
+def _chosen(values: dict[str, T], names: str) -> dict[str, T]:
+    return {name: values[name] for name in names}

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final, cast
 
 import numpy as np
@@ -113,11 +114,10 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         Raises:
             ProgramError: Its end, speed or frames are not known.
         """
-
-        def refuse(what: str, limit: str, hint: str) -> ProgramError:
-            return fault(routine.listing, statement, what, limit=limit, hint=hint)
-
-        form = motion_form(statement.code, word, refuse)
+        form = motion_form(
+            statement.code, word,
+            lambda what, limit, hint: fault(routine.listing, statement, what, limit=limit, hint=hint),
+        )  # fmt: skip
         where = routine.listing.place(statement.start)
         self.values.here = self.here(at_rest=False) if form.options else self.values.here
         *through, last = (self.targets.target(one, routine, statement) for one in form.targets)
@@ -224,12 +224,8 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             return
         line = self._blocks[self.motions[chain[0]].block].line
 
-        def refuse(what: str, hint: str) -> ProgramError:
-            return ProgramError(
-                what, where=f"{routine.name}:{line}", value="A", limit="three points or more", hint=hint
-            )
-
-        made = arcs_of([self.motions[index] for index in chain], refuse)
+        refuse = partial(ProgramError, where=f"{routine.name}:{line}", value="A", limit="three points or more")
+        made = arcs_of([self.motions[index] for index in chain], lambda what, hint: refuse(what, hint=hint))
         for index, motion in zip(chain, made, strict=True):
             self.motions[index] = motion
             block = self.motions[index].block

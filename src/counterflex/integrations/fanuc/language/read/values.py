@@ -194,7 +194,7 @@ class Values:
             return Unknown(f"{name}[...] is the controller's", self.where)
         if word in _FUNCTIONS:
             return _function(word, indices[0])
-        return self._register(word, [int(index) for index in indices])
+        return self._register(word, list(map(int, indices)))
 
     def call(self, name: str, arguments: Sequence[Value], options: Mapping[str, Value]) -> Value:
         """Return the value of a function."""

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.program import LETTERS
@@ -191,23 +192,25 @@ class Memory:
             return index
         return self.stored_frame(name, index[0]) if len(index) == 1 else Unknown(f"{name} has one index", self.where())
 
-    def _as_stored(self, name: str, number: int) -> values.Value:
-        variable, cell = self._public(name), self.cell
+    def _frame_in_lists(self, name: str, number: int) -> tuple[values.Value, Float | None]:
+        """Value of a frame in the lists of data of the job, None where they do not have it, and its matrix (4, 4) m."""
+        variable = self._public(name)
         named = None if variable is None else variable.initial.get((number,))
         listed = None if named is None else self.initial(named)
+        return listed, values.matrix_of(listed) if values.is_frame(listed) else None  # type: ignore[arg-type]
+
+    def _as_stored(self, name: str, number: int) -> values.Value:
+        (listed, T_listed), cell, base = self._frame_in_lists(name, number), self.cell, name == "BASE_DATA"
         if cell is None:
             return values.StoredFrame(name, number) if listed is None else listed
-        T_own = cell.T_part if name == "BASE_DATA" else cell.T_tcp
-        own = cell.base_number if name == "BASE_DATA" else cell.tool_number
-        T_listed = values.matrix_of(listed) if values.is_frame(listed) else None  # type: ignore[arg-type]
+        T_own, own = (cell.T_part, cell.base_number) if base else (cell.T_tcp, cell.tool_number)
         if name == "TOOL_DATA" or listed is None or T_listed is None:
-            known = T_own if number == own and (name == "BASE_DATA" or len(cell.tools) == 1) else None
+            known = T_own if number == own and (base or len(cell.tools) == 1) else None
             return values.StoredFrame(name, number, known if T_listed is None else T_listed)
         if number == own:
             return values.StoredFrame(name, own, T_own) if cell.is_part_frame(T_listed) else listed
-        first = self.stored_frame(name, own)
-        if isinstance(first, values.StoredFrame) and variable is not None and (own,) in variable.initial:
-            T_first = values.matrix_of(self.initial(variable.initial[own,]))  # type: ignore[arg-type]
+        first, T_first = self.stored_frame(name, own), self._frame_in_lists(name, own)[1]
+        if isinstance(first, values.StoredFrame) and T_first is not None:
             return values.StoredFrame(name, own, T_own, pose.inverse(T_first) @ T_listed)
         return values.StoredFrame(name, number)
 

@@ -374,12 +374,10 @@ class Targets:
         return np.array(values[:3]) * MM, values[3:]
 
     def _arc(self, motion: Motion, read: KrlMotion, p_auxiliary: Float) -> Motion:
-        def fault(what: str, hint: str) -> ProgramError:
-            return ProgramError(
-                what, where=f"{read.file}:{read.line}", value=self.module.lines[read.line - 1].strip()[:60], hint=hint
-            )
-
-        made = arc_through(motion, p_auxiliary, fault)
+        where, value = f"{read.file}:{read.line}", self.module.lines[read.line - 1].strip()[:60]
+        made = arc_through(
+            motion, p_auxiliary, lambda what, hint: ProgramError(what, where=where, value=value, hint=hint)
+        )
         assert made.p_centre is not None
         assert made.normal is not None
         if self._circle_rad is not None:

@@ -114,15 +114,12 @@ class Branches(MotionExecution):
     def _pass(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         code = routine.codes[at]
         self.act(routine, at)
-        if self.process is not None and self.process.find([code], 0, routine.place(at)) is not None:
-            raise self.refusal(routine, at, condition, opening)
         row = row_of(code)
         parts = assignment(code)
-        if row is None or hidden_effect(code):
+        if self._is_process(routine, at) or row is None or hidden_effect(code):
             raise self.refusal(routine, at, condition, opening)
         if row.word == "for":
-            match = FOR.fullmatch(code)
-            if match is not None:
+            if (match := FOR.fullmatch(code)) is not None:
                 self._forget(routine, at, match[1].strip(), condition)
         elif row.word in ("call", "taskCreate", "taskCreateSync"):
             self._pass_call(routine, at, condition, opening, level)
@@ -134,6 +131,10 @@ class Branches(MotionExecution):
                 raise self.refusal(routine, at, condition, opening)
         elif not _harmless(row):
             raise self.refusal(routine, at, condition, opening)
+
+    def _is_process(self, routine: Routine, at: int) -> bool:
+        """Return whether a line is of the cell's table of machine functions."""
+        return self.process is not None and self.process.find([routine.codes[at]], 0, routine.place(at)) is not None
 
     def _pass_call(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         called = self.called(routine, at)

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from counterflex.geometry import pose
 from counterflex.integrations.staubli.language.program import Key, Val3Motion
 from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
-from counterflex.integrations.staubli.language.read.store import Store
+from counterflex.integrations.staubli.language.read.store import Bound, Store
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Word
@@ -97,31 +97,31 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         target = self._target(points[-1][0], routine, at, word)
         R_tcp_tool = self._tool(tool[0], routine, at)
         feed, exact, attributes = self._speed(speed[0], routine, at)
+        place: dict[str, Any] = {
+            "line": at + 1, "word": word, "start": offset + code.index(word), "head": routine.starts[at],
+            "R_tcp_tool": R_tcp_tool, "file": routine.name,
+        }  # fmt: skip
         if target.T_father_tool is None:
             tip = None if self.cell is None else self.cell.tip_of_axes
-            start = offset + code.index(word)
-            move = Val3Motion(line=at + 1, word=word, start=start, head=routine.starts[at], R_tcp_tool=R_tcp_tool,
-                              file=routine.name)  # fmt: skip
             T = None if tip is None else tip(target.axes, {})
-            self.leave(move, T, routine.place(at), axes_deg=target.axes)
+            self.leave(Val3Motion(**place), T, routine.place(at), axes_deg=target.axes)
             return
         self.arrive(lambda away: self._refuse_away(away, routine, at))
         T_part_father = self._father(target.father, routine, at)
         T = T_part_father @ target.T_father_tool
         R = T[:3, :3] @ R_tcp_tool.T
         self.straight(len(self._blocks) - 1, T[:3, 3], R, 0.0 if word == "movej" else feed)
-        auxiliary = self._target(points[0][0], routine, at, word) if word == "movec" else None
-        if auxiliary is not None:
+        literals = [target.literal]
+        if word == "movec":
+            auxiliary = self._target(points[0][0], routine, at, word)
             self._circle(auxiliary, routine, at)
+            literals.append(auxiliary.literal)
         self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
-        for one in (target, auxiliary):
-            if one is not None and one.literal is not None:
-                self.uses[one.literal] += 1
+        self.uses.update(key for key in literals if key is not None)
         self.moves.append(Val3Motion(
-            line=at + 1, word=word, start=offset + code.index(word), head=routine.starts[at], R_tcp_tool=R_tcp_tool,
-            file=routine.name, T_part_frame=T_part_father, T_frame_tool=target.T_father_tool,
+            **place, T_part_frame=T_part_father, T_frame_tool=target.T_father_tool,
             attributes=target.attributes or {}, point=target.literal, named=points[-1][1],
-            auxiliary=None if auxiliary is None else auxiliary.literal, auxiliary_named=points[0][1], tool=tool[0],
+            auxiliary=literals[1] if word == "movec" else None, auxiliary_named=points[0][1], tool=tool[0],
             speed=attributes, speed_named=speed[1], exact=exact,
         ))  # fmt: skip
 
@@ -141,27 +141,27 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         except ExpressionError as error:
             raise routine.fault(at, f"{text} is not understood: {error}", hint="Post the program again") from error
 
-    def _target(self, text: str, routine: Routine, at: int, word: str) -> _Target:
-        where = routine.place(at)
+    def _stored(self, text: str, routine: Routine, at: int) -> tuple[Key | None, Value]:
+        """Value of an expression, and its place in the data file where it stands there as it is."""
         try:
             literal = self.store.literal(text)
         except ExpressionError as error:
             raise routine.fault(at, f"{text} is not understood: {error}", hint="Post the program again") from error
-        key = None
-        if literal is not None:
-            key, (cells, _) = literal
-            value = cells.get(key[1])
-            data = cells.data
-            if data is not None and cells.kind.startswith("point") and key[1] not in data.variables[
-                cells.name.rpartition(":")[2]
-            ].values and key[1] not in cells.changed:  # fmt: skip
-                value = Unknown(f"the data file has no {key[0]}[{key[1]}]")
-            if data is None or key[1] in cells.changed or ":" in cells.name:
-                key = None
-        else:
-            value = self._value(text, routine, at)
+        if literal is None:
+            return None, self._value(text, routine, at)
+        key, (cells, _) = literal
+        value, data, changed = cells.get(key[1]), cells.data, key[1] in cells.changed
+        if data is None:
+            return None, value
+        name = cells.name.rpartition(":")[2]
+        if cells.kind.startswith("point") and not changed and key[1] not in data.variables[name].values:
+            value = Unknown(f"the data file has no {key[0]}[{key[1]}]")
+        return None if changed or ":" in cells.name else key, value
+
+    def _target(self, text: str, routine: Routine, at: int, word: str) -> _Target:
+        key, value = self._stored(text, routine, at)
         if key is None or isinstance(value, Unknown):
-            known(value, f"the place of {text}", where, text=routine.codes[at],
+            known(value, f"the place of {text}", routine.place(at), text=routine.codes[at],
                   hint="Give .pgx and .dtx in one folder, or write the target itself")  # fmt: skip
         joint = val3.joint_of(value)
         if joint is not None:
@@ -233,13 +233,12 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         """Orientation (3, 3) of a tool in the TCP frame of the cell; sets the tool in the spindle by its name."""
         cell = self.cell
         literal = self.store.literal(text)
-        name = text.partition("[")[0].strip() if literal is None else literal[0][0]
-        key: Key = (name, 0) if literal is None else literal[0]
+        key: Key = (text.partition("[")[0].strip(), 0) if literal is None else literal[0]
+        name = key[0]
         changed = literal is not None and key[1] in literal[1][0].changed
-        if literal is None and name == "flange" and cell is None:
-            return np.eye(3)
         if cell is None and not changed:
-            self._spindle.tool = self._spindle.tool or 1
+            if literal is not None or name != "flange":
+                self._spindle.tool = self._spindle.tool or 1
             return np.eye(3)
         number_of = {} if cell is None else cell.tool_of_data
         tool = number_of.get(name, number_of.get(f"{name}[{key[1]}]", 0))
@@ -248,15 +247,22 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             return np.eye(3)
         state = (key, self.store.version)
         if state not in self._tools:
-            self.store.where = f"{routine.name}:{at + 1}"
-            value = Unknown(f"{name} is in no data file of the application")
-            if literal is not None:
-                value = cast("Unknown", literal[1][0].get(key[1]))
-            known(value, f"the tool {text}", routine.place(at), text=routine.codes[at],
-                  hint="Write it into the data file, or name it in tools.tooldata of the cell file")  # fmt: skip
-            T = self.store.place(value) if name != "flange" else np.eye(4)
-            self._tools[state] = np.eye(3) if cell is None else cell.R_tcp_tool(T, text, f"{routine.name}:{at + 1}")
+            self._tools[state] = self._evaluated_tool(text, name, literal, routine, at)
         return self._tools[state]
+
+    def _evaluated_tool(
+        self, text: str, name: str, literal: tuple[Key, Bound] | None, routine: Routine, at: int
+    ) -> Float:
+        """Orientation (3, 3) of a tool of the data file in the TCP frame of the cell."""
+        self.store.where = where = f"{routine.name}:{at + 1}"
+        value: Value = Unknown(f"{name} is in no data file of the application")
+        if literal is not None:
+            (_, index), (cells, _) = literal
+            value = cells.get(index)
+        known(value, f"the tool {text}", routine.place(at), text=routine.codes[at],
+              hint="Write it into the data file, or name it in tools.tooldata of the cell file")  # fmt: skip
+        T = self.store.place(value) if name != "flange" else np.eye(4)
+        return np.eye(3) if self.cell is None else self.cell.R_tcp_tool(T, text, where)
 
     def _speed(self, text: str, routine: Routine, at: int) -> tuple[float, bool, dict[str, str]]:
         """Speed in m/s (0: as fast as the axes), whether it stops, and the attributes of its mdesc."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -92,8 +93,8 @@ class Routine:
 
     def _body(self) -> tuple[int, int]:
         codes = [code_of(line).strip() for line in self.lines]
-        begin = next((at for at, code in enumerate(codes) if _BEGIN.fullmatch(code)), -1)
-        end = next((at for at, code in enumerate(codes) if at > begin and _END.fullmatch(code)), -1)
+        begin = _first(codes, _BEGIN, 0)
+        end = _first(codes, _END, begin + 1)
         if begin < 0 or (end < 0 and self.complete):
             raise ProgramError(
                 f"the program has no {'begin' if begin < 0 else 'end'}: it may be cut off",
@@ -165,3 +166,8 @@ def arguments(code: str, start: int, end: int) -> list[tuple[int, int]]:
     return [
         (a + len(code[a:b]) - len(code[a:b].lstrip()), b - len(code[a:b]) + len(code[a:b].rstrip())) for a, b in out
     ]
+
+
+def _first(codes: Sequence[str], pattern: re.Pattern[str], begin: int) -> int:
+    """Index of the first line from one on that is a word; -1 where none is."""
+    return next((at for at in range(begin, len(codes)) if pattern.fullmatch(codes[at])), -1)
