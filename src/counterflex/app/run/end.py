@@ -183,7 +183,7 @@ def ended_how(summary: Mapping[str, Any], *, arm: bool) -> dict[str, Any]:
             "the correction ended before its program; without a feed hold the robot was stopped",
         ),
     )  # fmt: skip
-    end, sentence = next(((end, said) for holds, end, said in ends if holds), (End.PLANNED, ""))
+    end, sentence = next(((end, text) for holds, end, text in ends if holds), (End.PLANNED, ""))
     if not sentence and arm and by in ("never", "armed"):
         what = "never armed" if by == "never" else "armed, but the robot program never switched the correction on"
         end, sentence = End.NEVER_ARMED, what + _never_why(summary)

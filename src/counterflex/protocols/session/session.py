@@ -448,8 +448,3 @@ class OnlineSession:
     def another_port(self) -> int:
         """Port of another session that cannot be answered while something is in effect in this one; 0: none."""
         return self._next.port(self._silent_cycles) if self._result.state > _ARMED else 0
-
-    @property
-    def idle_force(self) -> Float:
-        """(6,) N, N m: mean reading before the cut that the checks were made on, part axes; zero before it is known."""
-        return self._tare.mean
