@@ -227,8 +227,9 @@ def _answers_the_first(patch: pytest.MonkeyPatch) -> None:
     right = RobotPort._take
 
     def take(self: RobotPort, row: int, read: Any) -> bool:
-        first, new = self._sender, right(self, row, read)
-        self._sender = self._sender if first < 0 else first
+        first, peer, new = self._sender, self.peer, right(self, row, read)
+        if first >= 0:
+            self._sender, self.peer = first, peer
         return new
 
     patch.setattr(RobotPort, "_take", take)

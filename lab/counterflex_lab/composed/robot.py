@@ -59,6 +59,7 @@ class Robot:
         self._active, self._rng, self._dt = active, rng, period_s
         self._program = bench.program()
         self._C = bench.true_compliance(rng)
+        self._off = self._C - bench.model_compliance()
         self._natural = 2.0 * np.pi * 5.0 * float(rng.uniform(0.9, 1.15))
         self._damping = 0.7 * float(rng.uniform(0.9, 1.1))
         self._reading = bench.reading()
@@ -90,6 +91,12 @@ class Robot:
     def bent_m(self) -> Float:
         """(3,) by which the arm yields to the force on the tool."""
         out: Float = self._C @ self.force
+        return out
+
+    @property
+    def unmodelled_m(self) -> Float:
+        """(3,) of :attr:`bent_m` that the cell's compliances do not have."""
+        out: Float = self._off @ self.force
         return out
 
     @property
