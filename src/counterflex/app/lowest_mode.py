@@ -79,7 +79,7 @@ def estimate(cell: Cell, q: Float) -> Estimate:
     Args:
         q: (6,) rad.
     """
-    chain, measured = cell.chain, cell.tables.dynamics.mode
+    chain, measured = cell.planning_chain, cell.tables.dynamics.mode
     mode = mode_of(chain, q, measured)
     moves = can_move(chain)
     if measured is not None and not moves:

@@ -1,4 +1,8 @@
-"""Robots of which no stiffness is known: which axes that are, and what their class gives them when it is asked for."""
+"""Robots of which stiffness, drives or play are not known: which axes that are, and what their class gives them.
+
+Stiffness is given when it is asked for, drives, friction and play always: without them the planner would take drives as
+rigid and friction as zero, which no robot has.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from counterflex.core.errors import InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.robot import RobotTable
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model import catalog
-from counterflex.robot.model.class_prior import ClassPrior, class_prior
+from counterflex.robot.model.class_prior import ClassPrior, arm_over_axis, class_prior
 from counterflex.robot.model.description import Robot
+from counterflex.robot.model.drive_prior import DrivePrior
 
 _ABOUT_Z = 5
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
@@ -29,6 +35,57 @@ class ClassStiffness:
     def named(self) -> str:
         """The axes, for messages: ``A1, A2``."""
         return axis_names(self.axes)
+
+
+@dataclass(frozen=True)
+class ClassDrives:
+    """Drives, friction and play that a robot is given by its class, axis by axis, where its cell file has none."""
+
+    servo_axes: tuple[int, ...]  # Numbers 0..5 of the axes without loop gains
+    play_axes: tuple[int, ...]  # Numbers 0..5 of the axes without play and friction
+    whole_arm: tuple[int, ...]  # Numbers 0..5 of the axes whose spring stands for the whole arm
+    prior: DrivePrior
+
+    def given_to(self, chain: ElasticChain, *, servo: bool = True, play: bool = True) -> ElasticChain:
+        """The chain with the medians where it has nothing.
+
+        Args:
+            servo: Give loop gains.
+            play: Give play and friction.
+        """
+        loops, lost = list(chain.servo or (None,) * 6), list(chain.play or (None,) * 6)
+        for axis in self.servo_axes if servo else ():
+            loops[axis] = self.prior.servo(axis)
+        for axis in self.play_axes if play else ():
+            share = float(arm_over_axis()[axis]) if axis in self.whole_arm else 1.0
+            lost[axis] = self.prior.play(axis, share)
+        return replace(
+            chain, servo=tuple(loops) if any(loops) else chain.servo, play=tuple(lost) if any(lost) else chain.play
+        )
+
+
+def drives_of_class(
+    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None
+) -> ClassDrives | None:
+    """Return what the class of a robot says of drives and play that its cell file does not give; None: nothing.
+
+    Args:
+        chain: With the loop gains and the play of the cell file.
+        robot: As :func:`prior_of` takes it.
+        table: Of the cell file.
+        stiffness: What the class gave of the stiffness.
+    """
+    without = [
+        tuple(axis for axis in range(6) if known is None or known[axis] is None) for known in (chain.servo, chain.play)
+    ]
+    if not any(without):
+        return None
+    try:
+        size = prior_of(robot, table)
+    except InputError:
+        return None
+    whole = () if stiffness is None else stiffness.axes
+    return ClassDrives(without[0], without[1], whole, DrivePrior(size.payload_kg, size.reach_m))
 
 
 def axis_names(axes: tuple[int, ...]) -> str:
