@@ -5,8 +5,10 @@ The error of the tool at a point is what the plan predicts there and what each u
 errors of the form of the model, as isotropic parts of the deflection:
 
 - :data:`STRUCTURE` of it everywhere: Haehn and Weigold 2020 leave 6 % of the deflection after identification;
-- :data:`DRIVES` of it where the force changes, unless the loop gains of the drives are known: how far a motor yields
-  before its loop has answered.
+- :data:`DRIVES` of it where the force changes, where nothing says how far a motor yields before its loop has answered.
+
+Of loop gains that the robot's class gave, what they make the motors yield is drawn, with the spread of
+:mod:`counterflex.robot.model.drive_prior`.
 
 What the predicted tool swings is larger or smaller by a factor of its own (:data:`SWING`): its damping is assumed.
 
@@ -21,22 +23,26 @@ the cell file say, a controller by rules of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints, points_of_plan
+from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
 from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.class_stiffness import ClassDrives
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import lasting
+from counterflex.plan.correction_scale import scale_for, scaled
 from counterflex.plan.plan import Plan
+from counterflex.plan.sag_and_play import play_deviation
 from counterflex.robot.elasticity.compliance import shares
 
 STRUCTURE: Final = 0.06
@@ -80,8 +86,7 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     points = points_of_plan(plan, cell, "the program", places)
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
-    Ts_base_part = cell.T_base_part if places is None else places.Ts_base_part(plan.path.place[points.row])
-    off, R_base_part = _unknown_displacement(plan, cell, points), Ts_base_part[..., :3, :3]
+    off, R_base_part = _unknown_displacement(plan, cell, points, places), _part_axes(plan, cell, points, places)
     period_s, more = 1.0 / at_largest_force(cell, plan).mode.hz, _swings_more()
     sizes = []
     for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part):
@@ -95,18 +100,43 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
 
 
+def at_best_scale(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> tuple[Plan, float | None]:
+    """The plan with its correction at the scale that all that is not known of the cell asks for.
+
+    ``limits.correction_aim`` of the cell file says what it makes small, see :mod:`counterflex.plan.correction_scale`.
+
+    Returns:
+        The plan, and the scale; None where nothing is cut or the robot holds the part: the plan is as it was then.
+    """
+    points = None if cell.holds_part else points_of_plan(plan, cell, "the program", places)
+    if points is None:
+        return plan, None
+    R_base_part = _part_axes(plan, cell, points, places)
+    planned = np.einsum("...ij,...j->...i", R_base_part, -plan.correction_part[points.row])
+    unknown = points.across(_unknown_displacement(plan, cell, points, places))
+    scale = scale_for(cell.tables.limits.correction_aim, points.across(planned), unknown, points.weight_m)
+    return scaled(plan, scale), scale
+
+
 def with_intervals(
-    figures: dict[str, Any], plan: Plan, cell: Cell, places: ExternalPlaces | None = None
+    figures: dict[str, Any],
+    plan: Plan,
+    cell: Cell,
+    places: ExternalPlaces | None = None,
+    *,
+    scale: float | None = None,
 ) -> dict[str, Any]:
     """Return the figures of a plan with what is not known: the figures to plan with come first.
 
     Args:
         figures: With ``predicted_nominal`` and ``predicted_compensated`` where they were predicted; left as it is.
+        scale: That the correction of the plan has (:func:`at_best_scale`); None: it is not said.
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
-        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover), the interval ``p997_90_mm`` and
-        the median ``p997_median_mm`` in each predicted error, and the lowest mode that was taken.
+        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover; ``correction_scale``), the
+        interval ``p997_90_mm`` and the median ``p997_median_mm`` in each predicted error, and the lowest mode that was
+        taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
     errors = foreseen(plan, cell, places)
@@ -119,6 +149,7 @@ def with_intervals(
         error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
         out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
     headline |= {"probability_of_worse": round(errors.worse_share, 4), "sharp_corners": sharp_corners(plan)}
+    headline |= {} if scale is None else {"correction_scale": round(scale, 4)}
     return {"headline": headline, **out}
 
 
@@ -154,15 +185,34 @@ def worse_text(share: float) -> str:
     return f"above {100.0 * (1.0 - least):g} %" if share > 1.0 - least else f"{100.0 * share:.2g} %"
 
 
-def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints) -> Float:
+def _part_axes(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces | None) -> Float:
+    """(3, 3) or (n, 3, 3) axes of the part at the points, base axes."""
+    out: Float = (cell.T_base_part if places is None else places.Ts_base_part(plan.path.place[points.row]))[..., :3, :3]
+    return out
+
+
+def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces | None = None) -> Float:
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
     out = _left_open(cell, points, bend, rng)
-    if cell.chain.servo is None:
+    given = cell.class_drives
+    if given is not None and given.servo_axes:
+        softer = np.exp(given.prior.yield_log_sigma * rng.standard_normal((ROBOTS, 1, 1))) - 1.0
+        R_base_part = _part_axes(plan, cell, points, places)
+        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell, given)[points.row])
+    elif cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
+
+
+def _drives_yield(plan: Plan, cell: Cell, given: ClassDrives) -> Float:
+    """(n, 3) m, part axes: how far the motors yield whose loop gains the robot's class gave."""
+    chain = given.given_to(replace(cell.chain, servo=None, play=None), play=False)
+    relative = setting_of(cell, chain=chain, part_may_be_held=True).relative_motion(plan.path)
+    path, mode = plan.path, at_largest_force(cell, plan).mode
+    return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
 
 
 def _swings_more() -> Float:

@@ -11,7 +11,8 @@ them. At rest and linear: what it is in motion, a plan says.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
-  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.drive_prior`). Of an identified axis, the standard deviations of dead band and slip angles.
+  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.drive_prior`). Of an identified axis,
+  the standard deviations of dead band and slip angles.
 """
 
 from __future__ import annotations

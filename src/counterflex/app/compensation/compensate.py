@@ -21,6 +21,7 @@ from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
+from counterflex.app.prediction_interval import at_best_scale
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -171,9 +172,10 @@ def compensate(
             lowered = lowered_plan(slowed, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
     require_clear(plan.path, plan.volume_m3, job.program)
+    plan, scale = at_best_scale(plan, cell, job.places)
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
-    about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
+    about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m, scale=scale)
     parts[WRITING](1.0)
     if limited is not None:
         about |= {"feed_limits": shown_limits(limited), "calm_feed": calm_feed(slowed, plan, cell)}

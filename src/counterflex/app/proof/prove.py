@@ -32,7 +32,7 @@ from counterflex.app.inputs import (
 )
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.named_lines import with_files
-from counterflex.app.prediction_interval import with_intervals
+from counterflex.app.prediction_interval import at_best_scale, with_intervals
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
@@ -102,6 +102,7 @@ def prove(
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     slowed, plan = _planned(job, cell, Path(program).name, _saying(parts[PLANNING], PLANNING))
+    plan, scale = at_best_scale(plan, cell, job.places)
     files, written = write(job, plan, cell, own_language(job.program))
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed, family) for seed in seeds}
@@ -137,7 +138,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
-        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
+        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell, scale=scale),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *unknown_stiffness(cell)]},
         **assumed(cell),

@@ -7,18 +7,28 @@ rigid and friction as zero, which no robot has.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MM, MS, URAD
 from counterflex.files.cell.robot import RobotTable
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model import catalog
 from counterflex.robot.model.class_prior import ClassPrior, arm_over_axis, class_prior
 from counterflex.robot.model.description import Robot
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.robot.model.drive_prior import (
+    FRICTION_FACTOR,
+    HALF_BAND_RAD,
+    INTEGRAL_TIME_S,
+    PLAY_FACTOR,
+    POSITION_GAIN_FACTOR,
+    POSITION_GAIN_PER_S,
+    SPEED_GAIN_FACTOR,
+    DrivePrior,
+)
 
 _ABOUT_Z = 5
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
@@ -45,6 +55,28 @@ class ClassDrives:
     play_axes: tuple[int, ...]  # Numbers 0..5 of the axes without play and friction
     whole_arm: tuple[int, ...]  # Numbers 0..5 of the axes whose spring stands for the whole arm
     prior: DrivePrior
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Plain values for a summary, shop units: medians, and the factors that nine of ten robots lie within."""
+        loops, lost = list(self.servo_axes), list(self.play_axes)
+        friction, gains = self.prior.friction_nm, self.prior.speed_gain_nm_s
+        return {
+            "from": "the robot's class: medians of published robots, scaled by payload and reach",
+            "loop_axes": [axis + 1 for axis in loops],
+            "speed_gain_nm_s": [float(f"{value:.3g}") for value in gains[loops]],
+            "position_gain_per_s": POSITION_GAIN_PER_S,
+            "integral_time_ms": round(INTEGRAL_TIME_S / MS, 3),
+            "play_axes": [axis + 1 for axis in lost],
+            "dead_band_half_urad": round(HALF_BAND_RAD / URAD, 3),
+            "friction_nm": [float(f"{value:.3g}") for value in friction[sorted({*loops, *lost})]],
+            "factor_of_90_percent": {
+                "speed_gain_nm_s": SPEED_GAIN_FACTOR,
+                "position_gain_per_s": POSITION_GAIN_FACTOR,
+                "dead_band_half_urad": PLAY_FACTOR,
+                "friction_nm": FRICTION_FACTOR,
+            },
+        }
 
     def given_to(self, chain: ElasticChain, *, servo: bool = True, play: bool = True) -> ElasticChain:
         """The chain with the medians where it has nothing.
