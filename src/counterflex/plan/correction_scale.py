@@ -31,24 +31,24 @@ MOST: Final = 1.5
 """Largest scale: more is no correction of what was planned."""
 
 
-def scale_for(aim: Aim, c: Float, d: Float, weight: Float) -> float:
+def scale_for(aim: Aim, requested: Float, displacements: Float, weight_m: Float) -> float:
     """The scale of a correction.
 
     Args:
         aim: What it makes small.
-        c: (n, 3) m, what the correction takes back, across the feed.
-        d: (draws, n, 3) m, what the cells need beyond it.
-        weight: (n,) of the points.
+        requested: (n, 3) m, what the correction takes back, across the feed: c.
+        displacements: (draws, n, 3) m, what the cells need beyond it: d.
+        weight_m: (n,) m, length of path that each point stands for.
 
     Returns:
         0 to :data:`MOST`; 1 where nothing is corrected.
     """
-    w = weight[:, None]
-    own = float(np.sum(w * c * c))
+    weighted = weight_m[:, None] * requested
+    own = float(np.sum(weighted * requested))  # c . c
     if aim == "full" or own == 0.0:
         return 1.0
-    extra = np.einsum("rnk,nk->r", d, w * c)  # d . c
-    needed = own + 2.0 * extra + np.einsum("rnk,rnk,n->r", d, d, weight)  # |x|^2
+    extra = np.einsum("rnk,nk->r", displacements, weighted)  # d . c
+    needed = own + 2.0 * extra + np.einsum("rnk,rnk,n->r", displacements, displacements, weight_m)  # |x|^2
     if aim == "square":
         best = 1.0 + float(np.mean(extra)) / own
     elif aim == "share":

@@ -63,7 +63,7 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         worse = worse_text(headline["probability_of_worse"])
         rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
         if (scale := headline.get("correction_scale")) is not None:
-            remark = "1: the cell is known well enough; limits.correction_aim says what it makes small"
+            remark = f"worse than none on a cell that yields less than {50.0 * scale:.0f} % of what is planned"
             rows.append(("Scale of the correction", f"{scale:.3f}", remark))
         if headline.get("sharp_corners"):
             remark = "not looked at: the range does not hold the speed that the controller chooses there"
