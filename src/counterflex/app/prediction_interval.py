@@ -36,7 +36,6 @@ from counterflex.app.unknowns import sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
-from counterflex.files.cell.class_stiffness import ClassDrives
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import lasting
@@ -200,16 +199,17 @@ def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: Ext
     if given is not None and given.servo_axes:
         softer = np.exp(given.prior.yield_log_sigma * rng.standard_normal((ROBOTS, 1, 1))) - 1.0
         R_base_part = _part_axes(plan, cell, points, places)
-        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell, given)[points.row])
+        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell)[points.row])
     elif cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
 
 
-def _drives_yield(plan: Plan, cell: Cell, given: ClassDrives) -> Float:
+def _drives_yield(plan: Plan, cell: Cell) -> Float:
     """(n, 3) m, part axes: how far the motors yield whose loop gains the robot's class gave."""
-    chain = given.given_to(replace(cell.chain, servo=None, play=None), play=False)
+    given, chain = cell.class_drives, replace(cell.chain, servo=None, play=None)
+    chain = chain if given is None else given.given_to(chain, play=False)
     relative = setting_of(cell, chain=chain, part_may_be_held=True).relative_motion(plan.path)
     path, mode = plan.path, at_largest_force(cell, plan).mode
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)

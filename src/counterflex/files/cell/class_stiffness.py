@@ -16,19 +16,10 @@ from counterflex.core.units import MM, MS, URAD
 from counterflex.files.cell.robot import RobotTable
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.model import catalog
+from counterflex.robot.model import catalog, drive_prior
 from counterflex.robot.model.class_prior import ClassPrior, arm_over_axis, class_prior
 from counterflex.robot.model.description import Robot
-from counterflex.robot.model.drive_prior import (
-    FRICTION_FACTOR,
-    HALF_BAND_RAD,
-    INTEGRAL_TIME_S,
-    PLAY_FACTOR,
-    POSITION_GAIN_FACTOR,
-    POSITION_GAIN_PER_S,
-    SPEED_GAIN_FACTOR,
-    DrivePrior,
-)
+from counterflex.robot.model.drive_prior import DrivePrior
 
 _ABOUT_Z = 5
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
@@ -65,16 +56,16 @@ class ClassDrives:
             "from": "the robot's class: medians of published robots, scaled by payload and reach",
             "loop_axes": [axis + 1 for axis in loops],
             "speed_gain_nm_s": [float(f"{value:.3g}") for value in gains[loops]],
-            "position_gain_per_s": POSITION_GAIN_PER_S,
-            "integral_time_ms": round(INTEGRAL_TIME_S / MS, 3),
+            "position_gain_per_s": drive_prior.POSITION_GAIN_PER_S,
+            "integral_time_ms": round(drive_prior.INTEGRAL_TIME_S / MS, 3),
             "play_axes": [axis + 1 for axis in lost],
-            "dead_band_half_urad": round(HALF_BAND_RAD / URAD, 3),
+            "dead_band_half_urad": round(drive_prior.HALF_BAND_RAD / URAD, 3),
             "friction_nm": [float(f"{value:.3g}") for value in friction[sorted({*loops, *lost})]],
             "factor_of_90_percent": {
-                "speed_gain_nm_s": SPEED_GAIN_FACTOR,
-                "position_gain_per_s": POSITION_GAIN_FACTOR,
-                "dead_band_half_urad": PLAY_FACTOR,
-                "friction_nm": FRICTION_FACTOR,
+                "speed_gain_nm_s": drive_prior.SPEED_GAIN_FACTOR,
+                "position_gain_per_s": drive_prior.POSITION_GAIN_FACTOR,
+                "dead_band_half_urad": drive_prior.PLAY_FACTOR,
+                "friction_nm": drive_prior.FRICTION_FACTOR,
             },
         }
 
