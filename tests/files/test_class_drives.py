@@ -74,6 +74,18 @@ def test_a_cell_whose_tables_are_whole_is_planned_as_its_file_says(tmp_path: Pat
     assert assumed(cell) == {}
 
 
+def test_a_measured_mode_wins_over_the_drives_of_the_class(tmp_path: Path) -> None:
+    """A tap test holds the drives: loop gains of the class beside it would make another mode of it."""
+    stated = "[dynamics]\nmode_hz = 6.0\ndamping_ratio = 0.02\n"
+    cell = cell_with(tmp_path, stated)
+    chain = setting_of(cell).chain
+    assert chain.servo is None
+    assert chain.play is not None
+    assert assumed(cell)["assumed_drives"]["loop_axes"] == []
+    both = cell_with(tmp_path, stated + SERVO.format(axis=1))
+    assert setting_of(both).chain.servo == both.chain.servo
+
+
 def test_a_robot_outside_every_class_keeps_rigid_drives() -> None:
     cell = read_cell(FILE.with_name("ur10_ipa_tmac.toml"))
     assert cell.class_drives is None

@@ -1,7 +1,8 @@
 """Scale of a correction whose size is not certain.
 
-A correction c is right for the cell that the file describes; the cell at hand needs ``x_r = c + d_r``, with d_r drawn
-from what is not known of it. Commanded is ``s c`` with the s that an aim asks for, everything across the feed, points
+A correction c of what arm and drives yield to the cut is right for the cell that the file describes; the cell at hand
+needs ``x_r = c + d_r``, with d_r drawn from what is not known of it. What is corrected of own weight, geometry, play and
+friction does not grow with the force and is never scaled. Commanded is ``s c`` with the s that an aim asks for, everything across the feed, points
 weighted by path length:
 
 - ``share``: least mean of ``|x_r - s c|^2 / |x_r|^2``, the square of the share that is left.
@@ -62,13 +63,20 @@ def scale_for(aim: Aim, requested: Float, displacements: Float, weight_m: Float)
 
 
 def scaled(plan: Plan, scale: float) -> Plan:
-    """The plan with its correction, and what the prediction expects of it, at a scale; the same for 1."""
+    """The plan with a scale of the correction for what yields, and what the prediction expects of it."""
     if scale == 1.0:
-        return plan
-    gained = plan.deviation_nominal_part - plan.deviation_compensated_part
+        return replace(plan, scale=scale)
+    rigid = plan.correction_part - yielding_part(plan)
+    gained = plan.deviation_nominal_part - plan.deviation_compensated_part + rigid
     return replace(
         plan,
-        correction_part=scale * plan.correction_part,
+        correction_part=rigid + scale * yielding_part(plan),
         rotvec_part=scale * plan.rotvec_part,
-        deviation_compensated_part=plan.deviation_nominal_part - scale * gained,
+        deviation_compensated_part=plan.deviation_compensated_part + (1.0 - scale) * gained,
+        scale=scale,
     )
+
+
+def yielding_part(plan: Plan) -> Float:
+    """(n, 3) m, part axes, part of the correction that takes back how far arm and drives yield to the cut."""
+    return plan.correction_part if plan.rigid_part is None else plan.correction_part - plan.rigid_part

@@ -53,7 +53,7 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
 
 
 def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done: int, path: ToolPath) -> Plan:
-    return make_plan(
+    made = make_plan(
         path,
         job.line_of_motion,
         cell.stock(),
@@ -64,6 +64,7 @@ def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done
             (done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else ""
         ),
     )
+    return at_best_scale(made, cell, job.places)
 
 
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
@@ -159,7 +160,7 @@ def compensate(
         limited = None if programmed_feed else limited_feed(job, cell, setting)
         slowed = job if limited is None else replace(job, path=limited.path)
         if feed is None:
-            plan = make_plan(
+            made = make_plan(
                 slowed.path,
                 job.line_of_motion,
                 cell.stock(),
@@ -168,14 +169,14 @@ def compensate(
                 predict=predict,
                 progress=parts[PLANNING],
             )
+            plan = at_best_scale(made, cell, job.places)
         else:
             lowered = lowered_plan(slowed, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan
     require_clear(plan.path, plan.volume_m3, job.program)
-    plan, scale = at_best_scale(plan, cell, job.places)
     parts[WRITING](0.0)
     files, facts = write(job, plan, cell, language, tolerance_m)
-    about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m, scale=scale)
+    about = summary_of(job, plan, cell, language, files=files, written=facts, tolerance_m=tolerance_m)
     parts[WRITING](1.0)
     if limited is not None:
         about |= {"feed_limits": shown_limits(limited), "calm_feed": calm_feed(slowed, plan, cell)}

@@ -278,15 +278,13 @@ def summary_of(
     files: dict[str, str],
     written: dict[str, Any],
     tolerance_m: float,
-    scale: float | None = None,
 ) -> dict[str, Any]:
     """Return what ``summary.json`` says of a compensated program, in shop units.
 
     Args:
         tolerance_m: Largest distance between the written path and the planned one.
-        scale: Of the correction, see :func:`counterflex.app.prediction_interval.at_best_scale`.
     """
-    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell, job.places, scale=scale)
+    predicted = with_intervals(figures(plan, cell.chain.axes), plan, cell, job.places)
     predicted["extrapolation"] = extrapolation(plan, cell.force_law)
     for peak in (value for key, value in predicted.items() if key.startswith("peak_")):
         peak["place"] = job.program.place(peak["line"])

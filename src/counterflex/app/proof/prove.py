@@ -102,7 +102,6 @@ def prove(
     parts = in_parts(progress, _work(float(job.path.time_s[-1]), seeds, count, count_of(workers, count), exact=exact))
     parts[PLANNING](0.0)
     slowed, plan = _planned(job, cell, Path(program).name, _saying(parts[PLANNING], PLANNING))
-    plan, scale = at_best_scale(plan, cell, job.places)
     files, written = write(job, plan, cell, own_language(job.program))
     timing = {"planning": time.perf_counter() - begin}
     truths = {seed: truth_of(cell, seed, family) for seed in seeds}
@@ -138,7 +137,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
-        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell, scale=scale),
+        "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *unknown_stiffness(cell)]},
         **assumed(cell),
@@ -283,7 +282,7 @@ def _planned(job: Job, cell: Cell, name: str, progress: Progress) -> tuple[Job, 
             where=name,
             hint="Check the part frame, the blank and the program's zero",
         )
-    return slowed, plan
+    return slowed, at_best_scale(plan, cell, job.places)
 
 
 def _report_all(parts: Mapping[str, Progress], shares: Shares, ended: int, count: int, begin: float) -> None:

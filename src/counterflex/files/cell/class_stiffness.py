@@ -88,27 +88,32 @@ class ClassDrives:
 
 
 def drives_of_class(
-    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None
+    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None, *, tapped: bool
 ) -> ClassDrives | None:
     """Return what the class of a robot says of drives and play that its cell file does not give; None: nothing.
+
+    Loop gains make another lowest mode, and other damping, than a tap test measured of robot and drives together: the
+    class gives none beside one.
 
     Args:
         chain: With the loop gains and the play of the cell file.
         robot: As :func:`prior_of` takes it.
         table: Of the cell file.
         stiffness: What the class gave of the stiffness.
+        tapped: The cell file states the lowest mode.
     """
-    without = [
+    loops, lost = (
         tuple(axis for axis in range(6) if known is None or known[axis] is None) for known in (chain.servo, chain.play)
-    ]
-    if not any(without):
+    )
+    loops = () if tapped else loops
+    if not (loops or lost):
         return None
     try:
         size = prior_of(robot, table)
     except InputError:
         return None
     whole = () if stiffness is None else stiffness.axes
-    return ClassDrives(without[0], without[1], whole, DrivePrior(size.payload_kg, size.reach_m))
+    return ClassDrives(loops, lost, whole, DrivePrior(size.payload_kg, size.reach_m))
 
 
 def axis_names(axes: tuple[int, ...]) -> str:
