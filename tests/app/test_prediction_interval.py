@@ -17,7 +17,6 @@ from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.prediction_interval import (
     Foreseen,
-    at_best_scale,
     expected_deflection,
     foreseen,
     sharp_corners,
@@ -100,7 +99,6 @@ def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, mo
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
     monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
-    assert at_best_scale(plan, cell) == (plan, 1.0)
     for name, deviation in (
         ("nominal", plan.deviation_nominal_part),
         ("compensated", plan.deviation_compensated_part),
@@ -115,16 +113,16 @@ def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, mo
 
 
 @pytest.mark.parametrize("spread", [0.3, 0.6])
-def test_scale_and_probability_of_one_linear_unknown(
+def test_probability_of_worse_of_one_linear_unknown(
     cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch, spread: float
 ) -> None:
-    """All deflection off by one factor x: scale ``E[1/x] / E[1/x^2]``, and worse than none where x < scale / 2."""
+    """All deflection off by one factor x: worse than none where x < 1/2."""
     for name in ("STRUCTURE", "DRIVES", "SWING"):
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
     x = np.exp(spread * np.random.default_rng(8).standard_normal(1000))
     exact = replace(
-        plan, correction_part=-plan.deflection_part[:, :3], deviation_nominal_part=plan.deflection_part[:, :3],
+        plan, deviation_nominal_part=plan.deflection_part[:, :3],
         deviation_compensated_part=np.zeros_like(plan.deviation_compensated_part),
     )  # fmt: skip
 
@@ -133,10 +131,7 @@ def test_scale_and_probability_of_one_linear_unknown(
         return [unknowns.Source("force", "test", (x - 1.0)[:, None, None] * d, "cutting")]
 
     monkeypatch.setattr(prediction_interval, "sources", scaling)
-    plan_at_scale, scale = at_best_scale(exact, cell)
-    assert scale == pytest.approx(np.mean(1.0 / x) / np.mean(1.0 / x**2))
-    for one, s in ((exact, 1.0), (plan_at_scale, scale)):
-        assert found(one, cell).worse_share == pytest.approx(np.mean(x < 0.5 * s), abs=0.002)
+    assert found(exact, cell).worse_share == pytest.approx(np.mean(x < 0.5), abs=0.002)
 
 
 def test_a_larger_spread_is_a_wider_interval(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:

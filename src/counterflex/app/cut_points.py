@@ -35,12 +35,6 @@ class CutPoints:
     of: str
     row: Int  # (n,) rows of the path
 
-    def across(self, displacements: Float) -> Float:
-        """Part of displacements (..., n, 3) m, base axes, that is square to the path."""
-        along = np.sum(displacements * self.feed_base, axis=-1, keepdims=True) * self.feed_base
-        out: Float = displacements - along
-        return out
-
     def sizes(self, displacements: Float) -> Float:
         """Return what 99.7 % of the path stay below, square to it.
 
@@ -50,7 +44,8 @@ class CutPoints:
         Returns:
             (draws,) m.
         """
-        size = np.linalg.norm(self.across(displacements), axis=2)
+        along = np.sum(displacements * self.feed_base, axis=2, keepdims=True) * self.feed_base
+        size = np.linalg.norm(displacements - along, axis=2)
         weights = np.broadcast_to(self.weight_m, size.shape)
         out: Float = np.quantile(size, _SHARE, axis=1, weights=weights, method="inverted_cdf")
         return out

@@ -39,7 +39,6 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import lasting
-from counterflex.plan.correction_scale import scale_for, scaled, yielding_part
 from counterflex.plan.plan import Plan
 from counterflex.plan.sag_and_play import play_deviation
 from counterflex.robot.elasticity.compliance import shares
@@ -99,24 +98,6 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
 
 
-def at_best_scale(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Plan:
-    """The plan with its correction at the scale that all that is not known of the cell asks for.
-
-    ``limits.correction_aim`` of the cell file says what it makes small, see :mod:`counterflex.plan.correction_scale`.
-
-    Returns:
-        The plan with its ``scale``; as it was where nothing is cut or the robot holds the part.
-    """
-    points = None if cell.holds_part else points_of_plan(plan, cell, "the program", places)
-    if points is None:
-        return plan
-    R_base_part = _part_axes(plan, cell, points, places)
-    planned = np.einsum("...ij,...j->...i", R_base_part, -yielding_part(plan)[points.row])
-    unknown = points.across(_unknown_displacement(plan, cell, points, places))
-    scale = scale_for(cell.tables.limits.correction_aim, points.across(planned), unknown, points.weight_m)
-    return scaled(plan, scale)
-
-
 def with_intervals(
     figures: dict[str, Any], plan: Plan, cell: Cell, places: ExternalPlaces | None = None
 ) -> dict[str, Any]:
@@ -127,9 +108,8 @@ def with_intervals(
 
     Returns:
         The same with ``headline`` in front (``before_mm`` and ``after_mm``: median, lower and upper end of the 90 %
-        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover; ``correction_scale``), the
-        interval ``p997_90_mm`` and the median ``p997_median_mm`` in each predicted error, and the lowest mode that was
-        taken.
+        interval; ``probability_of_worse``; ``sharp_corners`` that it does not cover), the interval ``p997_90_mm`` and
+        the median ``p997_median_mm`` in each predicted error, and the lowest mode that was taken.
     """
     out = dict(figures) | {"lowest_mode": at_largest_force(cell, plan).shown}
     errors = foreseen(plan, cell, places)
@@ -142,7 +122,6 @@ def with_intervals(
         error = {"p997_median_mm": median, "p997_90_mm": [low, high]}
         out[f"predicted_{name}"] = figures[f"predicted_{name}"] | error
     headline |= {"probability_of_worse": round(errors.worse_share, 4), "sharp_corners": sharp_corners(plan)}
-    headline |= {} if plan.scale is None else {"correction_scale": round(plan.scale, 4)}
     return {"headline": headline, **out}
 
 

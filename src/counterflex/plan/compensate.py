@@ -43,7 +43,6 @@ from counterflex.plan.static_correction import (
     check_corrections,
     command_against,
     loaded_robot,
-    rigid_correction,
     shaped,
     static_correction,
 )
@@ -177,7 +176,6 @@ def plan(
         extrapolated=undisturbed.extrapolated.astype(np.int64),
         chip_m=cut.chip_m,
         recut=prediction.cutting & _fed(path) & ~undisturbed.contact,
-        rigid_part=rigid_correction(loaded, command.q),
     )
 
 

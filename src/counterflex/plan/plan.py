@@ -42,11 +42,6 @@ class Plan:
     # (n,) True in feed rows that remove material only because the tool of an earlier pass was not where it was
     # programmed (a spring pass, a move along a finished wall); None where no motion was predicted
     recut: Bool | None = None
-    # (n, 3) m, part of `correction_part` that takes back what does not depend on how far the arm and its drives yield
-    # (own weight, geometry, errors of the drives, play and friction); None for a plan read from a file
-    rigid_part: Float | None = None
-    # Of the rest of the correction (:mod:`counterflex.plan.correction_scale`); None where no scale was looked for
-    scale: float | None = None
 
     @property
     def cutting(self) -> Bool:

@@ -10,7 +10,7 @@ the axis is free: it moves the tool where it may move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -217,23 +217,6 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     command = command_against(loaded, displacement)
     progress(1.0)
     return displacement, command
-
-
-def rigid_correction(loaded: LoadedRobot, q_command: Float) -> Float:
-    """(n, 3) m, part axes, what a command corrects of a robot whose arm and drives do not yield.
-
-    Own weight, geometry, errors of the drives, play and friction: all of the correction but what takes back the
-    deflection under the cutting force and the yield of the drives.
-
-    Args:
-        loaded: The robot under load.
-        q_command: (n, 6) rad, commanded angles.
-    """
-    robot = loaded.robot
-    setting = replace(robot.setting, chain=replace(robot.setting.chain, servo=None))
-    off = robot.sag_part + lost_motion(replace(robot, setting=setting), q_command, loaded.cut.w_tcp_part)
-    still = np.pad(off, ((0, 0), (0, 3)))
-    return command_against(loaded, shaped(loaded, still, np.zeros_like(still))).correction_part
 
 
 def check_corrections(command: Command, line: Int, limits: Limits) -> None:

@@ -21,7 +21,6 @@ from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
-from counterflex.app.prediction_interval import at_best_scale
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -53,7 +52,7 @@ def lowered_plan(job: Job, cell: Cell, setting: Setting, wish: FeedTolerance, pr
 
 
 def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done: int, path: ToolPath) -> Plan:
-    made = make_plan(
+    return make_plan(
         path,
         job.line_of_motion,
         cell.stock(),
@@ -64,7 +63,6 @@ def _plan_round(job: Job, cell: Cell, setting: Setting, progress: Progress, done
             (done + fraction) / (ROUNDS + 1.0), f"round {done + 1}: {what}" if what else ""
         ),
     )
-    return at_best_scale(made, cell, job.places)
 
 
 def shown_feed(lowered: LoweredFeed, wish: FeedTolerance) -> dict[str, Any]:
@@ -160,7 +158,7 @@ def compensate(
         limited = None if programmed_feed else limited_feed(job, cell, setting)
         slowed = job if limited is None else replace(job, path=limited.path)
         if feed is None:
-            made = make_plan(
+            plan = make_plan(
                 slowed.path,
                 job.line_of_motion,
                 cell.stock(),
@@ -169,7 +167,6 @@ def compensate(
                 predict=predict,
                 progress=parts[PLANNING],
             )
-            plan = at_best_scale(made, cell, job.places)
         else:
             lowered = lowered_plan(slowed, cell, setting, feed, parts[PLANNING])
             plan = lowered.plan

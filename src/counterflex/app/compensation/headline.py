@@ -61,10 +61,7 @@ def error_rows(predicted: Mapping[str, Any]) -> list[tuple[str, str, str]]:
             for what in ("before", "after")
         ]
         worse = worse_text(headline["probability_of_worse"])
-        remark, scale = "by all that is not known of the cell", headline.get("correction_scale")
-        if scale is not None:
-            remark += f"; corrected at {scale:.3f}: worse where it yields below {50.0 * scale:.0f} % of what is planned"
-        rows.append(("Probability that compensation makes it worse", worse, remark))
+        rows.append(("Probability that compensation makes it worse", worse, "by all that is not known of the cell"))
         if headline.get("sharp_corners"):
             remark = "not looked at: the range does not hold the speed that the controller chooses there"
             rows.append(("Sharp corners in the cut", str(headline["sharp_corners"]), remark))

@@ -32,7 +32,7 @@ from counterflex.app.inputs import (
 )
 from counterflex.app.long_jobs.workers import Shares, count_of, done_one_by_one, interrupts_deferred, pool_of, share
 from counterflex.app.named_lines import with_files
-from counterflex.app.prediction_interval import at_best_scale, with_intervals
+from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
@@ -282,7 +282,7 @@ def _planned(job: Job, cell: Cell, name: str, progress: Progress) -> tuple[Job, 
             where=name,
             hint="Check the part frame, the blank and the program's zero",
         )
-    return slowed, at_best_scale(plan, cell, job.places)
+    return slowed, plan
 
 
 def _report_all(parts: Mapping[str, Progress], shares: Shares, ended: int, count: int, begin: float) -> None:

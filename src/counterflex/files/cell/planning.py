@@ -17,7 +17,6 @@ from counterflex.core.units import DEG, MM, MS, UM
 from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
-from counterflex.plan.correction_scale import Aim
 from counterflex.plan.feed_schedule import SWING_M
 from counterflex.plan.inputs import Limits
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, Damping
@@ -128,7 +127,6 @@ class LimitsTable(Table):
 
     correction_mm: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
     correction_deg: Annotated[float, Field(gt=0.0, le=45.0)] = 1.0
-    correction_aim: Aim = "share"
     joint_margin_deg: NonNegative = 2.0
     wrist_singularity_deg: NonNegative = 5.0
     joint_speed_deg_s: SixRates | None = None
