@@ -34,8 +34,11 @@ def test_a_cell_without_tables_is_planned_with_the_class(tmp_path: Path) -> None
     assert chain.servo is not None
     assert chain.play is not None
     for axis in range(6):
-        assert chain.servo[axis].speed_gain_nm_s == pytest.approx(prior.servo(axis).speed_gain_nm_s)
-        assert chain.play[axis].friction_nm == pytest.approx(prior.play(axis).friction_nm)
+        servo, lost = chain.servo[axis], chain.play[axis]
+        assert servo is not None
+        assert lost is not None
+        assert servo.speed_gain_nm_s == pytest.approx(prior.servo(axis).speed_gain_nm_s)
+        assert lost.friction_nm == pytest.approx(prior.play(axis).friction_nm)
     said = assumed(cell)["assumed_drives"]
     assert said["loop_axes"] == said["play_axes"] == [1, 2, 3, 4, 5, 6]
     assert said["factor_of_90_percent"]["speed_gain_nm_s"] == 4.0
