@@ -124,7 +124,7 @@ def program() -> Program:
     T_base_part: Float = forward(chain, Q) @ pose.inverse(T[0])
     q: Float = inverse_path(chain, T_base_part @ T, Q).q
     whole = np.concatenate([force, np.zeros((rows_back - 1, 3))])
-    cuts: list[bool] = whole.any(axis=1).tolist()
+    cuts = [bool(row.any()) for row in whole]
     return Program(p_all, q, whole, R, T_base_part, len(p) - 1, cuts)
 
 

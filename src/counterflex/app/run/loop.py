@@ -59,9 +59,8 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     ahead = Ahead(arm_share(cell.chain, plan.q, on_hand), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
     if not compensated and settings.pilot.lead_s is None:
-        lost = cell.chain.play is not None or cell.chain.servo is not None  # assumed drives move nothing online
-        if lost and settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
-            w_lost = _lost(plan, cell)
+        if _loses(cell) and settings.force in (ForceMode.PILOT, ForceMode.SCALE):
+            w_lost = w_lost if designed or settings.axis_play else _lost(plan, cell)
         if settings.normal_only:
             w, w_lost, cutting = _late(plan, w, w_lost, cutting)
     return LoopPlan(
@@ -82,6 +81,11 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_lost_part=w_lost,
         ahead=ahead,
     )
+
+
+def _loses(cell: Cell) -> bool:
+    """Return whether play or loop gains of the drives are known: assumed ones move nothing online."""
+    return cell.chain.play is not None or cell.chain.servo is not None
 
 
 def _contained(plan: Plan, sent: Float, *, compensated: bool) -> Float:
