@@ -29,17 +29,9 @@ ARC = HEAD + "G1 X20 F1500\nG3 X20 Y15 I0 J5\nG1 X52\nG0 Z60\nM2\n"
 
 @pytest.fixture(scope="module")
 def cell(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """The small cell, whose arm may swing, with drives that its file states as nearly rigid.
-
-    What is lower here is lower for the tolerance: what drives lose at the entry of a cut hardly depends on the feed.
-    """
-    rows = "".join(
-        f"\n[[robot.servo]]\naxis = {axis}\nspeed_gain_nm_s = 4e6\nposition_gain_per_s = 30\nintegral_time_ms = 50\n"
-        f"[[robot.play]]\naxis = {axis}\n"
-        for axis in range(1, 7)
-    )
+    """The small cell, whose arm may swing: what is lower here is lower for the tolerance."""
     file = tmp_path_factory.mktemp("cell") / "cell.toml"
-    file.write_text(small.read_text() + rows + "\n[dynamics]\nswing_um = 0\n")
+    file.write_text(small.read_text() + "\n[dynamics]\nswing_um = 0\n")
     return read_cell(file)
 
 

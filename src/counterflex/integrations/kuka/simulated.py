@@ -91,7 +91,6 @@ class FakeRsi:
         self._has_currents = currents is not None and any(value.element == "MACur" for value in sent)
         self._free_names, self._sent_places = _sources(sent, currents=self._has_currents)
         self._reader, self._writer = answer_reader(config), robot_writer(config, decimals=context.precision)
-        self._sentype = config.sentype.encode("ascii")
         self.frees: dict[str, float] = dict(frees or {})
         self.counter = context.first_counter - self._increment  # IPOC of the telegram to be answered
         self.late = 0  # Late or unusable answers so far (``Delay``); never counted back
@@ -191,7 +190,7 @@ class FakeRsi:
         if data is None:
             return "no answer"
         match = _TYPE.match(data)
-        if match is None or match.group(1) != self._sentype:
+        if match is None or match.group(1) != self.config.sentype.encode("ascii"):
             return "SENTYPE"
         status = self._reader.read_bytes(data)
         if status not in (OK, MISSING):
