@@ -52,3 +52,12 @@ def test_curves_that_no_robot_has_are_refused(haehn: ElasticChain, curve: Compli
     good = ComplianceCurve("axis2", 5, (0.0, 1.0), (1.0, 2.0))
     with pytest.raises(ModelError, match="two compliance curves"):
         check_curves((good, good), haehn.names, haehn.compliance)
+
+
+def test_two_curves_of_one_spring_multiply_at_their_loads() -> None:
+    one = ComplianceCurve("axis2", 5, (-100.0, 0.0, 300.0), (0.5, 2.0, 0.8))
+    twice = ComplianceCurve("axis2", 5, (-50.0, 150.0), (2.0, 2.0))
+    load = np.linspace(-200.0, 400.0, 41)
+    product = one.times(twice)
+    assert product.secant(load, np.zeros(41)) == pytest.approx(2.0 * one.secant(load, np.zeros(41)))
+    assert twice.times(one).factors == pytest.approx(product.factors)

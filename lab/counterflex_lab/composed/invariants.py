@@ -424,7 +424,7 @@ class Invariants:
             self._missing = 0
 
     def _corrects(self, world: World, state: State) -> None:
-        """Where nothing has gone wrong the tool is nearer to its path than it would be without the correction."""
+        """Without any fault the tool is nearer to its path than it would be without the correction."""
         robot = world.robot
         cuts = robot.cuts and state == State.ACTIVE and not world.active.begun
         self._cutting = self._cutting + 1 if cuts else 0

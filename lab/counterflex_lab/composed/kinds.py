@@ -50,7 +50,7 @@ _READS: Final = (_C.AXIS_ANGLES,)
 """A telegram of RSI has no check of its own: a digit that became another one still reads, and angles and pose of the
 same telegram tell it."""
 _MORE: Final = (_C.LIMIT_SOFT,)
-"""What a tracker shows of a robot that does not follow asks for more and more; a force asks for the same."""
+"""A tracker on a robot that does not follow asks for more and more; a force asks for the same."""
 _FALSE_MESSAGE: Final = (*_ENDED, *_ROBOT, *_PLAN, *_FALSE_FORCE, _C.TELEGRAM_MALFORMED)
 """Bytes of a message of EGM stand for numbers without a check of their own: a damaged one may look like anything."""
 

@@ -17,7 +17,7 @@ ORDER: Final = record(
     run=int,  # such numbers in a row that go on from each other
     restarts=int,  # how often the source began to count again
 )
-"""What is known of the numbers of one source."""
+"""State of the sequence numbers of one source."""
 RESTART: Final = 16
 """Samples in a row whose numbers go on from each other, behind the newest or far ahead, until they are believed."""
 FAR: Final = 4096

@@ -19,7 +19,7 @@ from counterflex_lab.composed import bench
 
 @pytest.mark.parametrize("kernel", [True, False])
 def test_an_unreadable_telegram_is_answered_once(kernel: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the system has no call for many datagrams (Windows, macOS) it was counted as answered, and was not."""
+    """Systems without a call for many datagrams (Windows, macOS) counted it as answered, and it was not."""
     if not kernel:
         monkeypatch.setattr(system_calls, "THERE", False)
     config = bench.config(currents=True)
