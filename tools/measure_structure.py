@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1248,
-    "lines": 213_466,
+    "lines": 213_473,
     _BIG: 7,
     _WIDE: 9,
     _PATHS: 0,

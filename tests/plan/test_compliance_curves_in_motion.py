@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.inputs import setting_of
+from counterflex.app.questions import deflection as deflection_answer
 from counterflex.core.units import DEG, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import matrices, motion_along, stiffness_of
@@ -89,4 +90,13 @@ def test_the_robot_in_motion_settles_where_the_curve_has_it(plain: ElasticChain)
     assert np.linalg.norm(out[:3] - want[:3]) < 2.0 * UM
     assert (matrices(chain, Q)[2] / stiffness_of(chain, Q[None], LOAD[None])[0]) @ matrices(chain, Q)[2].T == (
         pytest.approx(cartesian_compliance(chain, Q, LOAD), rel=1e-9)
+    )
+
+
+def test_an_answer_names_what_it_takes_the_mean_of(plain: ElasticChain) -> None:
+    curve = ComplianceCurve("axis2", 5, (-3000.0, 0.0, 3000.0), (0.3, 3.0, 0.3))
+    ask = ([0.0, -95.0, 125.0, 0.0, -30.0, 0.0], [0.0, 500.0, 0.0], [0.0, 0.0, 0.0])
+    assert "compliance_curve" not in str(deflection_answer(plain, *ask)["warnings"])
+    assert "mean of [[robot.compliance_curve]] of axis2" in str(
+        deflection_answer(replace(plain, curves=(curve,)), *ask)["warnings"]
     )

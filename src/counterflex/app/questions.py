@@ -59,7 +59,7 @@ def deflection(
             "coupling_um_per_knm": [rounded(row, 3) for row in C[:3, 3:] / UM_PER_KN],
         },
         "shares": shares(chain, q, w),
-        "warnings": [*_rigid(chain), *beyond_regions(chain.regions, q)],
+        "warnings": [*_rigid(chain), *beyond_regions(chain.regions, q), *_means(chain)],
     }
 
 
@@ -67,6 +67,13 @@ def _rigid(chain: ElasticChain) -> list[str]:
     """Says which axes do not yield: they are rigid, or nothing is known of them."""
     axes = rigid_axes(chain)
     return [f"{axis_names(axes)} of {chain.name} yield nothing here: rigid, or of unknown stiffness"] if axes else []
+
+
+def _means(chain: ElasticChain) -> list[str]:
+    """Says which segments have compliance curves, of which the linear figures take the mean."""
+    names = ", ".join(curve.segment for curve in chain.curves)
+    text = f"compliance, linear deflection and shares take the mean of [[robot.compliance_curve]] of {names}"
+    return [text] if names else []
 
 
 def shares(chain: ElasticChain, q: Float, w_tcp_base: Float) -> list[dict[str, Any]]:
