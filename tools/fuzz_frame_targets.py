@@ -14,7 +14,7 @@ from counterflex.files.cell.sensing import FrameTable
 from counterflex.files.schema import parse
 from counterflex.protocols.force.frame_format import COMPONENTS
 from counterflex.protocols.frame.link import FrameLink
-from fuzz_target import Finding, Target
+from fuzz_target import Count, Finding, Target
 
 _DATAGRAM = {
     "byte_order": "big", "fields": ["uint32 sequence", "uint32 status", *(f"int32 {c}" for c in COMPONENTS)],
@@ -120,17 +120,13 @@ def _same(found: FrameLink, samples: Sequence[Sample], bits: int, *, invalid: in
 
 def _judge(samples: Sequence[Sample], bits: int, invalid: int, saturated: int) -> tuple[int, int, int, Float]:
     """Good, lost and invalid samples, and the sum of the good ones."""
-    last, behind, before, wrap = -1, 0, -1, 2**bits
+    count = Count(bits)
     good, lost, bad, total = 0, 0, 0, np.zeros(6)
     for number, status, w in samples:
-        step = 1 if last < 0 else (number - last) % wrap
-        if step == 0 or step >= wrap // 2:
-            behind = 0 if step == 0 else (behind + 1 if (number - before) % wrap == 1 else 1)
-            before = number
-            if behind < 16:
-                continue
-            step = 1
-        behind, last, lost = 0, number, lost + step - 1
+        step = count.steps(number)
+        if step == 0:
+            continue
+        lost += step - 1
         if status & invalid or not all(map(math.isfinite, w)):
             bad += 1
         elif not status & saturated:

@@ -22,7 +22,7 @@ from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
 from counterflex.protocols.force.stream import SampleStream
 from counterflex.protocols.wrench import telegram as wrenches
 from fuzz_frame_targets import FRAMES
-from fuzz_target import Finding, Target
+from fuzz_target import Count, Finding, Target
 
 _ROOT = Path(__file__).resolve().parents[1]
 
@@ -160,7 +160,7 @@ def _wrench_fields(piece: bytes) -> tuple[int, int, tuple[float, ...]] | None:
 
 def _wrench_judge(pieces: list[bytes]) -> tuple[int, int, int, int, Float]:
     """Good, lost, invalid and malformed datagrams, and the sum of the good ones."""
-    last, behind, before = -1, 0, -1
+    count = Count(32)
     good, lost, bad, malformed, total = 0, 0, 0, 0, np.zeros(6)
     for piece in pieces:
         fields = _wrench_fields(piece)
@@ -170,14 +170,10 @@ def _wrench_judge(pieces: list[bytes]) -> tuple[int, int, int, int, Float]:
             malformed += 1
             continue
         sequence, status, w = fields
-        step = 1 if last < 0 else (sequence - last) % 2**32
-        if step == 0 or step >= 2**31:
-            behind = 0 if step == 0 else (behind + 1 if (sequence - before) % 2**32 == 1 else 1)
-            before = sequence
-            if behind < 16:
-                continue
-            step = 1
-        behind, last, lost = 0, sequence, lost + step - 1
+        step = count.steps(sequence)
+        if step == 0:
+            continue
+        lost += step - 1
         if status & 2 or not all(map(math.isfinite, w)):
             bad += 1
         elif not status & 1:

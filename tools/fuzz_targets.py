@@ -26,7 +26,7 @@ from counterflex.protocols.tracker import kernel as tracker_pose_kernel
 from counterflex.protocols.tracker import telegram as tracker_pose
 from fuzz_coverage import instrument
 from fuzz_other_targets import OTHERS
-from fuzz_target import Finding, Target
+from fuzz_target import Count, Finding, Target
 
 
 def config() -> RsiConfig:
@@ -179,7 +179,7 @@ def force(*, compiled: bool = True) -> Target:
             lengths[count] = len(piece)
             count += 1
         as_words(received)[:] = 0
-        received["scale"], received["limit"], received["sequence"] = 1e-6, 950.0, -1
+        received["scale"], received["limit"], received["order"]["newest"] = 1e-6, 950.0, -1
         return count
 
     def check(data: bytes) -> bool:
@@ -208,7 +208,7 @@ def force(*, compiled: bool = True) -> Target:
 
 
 def _force_judge(data: bytes, scale: float, limit: float) -> tuple[int, int, int, int, bool, Any]:
-    last: int | None = None
+    count = Count(32)
     good = lost = bad = malformed = 0
     saturated = False
     sums = np.zeros(6)
@@ -218,11 +218,10 @@ def _force_judge(data: bytes, scale: float, limit: float) -> tuple[int, int, int
             malformed += 1
             continue
         sequence, _, status, *counts = struct.unpack(">III6i", piece)
-        ahead = 1 if last is None else (sequence - last) % 2**32
-        if ahead == 0 or ahead >= 2**31:
+        ahead = count.steps(sequence)
+        if ahead == 0:
             continue
         lost += ahead - 1
-        last = sequence
         if status not in (0, 0x80010000):
             bad, saturated = bad + 1, True
             continue

@@ -6,6 +6,7 @@ each, below a row that says what they were told with. Where that is another prog
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -94,10 +95,10 @@ def in_order(stories: Iterator[Story], tell: Teller, shorten: Shortener, workers
 
 
 class ToldFile:
-    """Outcomes of a campaign in its folder.
+    """Outcomes of a campaign in its folder; whoever enters it makes the folder where there is none.
 
     Args:
-        folder: Of the campaign; made where there is none.
+        folder: Of the campaign.
         facts: What they depend on beside the program.
 
     Attributes:
@@ -108,29 +109,30 @@ class ToldFile:
     """
 
     def __init__(self, folder: Path, **facts: Any) -> None:
-        head = json.dumps({"facts": facts, "program": [*program_files(), *program_files("counterflex_lab")]})
-        path = folder / TOLD
+        head = json.dumps({"facts": facts, "program": [*program_files(), *program_files("counterflex_lab")]}) + "\n"
+        self._path, self._whole = folder / TOLD, [head]
         self.before: list[Told] = []
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            rows = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.is_file() else []
-            if rows and rows[0] == head + "\n":
-                whole = list(itertools.takewhile(lambda row: row.endswith("\n"), rows))  # the last one may be cut short
-                self.before = [_of_row(row) for row in whole[1:]]
-            else:
-                whole = [head + "\n"]
-            path.write_text("".join(whole), encoding="utf-8")
-            self._file = path.open("a", encoding="utf-8")
+            rows = self._path.read_text(encoding="utf-8").splitlines(keepends=True) if self._path.is_file() else []
         except OSError as fault:
-            raise OutputError(f"cannot write: {fault.strerror or fault}", where=str(path)) from fault
+            raise OutputError(f"cannot write: {fault.strerror or fault}", where=str(self._path)) from fault
+        if rows and rows[0] == head:
+            self._whole = list(itertools.takewhile(lambda row: row.endswith("\n"), rows))  # the last one may be cut
+            self.before = [_of_row(row) for row in self._whole[1:]]
 
     def __enter__(self) -> Self:
-        """Nothing is to be done."""
+        """Open it behind what stands there already."""
+        with contextlib.ExitStack() as stack:
+            self._file = stack.enter_context(atomic.open_record(self._path))
+            self._file.write("".join(self._whole))
+            self._file.flush()
+            self._closed = stack.pop_all()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *fault: Any) -> None:
         """Close the file."""
-        self._file.close()
+        self._closed.__exit__(*fault)
 
     def add(self, told: Told) -> None:
         """Write a story's outcome."""

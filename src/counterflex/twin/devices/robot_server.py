@@ -212,7 +212,7 @@ class RobotServer:
         return report
 
     def meet(self) -> None:
-        """Repeat the first telegram until the sensor program answers; nothing moves, nothing is counted.
+        """Send telegrams of a robot that stands until the sensor program answers; nothing moves, no cycle is counted.
 
         Raises:
             OutputError: It does not within ``wait_s``.
@@ -223,11 +223,10 @@ class RobotServer:
         end = time.perf_counter() + self.timing.wait_s
         nothing = np.zeros(6)
         report = self.robot.advance(nothing)
-        first = self.controller.telegram(report)
         self._socket.settimeout(0.1)
         while time.perf_counter() < end:
             self.poll()
-            self._send(first)
+            self._send(self.controller.telegram(report))
             try:
                 self._socket.recv(65536)
             except TimeoutError:
