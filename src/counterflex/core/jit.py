@@ -20,6 +20,8 @@ Set ``NUMBA_DISABLE_JIT=1`` to step through kernels in plain Python.
 from __future__ import annotations
 
 import atexit
+import contextlib
+import contextvars
 import functools
 import hashlib
 import importlib.metadata
@@ -28,7 +30,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast, get_type_hints
@@ -179,8 +181,15 @@ class Kernel:
         return self._made
 
     def __call__(self, *args: Any, **kws: Any) -> Any:
-        """Run it, compiled."""
+        """Run it: compiled, or as it is written where :func:`few_calls` says so."""
         made = self._made
+        if made is None and _FEW.get():
+            before = [(arg, arg.copy()) for arg in args if getattr(arg, "ndim", 0)]
+            try:
+                return self.py_func(*args, **kws)
+            except (ArithmeticError, ValueError):  # plain Python raises where a kernel has inf or nan
+                for arg, value in before:
+                    arg[...] = value
         return (self._dispatcher() if made is None else made)(*args, **kws)
 
     @property
@@ -196,6 +205,25 @@ class Kernel:
     def __reduce__(self) -> str:
         """Pickle by name: the other process has the module."""
         return self.py_func.__qualname__
+
+
+_FEW: Final = contextvars.ContextVar("few calls", default=False)
+
+
+@contextlib.contextmanager
+def few_calls() -> Iterator[None]:
+    """Run kernels as plain Python, where a question calls some ten of them: loading the compiler takes longer.
+
+    Numbers differ from the compiled ones in their last bits: a compiled sum of products rounds once.
+    """
+    import numpy as np
+
+    before = _FEW.set(True)
+    try:
+        with np.errstate(all="ignore"):  # as compiled
+            yield
+    finally:
+        _FEW.reset(before)
 
 
 _ENTRIES: Final[list[Kernel]] = []

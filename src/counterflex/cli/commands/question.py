@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +14,7 @@ from counterflex.cli.commands.cell_import import cell_import
 from counterflex.cli.output import print_json, print_table, warn
 from counterflex.cli.predicted import MODEL_NOTE
 from counterflex.core.errors import InputError
+from counterflex.core.jit import few_calls
 from counterflex.core.next_command import next_command
 
 AsJson = Annotated[bool, option("--json", "Print JSON instead of a table.")]
@@ -130,7 +132,8 @@ def pose(
         )
     chain = pose_questions.chain_of(target)
     if joints is not None:
-        answer = pose_questions.pose_of_joints(chain, joints)
+        with few_calls():
+            answer = pose_questions.pose_of_joints(chain, joints)
         if as_json:
             print_json(answer)
         else:
@@ -138,7 +141,8 @@ def pose(
             print_table(f"TCP of {chain.name} in its base", list(tcp), [[f"{value:.4f}" for value in tcp.values()]])
             print_table("Margin to the joint limits, deg", *_row(answer["margins"]))
         return
-    answer = pose_questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
+    with few_calls():
+        answer = pose_questions.joints_of_pose(chain, xyz or [], numbers(abc_deg, "--abc-deg", 3) or [])
     if as_json:
         print_json(answer)
         return
@@ -180,12 +184,13 @@ def deflection(
     from counterflex.app import questions
 
     chain, _ = questions.load_chain(target)
-    answer = questions.deflection(
-        chain,
-        numbers(joints_deg, "--joints-deg", 6) or [],
-        numbers(force_n, "--force-n", 3) or [],
-        numbers(moment_nm, "--moment-nm", 3) or [],
-    )
+    with few_calls():
+        answer = questions.deflection(
+            chain,
+            numbers(joints_deg, "--joints-deg", 6) or [],
+            numbers(force_n, "--force-n", 3) or [],
+            numbers(moment_nm, "--moment-nm", 3) or [],
+        )
     if as_json:
         print_json(answer)
         return
@@ -233,7 +238,8 @@ def cell_check(
     """
     from counterflex.app import questions
 
-    answer = questions.check_cell(str(cell), program)
+    with few_calls() if program is None else nullcontext():
+        answer = questions.check_cell(str(cell), program)
     if as_json:
         print_json(answer)
         return
