@@ -16,14 +16,12 @@ import counterflex
 from counterflex.core.errors import CounterflexError, ProtocolError
 from counterflex.core.records import as_words, records
 from counterflex.integrations.abb.link import telegram as egm
-from counterflex.integrations.ati.link import kernel as netft_kernel
-from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link import kernel as netft_kernel, telegram as netft
 from counterflex.integrations.kuka.link import kernel as rsi_kernel
 from counterflex.integrations.kuka.link.config import RsiConfig, parse_config
 from counterflex.integrations.kuka.link.telegram import Reader, answer_reader, answer_writer, robot_reader, robot_writer
 from counterflex.protocols import decimal_kernel
-from counterflex.protocols.tracker import kernel as tracker_pose_kernel
-from counterflex.protocols.tracker import telegram as tracker_pose
+from counterflex.protocols.tracker import kernel as tracker_pose_kernel, telegram as tracker_pose
 from fuzz_coverage import instrument
 from fuzz_other_targets import OTHERS
 from fuzz_target import Count, Finding, Target

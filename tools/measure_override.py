@@ -19,8 +19,7 @@ from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.long_jobs import step_cache
 from counterflex.app.proof import evaluate
 from counterflex.app.proof.truth import make_truth
-from counterflex.app.run import log as run_log
-from counterflex.app.run import session as online_session
+from counterflex.app.run import log as run_log, session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.files.cell.cell import read_cell
 from counterflex.twin.plant.force_sensor import force_sensor

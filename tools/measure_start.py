@@ -35,6 +35,7 @@ COMMANDS: Final = {
     "--version": ["--version"],
     "pose": ["pose", ROBOT, "--joints-deg", "0,-90,90,0,0,0"],
     "deflection": ["deflection", "CELL", "--joints-deg", "0,-95,125,0,-30,0", "--force-n", "0,500,0"],
+    "cell check": ["cell", "check", "CELL"],
     "compensate": ["compensate", "GROOVE", "--cell", "CELL", "--out", "OUT"],
     "demo": ["demo", "--out", "OUT"],
 }

@@ -11,8 +11,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core.arrays import Float, rows_of_each
 from counterflex.core.units import UM, URAD
 from counterflex.identify.data.dataset import of_arrays
-from counterflex.identify.play import proposal as reversals_proposal
-from counterflex.identify.play import recipe as reversals
+from counterflex.identify.play import proposal as reversals_proposal, recipe as reversals
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.intervals import intervals
 from counterflex.twin.laboratory.laboratory import laboratory

@@ -13,10 +13,8 @@ import pytest
 import controller_arms as arms
 import external_axes as judge
 from controller_arms import Arm, Matrix
-from counterflex.app import conversion
-from counterflex.app import preflight as checking
-from counterflex.app.compensation.compensate import compensate
-from counterflex.app.compensation.compensate import run as compensate_job
+from counterflex.app import conversion, preflight as checking
+from counterflex.app.compensation.compensate import compensate, run as compensate_job
 from counterflex.app.compensation.next_steps import to_load
 from counterflex.app.cut_points import points_of_plan
 from counterflex.app.inputs import read_job

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import controller_arms as arms
-from counterflex.app import conversion
-from counterflex.app import preflight as checking
+from counterflex.app import conversion, preflight as checking
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.robot_axes import axes_in
 from counterflex.core.errors import ReachError

@@ -9,8 +9,7 @@ from typing import Any
 
 import pytest
 
-from counterflex.app import conversion
-from counterflex.app import preflight as job
+from counterflex.app import conversion, preflight as job
 from counterflex.app.inputs import Reading
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.tables import CellTables

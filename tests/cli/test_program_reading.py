@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from counterflex.cli.commands import program, prove
-from counterflex.cli.commands import run as online
+from counterflex.cli.commands import program, prove, run as online
 
 VAR = "5161\t0.0\n5162\t0.0\n5163\t90.0\n5220\t1\n5221\t0\n5222\t0\n5223\t0\n"
 

@@ -8,8 +8,7 @@ import math
 import manifold3d
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError

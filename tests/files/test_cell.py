@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.app import examples
 from counterflex.core.errors import FileFormatError

@@ -7,8 +7,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.files.machine_file import OLDEST, StoredVerdict, against, machine_file, read_verdict, write_verdict

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.iso230.positioning import DOWN, UP

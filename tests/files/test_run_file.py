@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import FileFormatError
-from counterflex.evaluate.summary import FORMAT
-from counterflex.evaluate.summary import VERSION as SUMMARY_VERSION
+from counterflex.evaluate.summary import FORMAT, VERSION as SUMMARY_VERSION
 from counterflex.files.run_file import AXIS, KIND, LAYOUT, VERSION, read_run, write_run
 from counterflex.files.summary_file import read_summary, write_summary
 from counterflex.path.run import Run

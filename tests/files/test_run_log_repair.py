@@ -12,8 +12,7 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from mcap.reader import make_reader
 
 from counterflex.core.arrays import Float

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ModelError, ProgramError
@@ -17,8 +16,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
-from counterflex.plan import compensate as mending
-from counterflex.plan import cut as cutting
+from counterflex.plan import compensate as mending, cut as cutting
 from counterflex.plan.chip_range import outside, uncertainty
 from counterflex.plan.play_compensation import arrival
 from counterflex.plan.preflight import joints

@@ -6,8 +6,7 @@ import operator
 from collections.abc import Mapping, Sequence
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.expression import ExpressionError, Grammar, evaluate, parse, parse_whole

@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
 from counterflex.integrations.fanuc.language.writer import FanucSettings, FanucWriter

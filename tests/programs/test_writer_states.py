@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
 from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter

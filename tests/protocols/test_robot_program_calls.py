@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.errors import CounterflexError
 from counterflex.integrations.abb.link.calls import parse_egm_calls

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.protocols.robot.port import Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Panel, Request, Shown, Tally

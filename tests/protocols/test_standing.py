@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.processes.last_answer import Answered, LastAnswer

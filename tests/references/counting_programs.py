@@ -10,8 +10,7 @@ import operator
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
-from hypothesis import HealthCheck, Phase, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, settings, strategies as st
 from hypothesis.strategies import SearchStrategy
 
 Op = tuple[Any, ...]

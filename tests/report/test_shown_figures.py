@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
@@ -24,8 +23,7 @@ from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import Profile, Section
-from counterflex.evaluate.path_deviation import PathDeviation
-from counterflex.evaluate.path_deviation import path_figures as figures_of_path
+from counterflex.evaluate.path_deviation import PathDeviation, path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.inspection.page import InspectionData, enlarged, inspection_page
 from counterflex.report.inspection.path_figures import MeasuredPath

@@ -10,8 +10,7 @@ import mpmath
 import numpy as np
 import pinocchio
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import elastic_equations as equations
 from counterflex.core.arrays import Float

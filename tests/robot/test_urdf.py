@@ -10,8 +10,7 @@ from types import ModuleType
 import numpy as np
 import pinocchio
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError

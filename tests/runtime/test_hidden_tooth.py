@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.monitoring.hidden_tooth import SLIPS, hidden_teeth, hidden_tooth, is_hidden

@@ -6,8 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.twin.network.impairment import Burst, Delivery, Impairment, Schedule, Stall

@@ -10,8 +10,7 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose
 from counterflex.robot.model.description import EndEffector, Robot
-from counterflex.twin.laboratory import cubes as measure_cubes
-from counterflex.twin.laboratory import pulls as measure_pulls
+from counterflex.twin.laboratory import cubes as measure_cubes, pulls as measure_pulls
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.laboratory.measurements import measurement
 from counterflex.twin.plant.plant import Plant

@@ -8,9 +8,11 @@ import pytest
 from counterflex.core.errors import InputError
 from counterflex.core.units import MRAD, URAD
 from counterflex.signals.lag import Lag
-from counterflex.twin.laboratory import record as measure_record
-from counterflex.twin.laboratory import reversals as measure_reversals
-from counterflex.twin.laboratory import servo_steps as measure_servo_steps
+from counterflex.twin.laboratory import (
+    record as measure_record,
+    reversals as measure_reversals,
+    servo_steps as measure_servo_steps,
+)
 from counterflex.twin.laboratory.instrument_clocks import instrument_clocks
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory
 from counterflex.twin.truth.truth import Truth

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from counterflex.twin.plant.simulate import LEAD_IN_S, LEAD_OUT_S
-from counterflex.twin.plant.simulate import _stretches as stretches
+from counterflex.twin.plant.simulate import LEAD_IN_S, LEAD_OUT_S, _stretches as stretches
 
 CYCLE_S = 0.05
 

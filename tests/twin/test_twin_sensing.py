@@ -10,8 +10,7 @@ import pytest
 from counterflex.core.errors import InputError, ModelError
 from counterflex.core.progress import silent
 from counterflex.geometry import pose, rotation
-from counterflex.twin.laboratory import holder_loads as measure_holder_loads
-from counterflex.twin.laboratory import sensor_poses as measure_sensor_poses
+from counterflex.twin.laboratory import holder_loads as measure_holder_loads, sensor_poses as measure_sensor_poses
 from counterflex.twin.laboratory.holder_loads import SideCut, cut_record
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.plant.force_sensor import force_sensor, sensor_place

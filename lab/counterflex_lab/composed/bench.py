@@ -20,8 +20,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.geometry import pose, rotation
-from counterflex.robot.elasticity.chain import forward
-from counterflex.robot.elasticity.chain import jacobian as rigid_jacobian
+from counterflex.robot.elasticity.chain import forward, jacobian as rigid_jacobian
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.runtime.loop_plan import LoopPlan

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.app.long_jobs.workers import end_with_parent, interrupts_deferred
-from counterflex.app.run import run as online
-from counterflex.app.run import session as online_session
+from counterflex.app.run import run as online, session as online_session
 from counterflex.app.run.status import Status
 from counterflex.app.simulated_cell import cell as live
 from counterflex.core.errors import CounterflexError, SimulationError

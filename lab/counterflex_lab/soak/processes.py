@@ -13,8 +13,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Final
 
-from counterflex.app.run import run as online
-from counterflex.app.run import session as online_session
+from counterflex.app.run import run as online, session as online_session
 from counterflex.core.errors import OutputError
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.realtime import prepare

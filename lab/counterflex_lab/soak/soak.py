@@ -23,8 +23,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.environment import environment
-from counterflex.app.run import log as run_log
-from counterflex.app.run import session as online_session
+from counterflex.app.run import log as run_log, session as online_session
 from counterflex.app.run.operator_requests import request
 from counterflex.core import atomic
 from counterflex.core.errors import InputError

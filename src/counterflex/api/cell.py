@@ -13,9 +13,7 @@ from counterflex.core.arrays import Float, as_float
 from counterflex.core.units import DEG, MM, N_PER_MM, UM, UM_PER_KN, URAD_PER_KNM
 from counterflex.files.cell import cell as cell_file
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.robot.elasticity import chain as elastic_chain
-from counterflex.robot.elasticity import compliance as cartesian
-from counterflex.robot.elasticity import gravity
+from counterflex.robot.elasticity import chain as elastic_chain, compliance as cartesian, gravity
 from counterflex.robot.kinematics.inverse import inverse_path
 
 if TYPE_CHECKING:
@@ -121,7 +119,6 @@ def read_cell(file: str | Path, *, assume_class: bool = False) -> Cell:
     """Read a cell file.
 
     Args:
-        file: The file.
         assume_class: Give axes of unknown stiffness the median of the robot's class.
 
     Raises:

@@ -11,8 +11,7 @@ import numpy as np
 
 from counterflex.api.cell import Cell, file_of, read_cell
 from counterflex.api.result import Result
-from counterflex.app.identification import identify as job
-from counterflex.app.identification import propose as proposing
+from counterflex.app.identification import identify as job, propose as proposing
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -108,7 +107,6 @@ def propose(
         count: Number of measurements.
         cell: Cell, or cell file.
         out: Folder for ``proposal.toml``, ``proposal.csv`` and a form to fill.
-        settings: Of the recipe.
         seed: Of what is drawn.
 
     Returns:
@@ -141,7 +139,6 @@ def identify(
         cell: Cell, or cell file.
         out: Folder for ``cell.toml``, ``result.json`` and ``report.html``.
         holdout: Data that are only predicted.
-        settings: Of the recipe.
         progress: Called with the share done, 0 to 1.
 
     Raises:

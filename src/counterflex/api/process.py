@@ -86,7 +86,6 @@ def forces(
         cell: Cell, or cell file: material and tools.
         tool: Number of the tool.
         depth_mm: Axial depth of cut; one or (n,), of a revolution one.
-        feed_per_tooth_um: Likewise.
         arc_deg: Immersion angles where an edge enters and leaves; 0 to 180 is a full slot.
         revolution: Force of single teeth over one revolution instead of the mean.
         helix_deg: Of another tool of that size; None is that of the cell file.

@@ -112,7 +112,6 @@ def read_program(file: str | Path, cell: Cell | str | Path | None = None, *, dia
     """Read a program.
 
     Args:
-        file: The program.
         cell: Cell, or cell file, whose frames and tools it is held against; robot languages need one.
         dialect: Language; None is by the file's name and content (``counterflex path --help`` lists them).
 

@@ -80,7 +80,6 @@ def read_run(folder: str | Path, number: int | None = None) -> RunLog:
     """Read a run from its log.
 
     Args:
-        folder: Of the log.
         number: Of the run, as ``counterflex log show`` prints it; None is the last.
 
     Raises:

@@ -211,8 +211,7 @@ class _Left:
 @contextlib.contextmanager
 def _bar(meter: Meter) -> Iterator[Progress]:
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
+    from rich.progress import BarColumn, Progress as Bar, TextColumn
 
     columns = (
         TextColumn("{task.description}", markup=False),

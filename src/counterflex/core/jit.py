@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import contextvars
 import functools
 import hashlib
 import importlib.metadata
@@ -153,7 +152,10 @@ class Kernel:
 
     Attributes:
         states: It has stated signatures and no others.
+        plain: Kernels that are not compiled yet run as they are written.
     """
+
+    plain = False
 
     def __init__(
         self,
@@ -183,7 +185,7 @@ class Kernel:
     def __call__(self, *args: Any, **kws: Any) -> Any:
         """Run it: compiled, or as it is written where :func:`few_calls` says so."""
         made = self._made
-        if made is None and _FEW.get():
+        if made is None and Kernel.plain:
             before = [(arg, arg.copy()) for arg in args if getattr(arg, "ndim", 0)]
             try:
                 return self.py_func(*args, **kws)
@@ -207,23 +209,23 @@ class Kernel:
         return self.py_func.__qualname__
 
 
-_FEW: Final = contextvars.ContextVar("few calls", default=False)
-
-
 @contextlib.contextmanager
-def few_calls() -> Iterator[None]:
+def few_calls(few: bool = True) -> Iterator[None]:
     """Run kernels as plain Python, where a question calls some ten of them: loading the compiler takes longer.
 
     Numbers differ from the compiled ones in their last bits: a compiled sum of products rounds once.
+
+    Args:
+        few: The question is such a one; else nothing changes.
     """
     import numpy as np
 
-    before = _FEW.set(True)
+    before, Kernel.plain = Kernel.plain, few
     try:
         with np.errstate(all="ignore"):  # as compiled
             yield
     finally:
-        _FEW.reset(before)
+        Kernel.plain = before
 
 
 _ENTRIES: Final[list[Kernel]] = []

@@ -337,7 +337,6 @@ def edge_force(law: ForceLaw, h_m: float | Float) -> Float:
     """Return the force per length of edge at given chip thicknesses.
 
     Args:
-        law: The force law.
         h_m: Uncut chip thickness in m, any shape; at h <= 0 the edge does not cut and the force is zero.
 
     Returns:
@@ -363,7 +362,6 @@ def check_thickness(
     carries).
 
     Args:
-        law: The force law.
         h_mean_m: Mean chip thickness over the engaged arc in m.
         allow_extrapolation: Return False outside the range instead of raising.
         where: Place to name in the error (operation, program line).

@@ -115,7 +115,6 @@ def mean_force(
     """Return the mean wrench of path segments and whether the force coefficients hold there.
 
     Args:
-        law: The force law.
         depths_m: (n, n_levels, n_bins) engaged axial lengths in m.
         feeds_m: Horizontal feed per tooth in m, scalar or (n,), from the actual feed speed.
         drops_m: Descent per tooth in m, scalar or (n,), negative when climbing.
@@ -159,7 +158,6 @@ def zero_normal_force_immersion(law: ForceLaw, feed_m: float) -> float:
     raise the ratio. Only the mean vanishes, the ripple at the tooth-passing frequency stays.
 
     Args:
-        law: The force law.
         feed_m: Feed per tooth in m, > 0.
 
     Returns:

@@ -341,11 +341,7 @@ def stamp_segment(
         grid: :class:`StockGrid` of the stock, cut in place.
         shape: ``Cutter.kernel_parameters()``.
         xa: Start of the tool tip, m, part frame; likewise ya, za.
-        ya: See xa.
-        za: See xa.
         xb: End of the tool tip, m, part frame; likewise yb, zb.
-        yb: See xb.
-        zb: See xb.
         continued: True when the segment begins where an already stamped one ended (its start is skipped, no result
             changes).
         workspace: :class:`Workspace`, made for the same cutter.

@@ -161,7 +161,6 @@ def tooth_forces(
 
     Args:
         cutter: The cutter, with helix and runout.
-        law: The force law.
         depth_m: (n_levels, n_bins) engaged axial length per level and bin of the immersion angle in m, each level
             engaged from its lower end, as booked by :mod:`counterflex.cutting.removal`.
         feed_m: Horizontal feed per tooth in m, > 0.

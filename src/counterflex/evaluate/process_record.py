@@ -102,7 +102,6 @@ class ProcessRecord:
 
         Args:
             rows: (k, WIDTH) its first and last record and those with events.
-            cycles: Its records.
             slowed: Those in which less than the programmed speed was asked for.
             least: Lowest share of it.
         """

@@ -205,7 +205,6 @@ def figures(curves: RunCurves, contained_m: Float | None) -> dict[str, Any]:
     """Figures of a run, SI; None where something was not measured or is not known.
 
     Args:
-        curves: Of the run.
         contained_m: (n, 2) correction that the program contains, or None where it is not known.
     """
     judged, force = curves.judged, curves.force_n[np.isfinite(curves.force_n)]
@@ -227,7 +226,6 @@ def deviations(curves: RunCurves, contained_m: Float | None) -> dict[str, Float]
     it is not known what the program contains.
 
     Args:
-        curves: Of the run.
         contained_m: (n, 2), or None.
     """
     contained = np.full_like(curves.sent_m, np.nan) if contained_m is None else contained_m

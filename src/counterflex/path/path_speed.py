@@ -42,7 +42,6 @@ def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, accelera
     ``sqrt(a / curvature)``. Without blending the corner is an exact stop.
 
     Args:
-        path: The tool path.
         blending_m: Largest distance from a corner at which rounding starts, m; 0 is exact stop.
         rapid_m_s: Speed of rapid moves, m/s.
         acceleration_m_s2: Limit along and across the path, m/s2.

@@ -50,7 +50,6 @@ def sample_turning(
     its angle takes.
 
     Args:
-        motions: As programmed.
         turning: How the tool turns along them.
         step_m: Longest step, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.

@@ -79,7 +79,6 @@ def check(estimate: Outside, law: ForceLaw, chip_m: Float, row: int, where: str)
         law: Force law with its range.
         chip_m: (n,) mean chip thickness.
         row: The row that is named.
-        where: Its place.
 
     Raises:
         ModelError: The uncertain share is above :data:`UNCERTAIN_SHARE`.

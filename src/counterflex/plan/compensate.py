@@ -124,7 +124,6 @@ def plan(
     """Plan the compensation of a path.
 
     Args:
-        path: The nominal path.
         line_of_motion: (motions,) source line of each program motion.
         stock: The blank; left as it is.
         setting: Robot, part, tools, law, bounds.
@@ -349,7 +348,6 @@ def predict_deviations(loaded: LoadedRobot, trial: Trial, parts: Mapping[str, Pr
 
     Args:
         loaded: The robot under load at the programmed feed.
-        trial: Of the compensated program.
         parts: Progress of the parts of the work; without :data:`~counterflex.plan.inputs.UNCOMPENSATED` nothing is
             predicted.
     """

@@ -157,7 +157,6 @@ def work_of(points: int, duration_s: float, *, moves: bool, mends: bool, predict
     points. The units are processor seconds of programs of 374 to 30 000 points and of 4 to 450 s, at loads of 4 to 8.
 
     Args:
-        points: Of the path.
         duration_s: Of the path, s.
         moves: Trials have the robot in motion.
         mends: The correction is tried and mended, see :func:`counterflex.plan.compensate.plan`.

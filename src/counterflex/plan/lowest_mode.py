@@ -108,7 +108,6 @@ def mode_of(chain: ElasticChain, q: Float, measured: Mode | None) -> Mode:
     """Lowest mode in a posture.
 
     Args:
-        chain: The elastic robot.
         q: (6,) rad.
         measured: Of a tap test; its frequency counts where the chain cannot be moved, its damping where no loop gains
             are known. None: there was none.
@@ -135,7 +134,6 @@ def assumed_masses(chain: ElasticChain, q: Float) -> ElasticChain:
     Their centres lie half way to the next drive. Only for modes: such a chain must not sag.
 
     Args:
-        chain: The elastic robot.
         q: (6,) rad, any posture: lengths do not depend on it.
     """
     driven = np.flatnonzero(chain.joint >= 0)

@@ -74,7 +74,6 @@ def tool_path(
     """Sample the motions of a three-axis program.
 
     Args:
-        program: As read.
         step_m: Longest step of feed and arc motions, m, > 0.
         rapid_speed_m_s: Speed assumed for rapids, m/s, > 0.
         chord_m: Allowed chord error of arcs, m, > 0.

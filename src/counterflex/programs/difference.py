@@ -84,7 +84,6 @@ def differences(before: Program, after: Program) -> list[Change]:
     matches was put in. Waits are matched with waits.
 
     Args:
-        before: The first program.
         after: The second one, with at least as many motions.
 
     Raises:

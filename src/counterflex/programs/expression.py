@@ -133,7 +133,6 @@ def parse(text: str, grammar: Grammar, start: int = 0) -> tuple[Node, int]:
 
     Args:
         text: It and what follows.
-        grammar: Of the language.
         start: Index of its first character; blanks may stand before it.
 
     Returns:

@@ -67,7 +67,6 @@ def listing(program: Program, held: Orientations | None = None) -> pl.DataFrame:
     rotation about it, where the program states it.
 
     Args:
-        program: As read.
         held: Orientation of the tool; without it the axis is z.
 
     Returns:

@@ -53,7 +53,6 @@ class MachineInPlace(ABC):
     """Writes a program statement by statement; the language edits and adds lines.
 
     Args:
-        program: As read.
         compensated: Commanded rows for the path sampled from ``program``.
         tolerance_m: Bound for straight pieces and arcs.
         decimals: Of written coordinates in mm; inch programs get one more.
@@ -148,7 +147,6 @@ class MachineInPlace(ABC):
         dwells keep the position of the motion before them. Nothing at all changes when no row is corrected.
 
         Args:
-            program: As read.
             compensated: Commanded rows for the path sampled from ``program``.
             tolerance_m: Largest distance between a commanded sample and the written path at the same place of the way
                 (the same share of the motion's length), before rounding; > 0, m.

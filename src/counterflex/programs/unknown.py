@@ -49,7 +49,6 @@ def known(value: T | Unknown, use: str, where: str, *, text: str = "", hint: str
         value: What the program has there.
         use: What it is needed for, with which the message begins: ``the path speed``.
         where: ``file:line:column`` of the statement that uses it.
-        text: The statement.
         hint: What to do.
 
     Raises:

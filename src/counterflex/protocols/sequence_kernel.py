@@ -32,7 +32,6 @@ def steps_on(order: Record, number: int, mask: int) -> int:
 
     Args:
         order: See :data:`ORDER`; changed.
-        number: Of the sample.
         mask: Largest number, after which they begin again at 0: ``2^bits - 1``.
 
     Returns:

@@ -145,7 +145,6 @@ def take_fast(loops: Records, tables: Records, samples: Float, count: int, numbe
 
     Args:
         loops: As for :func:`cycle`.
-        tables: Likewise.
         samples: (n, >= 3) force in any fixed axes, N, in time.
         count: Samples that are new; those beyond the rows were not kept.
         number: Sequence number of the first.

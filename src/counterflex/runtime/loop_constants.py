@@ -35,7 +35,6 @@ def pack_settings(
 
     Args:
         out: :data:`counterflex.runtime.state.chosen.SETTINGS`; written.
-        settings: Of the loop.
         T_base_part: (4, 4) part frame.
         plan: Of the program, or None.
         T_base_tcp: (4, 4) tool frame of a spindle that stands, where the robot holds the part; else None.
@@ -136,7 +135,6 @@ def pack_limits(out: Record, settings: options.OnlineSettings) -> None:
 
     Args:
         out: :data:`counterflex.runtime.state.doubts.LIMITS`; written.
-        settings: Of the loop.
     """
     integrates = settings.tracker in (options.TrackerMode.INTEGRATOR, options.TrackerMode.DESIGNED)
     gain = settings.tuning.gain if integrates else 0.0

@@ -25,8 +25,7 @@ from counterflex.runtime.monitoring import records as monitor
 from counterflex.runtime.monitoring.events import Event
 from counterflex.runtime.state.given import GIVEN as _GIVEN
 from counterflex.runtime.state.result import RESULT as _RESULT
-from counterflex.runtime.state_slots import BYTES as STATE_BYTES
-from counterflex.runtime.state_slots import StateSlots
+from counterflex.runtime.state_slots import BYTES as STATE_BYTES, StateSlots
 
 ROWS: Final = 4096
 """16 s at 250 Hz."""

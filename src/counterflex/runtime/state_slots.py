@@ -48,7 +48,6 @@ class StateSlots:
 
         Args:
             cycle: See :class:`LoopState`.
-            time_ns: Likewise.
             arrays: All that the loop remembers, in fixed order.
 
         Raises:

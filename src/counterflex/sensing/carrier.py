@@ -73,9 +73,7 @@ def hose_place(chain: ElasticChain, body: str, segment: str) -> int:
     """Place in the chain of the body that a hose pack comes from.
 
     Args:
-        chain: The chain.
         body: See :func:`hose_rotation`.
-        segment: Likewise.
 
     Raises:
         InputError: No such bodies, no axis drives the first, or no axis moves between them.

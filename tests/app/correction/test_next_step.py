@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from counterflex.app.correction import decide
 from counterflex.app.correction.decide import LEAST_M, Step, next_step, tool_response_of

@@ -17,8 +17,7 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
-from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings
-from counterflex.integrations.abb.link.setup import make as make_egm
+from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings, make as make_egm
 from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings, check, make
 
 PORTS = {  # type of object: its number, inputs, outputs

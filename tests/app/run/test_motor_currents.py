@@ -13,8 +13,7 @@ import counterflex
 from counterflex.app.compensation.compensate import run as compensate
 from counterflex.app.proof import evaluate
 from counterflex.app.proof.truth import make_truth
-from counterflex.app.run import log as run_log
-from counterflex.app.run import session as online_session
+from counterflex.app.run import log as run_log, session as online_session
 from counterflex.app.simulated_cell import cell as live
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError

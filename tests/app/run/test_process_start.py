@@ -14,8 +14,7 @@ from typing import Any, cast
 
 import pytest
 
-from counterflex.app.run import process_start
-from counterflex.app.run import run as online
+from counterflex.app.run import process_start, run as online
 from counterflex.app.run.process import loop_process
 from counterflex.app.run.process_start import first_word, signals_wait
 from counterflex.app.run.recorder import recorder_process

@@ -14,8 +14,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
-from counterflex_lab.reproduce import closed_loop, mandiola_report
-from counterflex_lab.reproduce import mandiola as reproduce_mandiola
+from counterflex_lab.reproduce import closed_loop, mandiola as reproduce_mandiola, mandiola_report
 from counterflex_lab.reproduce.mandiola_case import write_case
 
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
@@ -17,8 +16,7 @@ from counterflex.evaluate.inspection.datum import datum_faces
 from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.inspection.size_errors import scale_of
-from counterflex.evaluate.iso230.circular_test import Circle as NominalCircle
-from counterflex.evaluate.iso230.circular_test import Turn, bi_directional, turn_figures, turns
+from counterflex.evaluate.iso230.circular_test import Circle as NominalCircle, Turn, bi_directional, turn_figures, turns
 from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches, positioning
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 

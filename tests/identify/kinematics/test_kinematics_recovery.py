@@ -25,10 +25,12 @@ from counterflex.identify.recipe import Identification
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse
 from counterflex.robot.model.calibration import calibrated
-from counterflex.twin.laboratory import distances as measure_distances
-from counterflex.twin.laboratory import planes as measure_planes
-from counterflex.twin.laboratory import tracker_points as measure_tracker_points
-from counterflex.twin.laboratory import tracker_poses as measure_tracker_poses
+from counterflex.twin.laboratory import (
+    distances as measure_distances,
+    planes as measure_planes,
+    tracker_points as measure_tracker_points,
+    tracker_poses as measure_tracker_poses,
+)
 from counterflex.twin.laboratory.laboratory import Measured, laboratory
 from counterflex.twin.plant.plant import Plant
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.identify.solver.holdout import Folds, cross_validate, fold_of_groups, score_separate

@@ -29,8 +29,7 @@ from counterflex.identify.pulls.history import lost_angles, unknown_angles
 from counterflex.identify.pulls.pulls import AGAIN, HELD_SETTING, Pulls, read_pulls
 from counterflex.identify.pulls.residuals import Shape, gains
 from counterflex.identify.recipe import Proposal
-from counterflex.identify.stiffness import piecewise_compliance
-from counterflex.identify.stiffness import recipe as stiffness
+from counterflex.identify.stiffness import piecewise_compliance, recipe as stiffness
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.elasticity.compliance import cartesian_compliance, deflection
 from counterflex.robot.model.description import EndEffector, Robot, Segment

@@ -27,8 +27,7 @@ from counterflex.identify.recipe import Identification
 from counterflex.identify.tracker_frame import recipe as tracker_frame
 from counterflex.identify.tracker_frame.considered import drifts
 from counterflex.identify.tracker_frame.proposal import propose
-from counterflex.twin.laboratory import fiducials as measure_fiducials
-from counterflex.twin.laboratory import tracker_poses as measure_tracker_poses
+from counterflex.twin.laboratory import fiducials as measure_fiducials, tracker_poses as measure_tracker_poses
 from counterflex.twin.laboratory.laboratory import Laboratory, Measured, laboratory
 
 FILE = read_cell("examples/cells/kr300_d10_ball.toml")

@@ -7,8 +7,7 @@ import socket
 import threading
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.integrations.ati.link import telegram as netft

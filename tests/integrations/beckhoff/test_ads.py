@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError, ProtocolError
 from counterflex.files.cell.cell import read_cell

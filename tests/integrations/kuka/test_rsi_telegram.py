@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from counterflex.core.errors import FileFormatError, InputError, ProtocolError
 from counterflex.integrations.kuka.link.config import RsiConfig, parse_config

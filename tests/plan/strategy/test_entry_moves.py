@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.plan.strategy.entry_moves import arc_in, arc_out, ramp

@@ -168,7 +168,6 @@ def run(
         plans: Plan files of the runs.
         out: Folder; runs that it has from before go in.
         settings: Those that differ from :data:`SETTINGS`.
-        seed: Of the folds.
         apply: New cell file with the constants, or None.
 
     Returns:

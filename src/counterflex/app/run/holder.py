@@ -109,8 +109,6 @@ def planned_slew(plan: Plan, cell: Cell, segment: str) -> tuple[float, float, fl
     """(3,) N per root second, holder axes: the fastest change of the planned force over 0.1 s, and half as much more.
 
     Args:
-        plan: Of the program.
-        cell: Of which.
         segment: Body whose frame is the holder's; its rotation is that at the largest force.
     """
     force, time = plan.w_tcp_part[:, :3], plan.path.time_s

@@ -107,7 +107,6 @@ def export_incident(
     the cycle and time counted from the beginning of the incident, and state and cause in words.
 
     Args:
-        folder: Of the run log.
         number: 1 is the first incident of the folder.
         csv: File to write.
         before: Cycles before its first one, 0 or more.

@@ -44,7 +44,6 @@ def show(folder: str | Path, *, brief: bool = False) -> dict[str, Any]:
     """Summary of a run log.
 
     Args:
-        folder: Of the run log.
         brief: Take digests of segments in place of their records; damage within their chunks is not looked for.
 
     Raises:
@@ -232,7 +231,6 @@ def replay(
     """Feed the logged inputs through a loop made of these files and compare corrections, states and all else.
 
     Args:
-        folder: Of the run log.
         cell: Cell file.
         plan: Plan file, where the run had one.
         compensated: The robot ran the compensated program.

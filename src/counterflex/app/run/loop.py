@@ -41,7 +41,6 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     """Return the part of a plan that the loop needs.
 
     Args:
-        plan: Of the program.
         cell: Its arm, its lowest mode and its delays say what has to be commanded ahead of time.
         compensated: The robot runs the compensated program, so that its points contain the plan's correction.
     """

@@ -183,7 +183,6 @@ def request(folder: str | Path, action: str) -> dict[str, Any]:
     """Ask something of the run whose log lies in a folder.
 
     Args:
-        folder: Of the run.
         action: One of :data:`ACTIONS`.
 
     Returns:

@@ -183,7 +183,6 @@ def cycle_on(
 
     Args:
         session: The loop and its links.
-        settings: Of the run.
         control: Shared, see :mod:`counterflex.protocols.processes.control_array`.
         living: The other processes of the run.
         pipe: Told what fails in the loop's own program.

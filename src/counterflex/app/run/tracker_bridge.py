@@ -24,7 +24,6 @@ def forward(
     A line that cannot be used is left out: its number in the sequence is missing, so that the receiver counts a loss.
 
     Args:
-        lines: Of the format.
         peer: Where datagrams go.
         where: Of the lines, for messages.
         form: One of :data:`counterflex.files.logs.tracker_exports.formats.FORMATS`; ours is described in

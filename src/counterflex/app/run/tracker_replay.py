@@ -23,7 +23,6 @@ def run_log_as_tracker(folder: str | Path, cell: str | Path) -> TrackerLog:
     ``T_tracker_target = T_part_tracker^-1 T_part_tcp T_target_tcp^-1``; the log holds the tool in the part frame.
 
     Args:
-        folder: Of the run log.
         cell: Cell file with a ``[tracker]`` table: the one the run was made with.
 
     Raises:

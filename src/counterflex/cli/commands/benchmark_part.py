@@ -62,8 +62,7 @@ def judge(
     Example: `counterflex benchmark-part judge --cell cell.toml --scan cf1.ply --laboratory A --method online --out out`
     """
     keep_inputs(out, cell, scan)
-    from counterflex.app.benchmark_part.judge import About
-    from counterflex.app.benchmark_part.judge import judge as job
+    from counterflex.app.benchmark_part.judge import About, judge as job
     from counterflex.app.inspection.judging import How
 
     about = About(laboratory, method, robot_name, material_name)

@@ -28,8 +28,7 @@ def doctor(
 
     Example: `counterflex doctor --seconds 10`
     """
-    from counterflex.app import doctor as job
-    from counterflex.app import warm
+    from counterflex.app import doctor as job, warm
 
     with progress_bar("measuring") as progress:
         checkup = job.run(seconds, log, progress=progress).described()

@@ -23,8 +23,7 @@ def extensions(as_json: Annotated[bool, option("--json", "Print JSON.")] = False
 
     Example: `counterflex extensions`
     """
-    from counterflex.app.extensions import REGISTRIES
-    from counterflex.app.extensions import extensions as look
+    from counterflex.app.extensions import REGISTRIES, extensions as look
 
     entries = look((*REGISTRIES, COMMANDS))
     if as_json:

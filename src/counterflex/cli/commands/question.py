@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -238,7 +237,7 @@ def cell_check(
     """
     from counterflex.app import questions
 
-    with few_calls() if program is None else nullcontext():
+    with few_calls(program is None):
         answer = questions.check_cell(str(cell), program)
     if as_json:
         print_json(answer)

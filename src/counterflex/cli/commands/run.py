@@ -193,8 +193,7 @@ def cell(
     keep_inputs(out, program, cell, truth, rsi, original, parameters)
     robot = one_link(rsi, egm)
     from counterflex.app.inputs import Reading
-    from counterflex.app.simulated_cell import cell as job
-    from counterflex.app.simulated_cell import scenario as shown
+    from counterflex.app.simulated_cell import cell as job, scenario as shown
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
     force_host, force_port = host_port(sensor.address) or ("127.0.0.1", 0)

@@ -141,7 +141,6 @@ def process_of_side_cut(
     """The process of a constant depth over one arc, the slopes taken at the mean chip thickness of its edge.
 
     Args:
-        law: The force law.
         entry_rad: Immersion angle at which a tooth enters: 0 in up-milling.
         exit_rad: Where it leaves: pi in down-milling.
         depth_m: Axial depth above the tip, m, > 0.
@@ -165,7 +164,6 @@ def slopes_of(law: ForceLaw, chip_m: float) -> Float:
     A power law has no finite slope at h = 0; the mean thickness of the engagement is the place to take it.
 
     Args:
-        law: The force law.
         chip_m: Chip thickness, m, > 0.
 
     Raises:

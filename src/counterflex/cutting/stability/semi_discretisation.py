@@ -62,7 +62,6 @@ def largest_multiplier(
 
     Args:
         modes: Modes in the feed frame.
-        process: The engagement.
         period_s: Tooth period T, s.
         factor: On the depths of the engagement, >= 0.
         intervals: k equal ones, or None for those of :func:`intervals_for`.
@@ -191,7 +190,6 @@ def limit(
 
     Args:
         modes: Modes in the feed frame.
-        process: The engagement.
         period_s: Tooth period T, s.
         most: Largest factor of interest; the result is inf where all below are stable.
         least: Where to begin, default ``most / 13``; it is lowered while the cut is unstable there.

@@ -23,13 +23,13 @@ from counterflex.cutting.tridexel.column_block_kernels import (
     COLUMNS,
     LOWEST,
     MOST_STRETCHES,
+    Columns as Columns,
     block_top,
     empty_columns,
     free,
     mark,
     take,
 )
-from counterflex.cutting.tridexel.column_block_kernels import Columns as Columns
 from counterflex.cutting.tridexel.pose_kernels import Sweep
 from counterflex.cutting.tridexel.row_kernels import HIGH, LOW, highest_ends, lowest_ends
 from counterflex.cutting.tridexel.sweep_bounds_kernels import (
@@ -328,7 +328,6 @@ def cut_motions(
         booked: (n, n_levels, 64) quanta.
         totals: (n, 4) quanta.
         scratch: Of the height map's stamp.
-        desk: Of the columns.
     """
     desk.point[5] = 0.0
     grid = StockGrid(columns.high[0], columns.tops, columns.x0, columns.y0, columns.cell, columns.floor)

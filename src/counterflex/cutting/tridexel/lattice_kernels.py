@@ -133,7 +133,6 @@ def edges_across(columns: Columns, along: Whole, outer: Whole, z0: float, pitch:
     The lattice has one node more than the columns on every side, and level k at ``z0 + pitch k``.
 
     Args:
-        columns: The material.
         along: 0 or 1.
         outer: 1 for the edges that lead out of the columns too, 0 for those between two columns only.
         z0: m.
@@ -299,7 +298,6 @@ def ends_on_lines(tiles: Tiles, along: Whole, start: Float, length: float, fille
     end, all have it. So a wall is worked out at its foot and its top, however many levels it has.
 
     Args:
-        tiles: The motions.
         along: 0 or 1: lines along x or y.
         start: (n, 3) m, the lower node; rising levels of one column follow one another.
         length: To the upper node, m.

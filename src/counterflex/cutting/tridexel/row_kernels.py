@@ -298,7 +298,6 @@ def lowest_ends(m: Sweep, begins: bool, line: Float32, work: Float32) -> None:
     """Least lower ends of sixteen columns in a sweep, and the upper ends of the poses that they belong to.
 
     Args:
-        m: The sweep.
         begins: Look at the pose in which the motion begins, too; the motion before it has taken that out otherwise.
         line: (4, 16) w, e, h of a point of each column, and near which t it is met.
         work: (25, 16); rows :data:`LOW` and :data:`HIGH` receive the ends, t.

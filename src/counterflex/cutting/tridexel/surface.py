@@ -112,7 +112,6 @@ def wall_points(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -
 
     Args:
         stock: See :func:`surface`.
-        log: See there.
         pitch_m: See there.
 
     Raises:

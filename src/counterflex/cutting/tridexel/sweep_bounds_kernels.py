@@ -157,11 +157,8 @@ def missed(bounds: Float, x: Real, y: Real, half_x: Real, half_y: Real, z_top: R
     """Return whether a motion certainly takes nothing out of the columns of a rectangle about (x, y) m.
 
     Args:
-        bounds: Of the motion.
         x: Middle of the rectangle, m.
-        y: See x.
         half_x: Half its sides, between the outer columns, m.
-        half_y: See half_x.
         z_top: Its highest material, m.
         slowly: What :func:`bounds_of` returned.
     """
@@ -184,13 +181,10 @@ def already_cut(
     from there; what lies above it was taken then.
 
     Args:
-        bounds: Of the motion.
         turn: (3,) of the axis in the motion.
         corner: Corner radius, m.
         x: Middle of the rectangle, m.
-        y: See x.
         half_x: Half its sides, m.
-        half_y: See half_x.
         z_top: Its highest material, m.
     """
     radius, ball = bounds[_RADIUS], bounds[_BALL] != 0.0

@@ -125,7 +125,6 @@ def settle_turning(
         event: (6, n) float32, see :data:`LENGTH`.
         code: (3, n) scratch.
         gathered: How many events there are.
-        m: The motion.
         begins: No motion leads up to its start: what stands there is taken by the end face.
         book: Book by level and angle; the volume only otherwise.
         shape: ``Cutter.kernel_parameters()``.

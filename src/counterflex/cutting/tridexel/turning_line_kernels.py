@@ -193,9 +193,6 @@ def turning_end(q: Float, along: Whole, motion: Float, shape: Float, length: Rea
 
     Args:
         q: See :func:`turning_stretch`: the lower node.
-        along: See there.
-        motion: See there.
-        shape: See there.
         length: Between the two nodes, m.
         filled: Whether the lower node is the one in material.
 

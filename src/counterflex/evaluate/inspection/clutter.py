@@ -46,7 +46,6 @@ def off_part(points_part: Float, faces: DatumFaces, clearance_m: float) -> Bool:
 
     Args:
         points_part: (n, 3) m, part frame.
-        faces: Of the blank.
         clearance_m: About the blank, m. Points below its bottom plus the clearance that lie off its footprint are of
             the table.
     """

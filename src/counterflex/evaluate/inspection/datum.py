@@ -44,7 +44,6 @@ class DatumFaces:
         """Return whether the feet of points lie on the free part of a face.
 
         Args:
-            name: Of the face.
             points: (n, 3) m, part frame.
             edges: The strip along the edges counts too.
         """

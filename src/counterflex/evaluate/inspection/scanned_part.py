@@ -230,7 +230,6 @@ def scanned_part(
 
     Args:
         cloud: The scan, m, its own frame.
-        part: The nominal part.
         registration: Where the scan lies on it.
         p_part_tcp: (n, 3) m, the undisturbed path, part frame.
         ball_radius_m: Where the points are centres of a probe's ball: its radius, m.

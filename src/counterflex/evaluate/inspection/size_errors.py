@@ -65,7 +65,6 @@ def scale_of(rows: PartDeviations, faces: DatumFaces) -> ScaleEstimate:
 
     Args:
         rows: Deviations of the scan; those of free faces count.
-        faces: Of the blank.
     """
     scales, sigmas = {}, {}
     for k, axis in enumerate(AXES):
@@ -178,7 +177,6 @@ def ball_error(offset_m: float, where: str) -> InputError:
 
     Args:
         offset_m: By how much, positive = outside of the part.
-        where: The file.
     """
     side = "outside" if offset_m > 0.0 else "inside"
     hint = (

@@ -159,7 +159,6 @@ def crossings(cycle: PathCycle, s: Float, p_plane: Float, normal: Float) -> Floa
     Readings are joined by straight lines. Where noise makes a slow path cross a plane several times, the mean counts.
 
     Args:
-        cycle: The attained path.
         s: (m,) m, places along the commanded path.
         p_plane: (m, 3) m, points of the planes.
         normal: (m, 3) unit normals.

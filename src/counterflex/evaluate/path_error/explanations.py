@@ -67,7 +67,6 @@ def explanations(
 
     Args:
         observed: Places of a part, assigned to stretches.
-        nodes: Of the path.
         prior: Lengths of what has no cause; its sizes are found for every explanation.
         deflection_m: Root mean square of the planned deflection in the cut, m.
         causes: What may be.

@@ -73,7 +73,6 @@ def wall_segments(surface: NominalSurface, taken: Bool) -> tuple[WallSegment, ..
     """Segments of the walls, straight ones first, each in the order of the wall points.
 
     Args:
-        surface: Of the undisturbed part.
         taken: (m,) wall points that belong to other features.
     """
     aside = 1.5 * surface.nominal.cell_m * surface.wall_normal

@@ -177,10 +177,8 @@ def swept_part(
 
     Args:
         part: What was to be made.
-        path: Of the program.
         tool: (n,) number of the tool that each row of it is cut with.
         cutter: Gives the cutter of a number.
-        track: The measured path.
         registration: Where the log lies.
     """
     p, joined = track.p_part, ~track.deviation.broken

@@ -12,9 +12,7 @@ from pydantic import Field
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError
 from counterflex.core.next_command import next_command
-from counterflex.files.dataset.manifest import KIND as DATASET
-from counterflex.files.dataset.manifest import VERSION as DATASET_VERSION
-from counterflex.files.dataset.manifest import FileTable
+from counterflex.files.dataset.manifest import KIND as DATASET, VERSION as DATASET_VERSION, FileTable
 from counterflex.files.dataset.table import read_table
 from counterflex.files.dataset.units import settings_shop, settings_si, toml_line
 from counterflex.files.dataset.writer import DIGITS, column_names

@@ -26,8 +26,7 @@ from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.cutting.cut_rows import in_air
 from counterflex.identify.cutting.force_forms import FORMS, Form, form, solve_physical
-from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL
-from counterflex.identify.cutting.proposal import propose
+from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL, propose
 from counterflex.identify.cutting.report import ChosenForm, Shared, figures, pictures, remarks
 from counterflex.identify.cutting.residuals import TOP_SIGMA_M, SlotResiduals, geometry_parameters
 from counterflex.identify.cutting.steady_cuts import Cutting, SteadyCuts, pieces_of

@@ -15,8 +15,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, ArmLayout, PeriodicTerm
 from counterflex.identify.geometry.pose_residuals import COMPONENTS
 from counterflex.identify.solver.parameters import Parameter, Parameters
-from counterflex.robot.elasticity.axis_sag import LARGEST_RAD as LARGEST_SAG_RAD
-from counterflex.robot.elasticity.axis_sag import TERMS, arm_is_heavy, unit_turns
+from counterflex.robot.elasticity.axis_sag import LARGEST_RAD as LARGEST_SAG_RAD, TERMS, arm_is_heavy, unit_turns
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.calibration import BASE, LARGEST_M, LARGEST_RAD, TCP
 

@@ -44,8 +44,15 @@ from counterflex.identify.kinematics.setup import (
     set_up,
     tool_of,
 )
-from counterflex.identify.kinematics.stages import OPTIONS as PRIORS
-from counterflex.identify.kinematics.stages import model_of_data, priors_of, refitted, widened, with_lost, with_turns
+from counterflex.identify.kinematics.stages import (
+    OPTIONS as PRIORS,
+    model_of_data,
+    priors_of,
+    refitted,
+    widened,
+    with_lost,
+    with_turns,
+)
 from counterflex.identify.recipe import Identification, Inputs, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut

@@ -16,8 +16,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.identify.data.changes import BodyMass, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.payload import TITLE, hose_pack, residuals
-from counterflex.identify.payload import data as sensor_data
+from counterflex.identify.payload import TITLE, data as sensor_data, hose_pack, residuals
 from counterflex.identify.payload.checks import check_units
 from counterflex.identify.payload.proposal import FORCE_N, HEIGHT_M, MOMENT_NM, NEAR_SHARE, propose
 from counterflex.identify.payload.weight import check_axes, check_rest

@@ -15,8 +15,7 @@ from counterflex.core.progress import Progress, in_parts, share_of
 from counterflex.core.units import MRAD, MS, URAD
 from counterflex.identify.data.changes import AxisPlay
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.play import TITLE
-from counterflex.identify.play import parameters as play_parameters
+from counterflex.identify.play import TITLE, parameters as play_parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe

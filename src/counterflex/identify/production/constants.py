@@ -173,7 +173,6 @@ def find(
         sensor: How true the force sensor is.
         runout_m: Runout that is considered where the tool has none stated.
         growth_sigma: (n,) share of the force by which one standard deviation of the tool's growth moves each stretch.
-        seed: Of the folds.
 
     Raises:
         InputError: The level asked for cannot be told apart; the message names the constants and their index.

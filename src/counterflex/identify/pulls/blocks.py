@@ -47,7 +47,6 @@ def coupled_by(
 
     Args:
         chain: The cell's.
-        springs: Its compliances.
         q: (n, 6) rad.
         w_tcp_base: (n, 6) N, N m.
         at: Takes twists (n, 6, m) given at the TCP to the point whose displacement is wanted.

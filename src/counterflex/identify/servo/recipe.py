@@ -16,8 +16,7 @@ from counterflex.core.units import MS, URAD
 from counterflex.identify.data.changes import AxisServo, Change, TableValues
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.delays.checks import changes as timing_changes
-from counterflex.identify.delays.checks import check_delay, lag_of
+from counterflex.identify.delays.checks import changes as timing_changes, check_delay, lag_of
 from counterflex.identify.delays.delay import Delay, find_delay
 from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe

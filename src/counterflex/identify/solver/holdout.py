@@ -160,10 +160,7 @@ def cross_validate(
         needed: Names of parameters that any use has to find first (frames): fitted for the nominal error as well.
         error: Error of the rows of a block at given values.
         scored: Places of the blocks that are scored; None scores all. Blocks not scored always train.
-        folds: See there.
-        robust: As for the solver.
         start: (p,) SI to start the fits from; None is nominal.
-        stop: As for the solver.
         progress: Told about folds.
 
     Returns:
@@ -213,16 +210,13 @@ def score_separate(
     """Predict the rows of a separate file by a fit to the other data.
 
     Args:
-        parameters: Of both.
         blocks: Measurements to fit.
         unseen: Measurements to predict.
         needed: Names of parameters that any use has to find first: fitted to ``blocks`` for the nominal error as well.
         local: Names of parameters that are found anew for the separate file (the tracker stood elsewhere that day):
             fitted to ``unseen``, or the blocks named there, all others held, for both errors.
         error: Error of the rows of a block at given values.
-        robust: As for the solver.
         start: (p,) SI to start the fit from; None is nominal.
-        stop: As for the solver.
         progress: Told about the fits.
 
     Returns:

@@ -19,8 +19,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry import compliances
 from counterflex.identify.geometry.compliances import bearing_of, springs, with_compliance
 from counterflex.identify.geometry.known_frames import KnownFrames, known_frames
-from counterflex.identify.pulls import checks as pull_checks
-from counterflex.identify.pulls import proposal as pull_proposal
+from counterflex.identify.pulls import checks as pull_checks, proposal as pull_proposal
 from counterflex.identify.pulls.blocks import PullLayout, block, layout, refreshed, with_honest_sigma
 from counterflex.identify.pulls.proposal import propose_pulls
 from counterflex.identify.pulls.pulls import Pulls, read_pulls
@@ -29,8 +28,7 @@ from counterflex.identify.recipe import Identification, Inputs, Proposal, Recipe
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, position_error, score_separate
 from counterflex.identify.solver.solve import solve
-from counterflex.identify.stiffness import TITLE, piecewise_compliance
-from counterflex.identify.stiffness import report as pull_report
+from counterflex.identify.stiffness import TITLE, piecewise_compliance, report as pull_report
 from counterflex.identify.stiffness.frame_pulls import with_displacements
 from counterflex.robot.elasticity.chain import ElasticChain
 

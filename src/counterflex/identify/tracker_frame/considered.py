@@ -120,7 +120,6 @@ def with_frame_sigma(
     """The fit with standard deviations that hold for what the frames' model lacks.
 
     Args:
-        fit: Of these blocks.
         blocks: Fiducials and tracker poses.
         moved: Per block (rows, components, k) from :func:`unrest`, with k = 0 where nothing is known of it.
         compliance: Relative standard deviation of the compliances that are not fitted.

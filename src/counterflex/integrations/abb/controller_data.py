@@ -33,7 +33,6 @@ def read_module(text: str, where: str) -> ControllerData:
     Tools that stand, work objects that the robot holds or that a mechanical unit moves are left out, with a note.
 
     Args:
-        text: The module.
         where: Its name, for errors.
 
     Raises:
@@ -91,7 +90,6 @@ def read_configuration(text: str, where: str) -> ControllerData:
     """Base frame of the robot from ``MOC.cfg``, type ROBOT; positions there are in m.
 
     Args:
-        text: The file.
         where: Its name, for errors.
 
     Raises:
@@ -148,7 +146,6 @@ def read_data(text: str, where: str) -> ControllerData | None:
     """Data of a ``MOC.cfg`` or a module; None of another text.
 
     Args:
-        text: The file.
         where: Its name, for errors and notes.
     """
     if _CFG.match(text):

@@ -149,7 +149,6 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
     """Find the best posture of a place: survey, dynamic programming, distances of bodies.
 
     Args:
-        site: The program.
         T_base_standing: (4, 4) of the part; where the robot holds the part, of the spindle's tool frame.
         T_base_before: (4, 4) robot base of the site in that of the candidate, where the robot was carried away.
     """

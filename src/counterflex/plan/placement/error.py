@@ -57,10 +57,7 @@ class ErrorLeft:
         """Of a program.
 
         Args:
-            whole: Its path.
-            thin: The thinned path.
             rows: (m,) rows of the whole path that it has, rising.
-            chain: The elastic robot.
             measured: Lowest mode of a tap test, or None.
         """
         step = _force_steps(whole)
@@ -82,7 +79,6 @@ class ErrorLeft:
 
         Args:
             cut: m points, the thinned path.
-            chain: The elastic robot.
             relative: Motion of the tool relative to the part in these postures.
             q: (m, 6) rad.
         """

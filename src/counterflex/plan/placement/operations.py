@@ -64,8 +64,6 @@ class OperationSite:
         """Error in a place and posture, m, and the least damping ratio in the cut; infinite where it cannot be run.
 
         Args:
-            seen: The place.
-            branch: Of the arm.
             rotation_rad: About the tool axis.
         """
         site, refused = self.site, (np.inf, np.nan)

@@ -54,7 +54,6 @@ def held(task: Task, setting: Setting) -> Held:
     """Judge the posture of a setting on a program.
 
     Args:
-        task: The program.
         setting: With the posture.
 
     Raises:

@@ -89,7 +89,6 @@ def too_slow(fast: TooFast, task: Task) -> ReachError:
 
     Args:
         fast: In the posture that would be best otherwise.
-        task: The program.
     """
     return ReachError(
         f"in every posture that leads through the program an axis is too slow; in the best, axis {fast.axis + 1}",

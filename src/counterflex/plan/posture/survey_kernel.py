@@ -156,7 +156,6 @@ def survey_edges(
     Args:
         chain: Elastic chain.
         grid: What is tried.
-        points: The path.
         stations: (m + 1,) rows of the stations, rising, the first 0 and the last n - 1.
         survey: Results, written; ``early`` and ``late`` are added to.
         first: First edge.

@@ -66,7 +66,6 @@ def corners_of(path: ToolPath, blocks: BlockSpacing, approximation_m: Float, ble
 
     Args:
         path: n rows.
-        blocks: Of this path.
         approximation_m: (motions,) distance that the program itself names at the end of each motion, 0 for an exact
             stop; NaN where it names none.
         blending_m: Distance where the program names none.
@@ -99,7 +98,6 @@ def approximation_rows(corners: Corners, cutting: Bool, bounds: CheckLimits) -> 
     """Return whether the approximation fits between the points, and what it leaves of the corners.
 
     Args:
-        corners: Of the path.
         cutting: (n,) segments that count.
         bounds: Tolerance of a corner, and whether the approximation distance is given.
     """

@@ -93,14 +93,11 @@ def along(
 
     Args:
         name: See :class:`CollisionBody`.
-        frame: See there.
         p_frame_from: (3,) m.
         p_frame_to: (3,) m.
         radius_m: > 0.
         shape: ``capsule`` or ``cylinder``.
         assumed: See :class:`CollisionBody`.
-        tool: See there.
-        surrounds: See there.
     """
     line = np.asarray(p_frame_to, dtype=np.float64) - p_frame_from
     length = float(np.linalg.norm(line))
@@ -125,10 +122,8 @@ def hull(name: str, frame: str, T_frame_mesh: Float, points_m: Float, *, surroun
 
     Args:
         name: See :class:`CollisionBody`.
-        frame: See there.
         T_frame_mesh: (4, 4) pose of the axes that the points are given in.
         points_m: (k, 3) m, not all in one plane.
-        surrounds: See there.
     """
     low, high = points_m.min(axis=0), points_m.max(axis=0)
     centre = 0.5 * (low + high)
@@ -145,7 +140,6 @@ def holder(number: int, outline_m: Sequence[tuple[float, float]]) -> list[Collis
     """The outline of what does not cut of a tool, as cylinders as wide as its wider end, in the TCP's frame.
 
     Args:
-        number: Of the tool.
         outline_m: Height above the tip and radius, from the tip upward.
     """
     pieces = [(low, high) for low, high in itertools.pairwise(outline_m) if high[0] > low[0]]
@@ -265,7 +259,6 @@ def held_part(chain: ElasticChain, stock: HeightMap) -> list[CollisionBody]:
 
     Args:
         chain: Robot and what it holds; its last frame is the part frame.
-        stock: The blank.
     """
     low, high = _bounds(stock)
     T_flange_part = chain.T_flange_tcp

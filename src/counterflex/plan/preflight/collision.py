@@ -266,7 +266,6 @@ class PlacedBody:
 
     Args:
         chain: As the controller has it.
-        bodies: The bodies.
         q: (n, 6) rad.
         standing: Part and floor.
         left_over: What is left of the blank.

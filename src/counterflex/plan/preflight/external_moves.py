@@ -28,7 +28,6 @@ def moved_m(places: ExternalPlaces, place: Float) -> Float:
     """(n,) m, bound of the way that any point of part and floor has gone in the robot base from row 0 on.
 
     Args:
-        places: Of the external axes.
         place: (n,) along the path.
     """
     lever = np.array([_REACH_M if axis.turning else 1.0 for axis in places.axes])

@@ -85,8 +85,6 @@ def held_speed(
         path: n >= 1 rows; its times are those of the programmed feed.
         q: (n, 6) rad, continuous.
         turned_rad: (n,) angle by which the tool frame turns on the way to each row.
-        blocks: Of the path.
-        corners: Of the path.
         bounds: Limits; those that are not known limit nothing.
     """
     n = len(path)

@@ -60,7 +60,6 @@ def posture_row(stated: dict[int, Stated] | None, branch: str, path: ToolPath) -
     Args:
         stated: By motion, of a program in a language of robots; None of other languages.
         branch: Posture that is checked, such as ``front up noflip``.
-        path: The program.
     """
     if stated is None:
         return Row(CHECK, "ok", what=f"the program states none; checked in {branch}")

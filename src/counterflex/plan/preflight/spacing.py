@@ -79,7 +79,6 @@ def spacing_rows(path: ToolPath, bounds: CheckLimits) -> list[Row]:
     """Block time at feed, and feed left by the look-ahead.
 
     Args:
-        path: As sampled.
         bounds: Least block time, look-ahead, acceleration.
     """
     blocks = blocks_of(path)

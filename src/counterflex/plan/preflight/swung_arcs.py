@@ -61,8 +61,6 @@ def swung(path: ToolPath, setting: Setting, solution: PathSolution | None) -> Sw
 
     Args:
         path: n rows; of motions by axes their ends only.
-        setting: The cell.
-        solution: Of the first rows.
     """
     ends, _ = setting.by_axes.rows(path.motion)
     reached = 0 if solution is None else len(solution.q)
@@ -142,7 +140,6 @@ def axes_row(whole: Swung, setting: Setting, left_out: tuple[str, ...]) -> Row:
 
     Args:
         whole: The path with its arcs.
-        setting: The cell.
         left_out: File and line of each motion by axes before the first target and behind the last one.
     """
     by_axes, path, solution = setting.by_axes, whole.path, whole.solution

@@ -37,7 +37,6 @@ def diagram(at: Margin, structure: Structure, *, progress: Progress = silent) ->
     """Limits around the programmed speed of a stretch.
 
     Args:
-        at: The stretch.
         structure: What swings.
         progress: Progress callback, fraction 0 to 1.
     """

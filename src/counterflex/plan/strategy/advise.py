@@ -187,7 +187,6 @@ def outcomes(
     Args:
         cuts: (n) the cuts.
         spindle_rad_s: (n,) their spindle speeds.
-        law: The force law.
         place: Pose and wall.
         limits: What spindle, tool and robot bear.
         doubt: What is not known.

@@ -69,14 +69,12 @@ def swing_of(
     """The modes of a posture.
 
     Args:
-        chain: The elastic robot.
         q: (6,) rad.
         to_part: (6, 6), see :func:`counterflex.plan.stability.robot_modes.robot_modes`.
         compliance_part: (6, 6) at the tool tip, part axes.
         normal_part: (3,) unit normal of the wall.
         damping_ratio: Of every mode.
         measured: Lowest mode of a tap test, or None.
-        line: Of the program.
 
     Raises:
         ModelError: Nothing yields.
@@ -91,7 +89,6 @@ def worst(swings: Sequence[Swing], omega_rad_s: Float) -> Float:
     """Largest magnification over all postures; (n,), 0 without any.
 
     Args:
-        swings: Of the postures.
         omega_rad_s: (n,) angular frequency of the force.
     """
     out = np.zeros(len(omega_rad_s))

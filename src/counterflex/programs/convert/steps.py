@@ -99,7 +99,6 @@ def steps(
     """Yield the steps of a program, in order.
 
     Args:
-        program: As read.
         R_part_tcp: Orientation (3, 3) of the cell's TCP frame at the end of a motion, by its index.
         to_robot: Say what a machine does without being told, too: M6 and the end stop the spindle.
         comments: Comments too.

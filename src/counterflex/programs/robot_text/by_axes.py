@@ -56,7 +56,6 @@ class ExecutionByAxes(Execution, Generic[Move]):
         """Remember a motion by axes; :meth:`arrive` makes it where the path goes on.
 
         Args:
-            move: Its record.
             T_part_tcp: (4, 4) m, where it ends; None where that is not known.
             where: File and line.
             unknown: Why it is not known.

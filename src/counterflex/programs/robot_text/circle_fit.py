@@ -41,7 +41,6 @@ def fitted_circle(motion: Motion, points: Float, nominal: Float, *, fixed_turn: 
     """The circle from the first commanded point through the middle one to the last.
 
     Args:
-        motion: The programmed circle.
         points: (k + 1, 3) m, commanded, its start first.
         nominal: (k, 3) m, programmed points that the commanded ones behind the start stand for.
         fixed_turn: The program gives its angle (CA), which stays.

@@ -72,12 +72,7 @@ class Execution:
         return tuple(dict.fromkeys(block.where(name) for block in blocks if block.motion_count == 0))
 
     def fields(self, name: str, text: str) -> dict[str, Any]:
-        """Return what every language says of a :class:`~counterflex.programs.robot_text.program.RobotProgram` alike.
-
-        Args:
-            name: Of the main file.
-            text: Of it.
-        """
+        """Return what every language says of a :class:`~counterflex.programs.robot_text.program.RobotProgram` alike."""
         rotations = np.array(self.rotations).reshape(-1, 3, 3)
         leans = tilted(rotations)
         lines = split_lines(text)

@@ -40,7 +40,6 @@ def fine_rows(
 
     Args:
         rows: The compensated path by motion.
-        compensated: The same rows.
         tolerance_m: Largest distance of a commanded row from the written path, m.
         cycle_s: Time the controller needs per point, s.
 
@@ -129,7 +128,6 @@ class InPlace(ABC, Generic[P]):
     gets its own.
 
     Args:
-        program: As read.
         compensated: Commanded rows for the path sampled from ``program``.
         tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion.
         cycle_s: Time the controller needs per point, s.
@@ -169,7 +167,6 @@ class InPlace(ABC, Generic[P]):
         """Write a program back with its targets replaced by the commanded ones.
 
         Args:
-            program: As read.
             compensated: Commanded rows for the path sampled from ``program``.
             tolerance_m: Largest distance between a commanded row and the written path at the same share of the motion,
                 before rounding; > 0, m.
@@ -210,7 +207,6 @@ class InPlace(ABC, Generic[P]):
         """Write a straight motion to a point before the instruction of a motion.
 
         Args:
-            index: Of the motion.
             p: (3,) m.
             R_part_tcp: (3, 3) orientation of the cell's TCP frame.
             speed_m_s: Speed to it; None where it is the programmed one.

@@ -225,7 +225,6 @@ def only_said(lines: Sequence[str], comment: str) -> int | None:
     does it, or stops for a person to do it; a motion behind it would run over standing metal.
 
     Args:
-        lines: Of the program.
         comment: What begins a comment: ``;`` or ``!``.
 
     Returns:
@@ -262,7 +261,6 @@ def stop_under_correction(line: str, where: str, statement: str) -> ProgramError
 
     Args:
         line: That stops.
-        where: Its place.
         statement: What stops a program in its language.
     """
     return ProgramError(

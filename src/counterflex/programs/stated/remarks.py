@@ -107,7 +107,6 @@ def stated(program: Program, known_offsets: bool = False) -> Stated:
     """Return what a program states of offsets, coolant and its end.
 
     Args:
-        program: As read.
         known_offsets: All work offsets are known, from a parameter file of the machine.
     """
     n = len(program.motions)

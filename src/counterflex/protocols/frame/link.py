@@ -44,7 +44,6 @@ class FrameLink(SampleStream):
 
     Args:
         host: Of the sensor, or where the loop listens.
-        port: Likewise.
         source: See :class:`FrameSource`.
         wait_s: How long a TCP connection may take.
         range_n: Largest force, see :class:`SampleStream`.

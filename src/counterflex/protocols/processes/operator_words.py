@@ -25,7 +25,6 @@ class OperatorFile:
     """The run's side: the file, as long as the run goes on.
 
     Args:
-        folder: Of the run.
         words: Where the shared numbers are.
 
     Raises:

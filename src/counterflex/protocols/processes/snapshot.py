@@ -74,7 +74,6 @@ class SnapshotSlots:
     """The loop's side.
 
     Args:
-        path: Of existing memory.
         about: What the run is, for its readers: plain values.
 
     Attributes:
@@ -126,9 +125,6 @@ class SnapshotSlots:
 
 class SnapshotReader:
     """Reads the snapshots of a run and can do nothing else.
-
-    Args:
-        path: Of the memory.
 
     Attributes:
         about: What the run is.

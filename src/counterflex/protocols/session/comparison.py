@@ -77,11 +77,7 @@ def comparison_lines(numbers: Mapping[str, Any], cause: Cause, degraded: Cause) 
 
 
 def not_closed_line(log: str) -> str:
-    """Return what is said at the start of a run whose predecessor did not end by itself.
-
-    Args:
-        log: Its folder.
-    """
+    """Return what is said at the start of a run whose predecessor did not end by itself."""
     return (
         f"the loop that answered this robot before did not end by itself (its log: {log}); this one is not armed before"
         " counterflex operator reset, and holds the feed of a program that wants the correction, or cuts; a correction"

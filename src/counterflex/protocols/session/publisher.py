@@ -40,7 +40,6 @@ class Publisher:
     """Writes the snapshots of a session.
 
     Args:
-        path: Of their memory.
         about: What the run is, for whoever reads them.
         loop: As each cycle leaves it.
         counters: Of the robot's link.

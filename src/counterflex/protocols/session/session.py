@@ -68,8 +68,6 @@ class OnlineSession:
     """Ties links, sensors and loop together.
 
     Args:
-        link: The robot.
-        loop: The step.
         sensing: None: nothing but what the robot says.
         ring: Where records go, or None.
         control: Of :class:`Request`, written by the operator's side, and where it is long enough (:data:`CONTROL`) of
@@ -297,7 +295,6 @@ class OnlineSession:
         """Show every cycle from now on as a snapshot, see :mod:`counterflex.protocols.processes.snapshot`.
 
         Args:
-            path: Of the shared memory.
             about: What the run is, plain values.
 
         Raises:

@@ -32,8 +32,6 @@ def latch(state: int, cause: int, reset: bool, now_ns: int, incident: Int) -> No
     """Follow holds and faults: the first cause of the last one stays until a person acknowledges it, or another begins.
 
     Args:
-        state: Of the loop.
-        cause: Of the state.
         reset: A person acknowledges in this cycle.
         now_ns: Monotonic.
         incident: (LATCHED,) changed.
@@ -97,7 +95,6 @@ def fill(
         incident: (LATCHED,) see :func:`latch`; changed.
         slots: (SLOTS,) SNAPSHOT; one is written.
         numbers: The same memory as whole numbers, from its head on.
-        place: Of the slot.
     """
     loop, monitor, slot = loops[0], monitors[0], slots[place]
     given, result, state = loop.given, loop.result, loop.state

@@ -24,7 +24,6 @@ def drain_strains(fd: int, tables: Records) -> int:
     """Take every strain datagram that is there.
 
     Args:
-        fd: Of the socket.
         tables: (1,) ARRAYS: inbox; allowed, samples, warm, times and RECEIVED of
             :func:`counterflex.protocols.strain.kernel.take_strains`.
 

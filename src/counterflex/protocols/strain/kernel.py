@@ -62,7 +62,6 @@ def read_datagram(data: ByteRows, row: int, length: int, strain: Float) -> int:
     Args:
         data: (m, >= LONGEST) one datagram in a row.
         row: Which.
-        length: Its bytes.
         strain: (MOST,) written: strain of each bridge, NaN where it shows none.
 
     Returns:

@@ -122,7 +122,6 @@ def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> i
     """Take all datagrams that wait at a socket of IPv4, with one call; never waits.
 
     Args:
-        fd: Of the socket.
         heads: (n, HEAD) of :func:`heads`.
         names: (n, NAME) that they point to.
         lengths: (n,) bytes of each datagram; written.
@@ -151,10 +150,7 @@ def await_datagrams(
     """As :func:`receive`, but waits for the first datagram, and tells address and port of each sender.
 
     Args:
-        fd: Of the socket.
         heads: As for :func:`receive`.
-        names: Likewise.
-        lengths: Likewise.
         senders: (n,) ``address << 16 | port``; written.
         timeout_ns: Longest wait; 0 or less: none.
         waiting: (WAITING,) work space.
@@ -178,7 +174,6 @@ def send_to(fd: int, data: Bytes, length: int, name: Bytes) -> bool:
     """Send a datagram; never waits.
 
     Args:
-        fd: Of the socket.
         data: (n,) buffer.
         length: Bytes of it.
         name: (NAME,) to whom, as :func:`receive` had it from the system.

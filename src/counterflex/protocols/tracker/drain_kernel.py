@@ -24,7 +24,6 @@ def drain_poses(fd: int, tables: Records) -> bool:
     """Take every tracker datagram that is there.
 
     Args:
-        fd: Of the socket.
         tables: (1,) ARRAYS: inbox; allowed, pose, spare and RECEIVED of
             :func:`counterflex.protocols.tracker.kernel.take_poses`.
 

@@ -62,7 +62,6 @@ def read_datagram(data: ByteRows, row: int, length: int, T: Float, values: Float
     Args:
         data: (n, size) one datagram in a row.
         row: Which.
-        length: Its bytes.
         T: (4, >= 4) written where the result is OK: pose in m; its rotation is the identity where there is none.
         values: (8,) written: position mm, quaternion, standard deviation mm.
 
@@ -167,7 +166,6 @@ def tool_pose(T_part_tracker: Float, T_tracker_target: Float, T_target_tcp: Floa
         T_tracker_target: (4, 4) what was measured.
         T_target_tcp: (4, 4) tool tip in the target.
         out: Written from ``at`` on: nine numbers of the rotation by rows, three of the position, m.
-        at: See above.
     """
     A, B, C = T_part_tracker, T_tracker_target, T_target_tcp
     for i in range(3):

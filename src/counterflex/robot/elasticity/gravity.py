@@ -17,7 +17,6 @@ def counterbalance_torque(balance: Counterbalance, q_joint: Float | float) -> Fl
     k)``, gas pressure ``p = Z R T m / (V_max - dl A)``, torque ``-h p A``: it pulls back towards ``q_min_force``.
 
     Args:
-        balance: The cylinder.
         q_joint: (...) rad, controller angle of the axis it acts on.
 
     Returns:

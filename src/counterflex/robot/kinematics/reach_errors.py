@@ -93,7 +93,6 @@ def outside(chain: ElasticChain, q: Float, axis: int, point: int) -> ReachError:
     Args:
         q: (6,) rad there.
         axis: 0..5.
-        point: Its index.
     """
     name, value, limit = _limit_words(chain, q, axis)
     return ReachError(
@@ -112,7 +111,6 @@ def path_fault(chain: ElasticChain, T_base_tcp: Float, point: int, code: int, fa
 
     Args:
         T_base_tcp: (4, 4) pose of that point, m.
-        point: Its index.
         code: How it ended.
         fault: (2,) as the kernel leaves it.
         floor: Smallest sigma_min accepted.

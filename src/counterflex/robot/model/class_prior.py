@@ -77,7 +77,6 @@ class ClassPrior:
 
         Args:
             count: How many robots.
-            seed: Of the random numbers.
 
         Returns:
             (count, 6) N m/rad.

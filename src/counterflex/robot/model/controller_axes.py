@@ -224,7 +224,6 @@ def from_geometry(
     """Axes that a maker's controller shows for an arm of known geometry, whatever signs and zeros describe the arm.
 
     Args:
-        maker: Of the controller.
         signs: Of the model's angles: ``theta = sign q - offset``.
         offsets_rad: See ``signs``.
         c1_m: Height of axis 2 above the base plate, m.
@@ -280,7 +279,6 @@ def from_signs(
     """Axes of an arm whose model says only how its angles are counted: ``j = sign q + zero``, then the coupling.
 
     Args:
-        maker: Of the controller.
         signs: Of the controller's axes against the model's angles, +1 or -1.
         zeros_rad: Of the controller's axes where the model's angles are zero.
         axis_2_m: Height of axis 2 above the base plate, m.
@@ -300,7 +298,6 @@ def in_language(
     """Axes of a robot as a controller that runs programs of a language shows them.
 
     Args:
-        axes: Of the robot.
         opw: Its closed-form geometry, or None.
         limits_rad: (6, 2) limits of the model's angles.
         language: Dialect of the program.

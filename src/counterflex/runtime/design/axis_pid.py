@@ -93,7 +93,6 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, most_rad: floa
     """The controller of an axis.
 
     Args:
-        plant: The axis.
         goals: Margins; None are those of :class:`counterflex.runtime.design.tracker.DesignGoals`.
         most_rad: Largest angle that it adds.
 

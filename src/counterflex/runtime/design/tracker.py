@@ -278,7 +278,6 @@ def design(plant: TrackerPlant, goals: DesignGoals | None = None, *, notch: bool
     """Largest gains that keep the margins, on the robot as known and on its neighbours; found once per process.
 
     Args:
-        plant: The robot.
         goals: Margins; None are 50 deg, 10 dB, Ms 1.6 with the mode off by 15 % and lag and delay by 10 %.
         notch: Take the mode out with a filter.
 

@@ -40,7 +40,6 @@ def sources_of(given: Record, settings: Record, soft: int, disbelieved: int, pla
 
     Args:
         given: Inputs of the cycle.
-        settings: Of the loop.
         soft: Cause of a hold found outside of the step; one of the force sensor's means that it is not used.
         disbelieved: Tracker samples in a row that were too far off.
         planned: 1 where there is a plan.
@@ -146,7 +145,6 @@ def estimate_loads(
         given: Inputs of the cycle.
         usable: Bits of Source in use.
         shown: There are motor currents in this cycle, and the robot moves; in use or not, their zero is learnt.
-        settings: Of the loop.
         jac: (36,) rigid Jacobian of the last cycle, base axes.
         state: Of the step; changed.
         cycle: The used wrench is written, without a plan the predicted ones too.

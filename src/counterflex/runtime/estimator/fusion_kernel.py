@@ -91,7 +91,6 @@ def drift(fusion: Record, growth: Float, largest: Float, turn_growth: float, tur
         growth: (3,) of k, a, b per cycle: 1, 1, m2.
         largest: (3,) variances at the start.
         turn_growth: Of the orientation's offset, rad2.
-        turn_largest: Likewise.
     """
     for i in range(N):
         if fusion.covariance[i, i] + growth[i // 3] <= largest[i // 3]:

@@ -158,9 +158,7 @@ def breakage(m: Record, s: Record, given: Record, here: Record, noise: float, st
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
-        given: Of the step.
         here: Row of the plan.
-        noise: Of the filtered force.
         steady: The plan is.
     """
     fast, past, ratio, predicted = m.fast, m.reference, m.now.ratio, m.now.predicted
@@ -257,8 +255,6 @@ def low_chatter(m: Record, s: Record, given: Record, noise: float, steady: bool)
     Args:
         m: MEMORY; changed.
         s: SETTINGS.
-        given: Of the step.
-        noise: Of the filtered force.
         steady: The plan is.
     """
     least = s.period / LEVEL_S

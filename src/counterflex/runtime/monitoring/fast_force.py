@@ -77,7 +77,6 @@ def take_samples(
         count: How many of its rows.
         number: Sequence number of the first one.
         turn_per_s: Spindle speed, turns per second; 0 where not known.
-        teeth: Of the tool.
         settings: (1,) SETTINGS.
         memories: (1,) MEMORY; samples and fast are changed.
     """

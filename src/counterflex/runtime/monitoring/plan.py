@@ -104,7 +104,6 @@ def monitor_plan(plan: Records, settings: MonitorSettings, turn_per_s: Float, te
 
     Args:
         plan: (n,) PLAN of :meth:`counterflex.runtime.loop.LoopPlan.packed`.
-        settings: Of the monitor.
         turn_per_s: (n,) spindle speed, turns per second; 0 is not known.
         teeth: (n,) of the tool; 0 is not known.
         tool: (n,) its number.

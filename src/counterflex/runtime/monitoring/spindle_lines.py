@@ -231,7 +231,6 @@ def estimate_folded(d: Record, fast: Record, turn: float, teeth: int, count: int
         d: SAMPLES; slow and alias are changed.
         fast: FAST.
         turn: Commanded turns of the spindle per sample.
-        teeth: Of the tool.
         count: Samples of a cycle.
         period: Of the samples, s.
     """

@@ -196,11 +196,9 @@ def judge_answer(
         moved: (3,) way of the commanded point over the last cycles, m.
         before: (3,) the same some time ago, over as many cycles.
         bent: (3,) deflection under the load as it is known, m.
-        state: Of the step.
         ring: Past cycles.
         corrects: The correction may act: r0 is not learnt.
         work: (16,) work space.
-        limits: Of the tests.
         memory: Of the tests; changed.
 
     Returns:

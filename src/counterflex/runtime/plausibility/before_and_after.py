@@ -56,7 +56,6 @@ def watch_force(
         good: The measured one is fresh.
         cuts: The plan cuts material now or within the lead.
         swing_n: Force that inertia explains.
-        limits: Of the tests.
         memory: Of the tests; changed.
     """
     memory.air = 0 if cuts else min(memory.air + 1, limits.settled)

@@ -105,7 +105,6 @@ def mean_cut(memory: Record, back: int, count: int, out: Record) -> None:
     """Mean residual, planned force and way of so many samples.
 
     Args:
-        memory: Of the tests.
         back: Samples that are newer.
         count: See above, at least 1.
         out: Written.

@@ -41,7 +41,6 @@ def direction_is_wrong(measured: Float, predicted: Float, good: bool, limits: Re
         measured: (3,) N, filtered, part axes.
         predicted: (3,) N through the same filters.
         good: The measured one is fresh; else the count stands still.
-        limits: Of the tests.
         memory: Of the tests; changed.
 
     Returns:
@@ -64,7 +63,6 @@ def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Record, me
         measured: (6,) N, N m, filtered.
         air: The plan cuts nothing here, nor did it within the filters' memory, nor will it within the lead.
         swing_n: Force that the recent acceleration explains, N.
-        limits: Of the tests.
         memory: Of the tests; changed.
 
     Returns:

@@ -198,13 +198,11 @@ def sample_doubt(
         given: Inputs of the cycle.
         deviation: (6,) measured minus commanded pose, m and rad, part axes.
         stamped: The commanded pose is that of the sample's own stamp; else that of a sample that is as late as usual.
-        state: Of the step.
         ring: Past cycles.
         here: Its next row.
         corrects: The correction acts or stands: before, only its stamp and whether it repeats itself is judged.
         in_force: (3,) correction in effect when it was measured.
         expected: (3,) deflection under the known force then.
-        limits: Of the tests.
         memory: Of the tests; changed.
         work: (9,) work space.
 

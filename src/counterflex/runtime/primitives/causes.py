@@ -32,7 +32,6 @@ def can_yield(settings: Record, soft: int) -> bool:
     """Return whether a cause of a hold is a sensor's, and does not hold while the estimator has another source.
 
     Args:
-        settings: Of the loop.
         soft: The cause, or 0.
     """
     if settings.force != _FUSED:

@@ -56,7 +56,6 @@ def pose_deviation(actual: Float, at: int, nominal: Float, contained: Float, out
 
     Args:
         actual: Array that holds the pose (12) from ``at`` on.
-        at: See above.
         nominal: (12,) commanded pose.
         contained: (6,) correction it contains.
         out: (6,) written, m and rad, part axes.

@@ -44,10 +44,8 @@ def turned_load(settings: Record, nominal: Float, w: Float, at: int, way: float)
     """Wrench on the tool about its tip into that on the hand about its origin, or back: part axes, in place.
 
     Args:
-        settings: Of the loop.
         nominal: (12,) pose of the tool in the part.
         w: Array that holds the wrench (6) from ``at`` on.
-        at: See above.
         way: TO_HAND or BACK.
     """
     if settings.holds_part == 0:

@@ -59,8 +59,6 @@ def follow(plan: Records, place: Float, x: float, y: float, z: float, window: in
         plan: (n,) PLAN, n >= 2.
         place: (2,) row and fraction of the segment that begins there; row -1 is unknown. Changed.
         x: Commanded position, part frame, m.
-        y: Likewise.
-        z: Likewise.
         window: Segments ahead.
 
     Returns:

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from counterflex.robot.elasticity.kernels.records import ELASTIC
-from counterflex.robot.elasticity.kernels.records import WORK as ELASTIC_WORK
+from counterflex.robot.elasticity.kernels.records import ELASTIC, WORK as ELASTIC_WORK
 from counterflex.runtime.state.chosen import SETTINGS
 from counterflex.runtime.state.cycle import CYCLE
 from counterflex.runtime.state.doubts import CUT, CUT_KIND, LIMITS, MEMORY, WORK

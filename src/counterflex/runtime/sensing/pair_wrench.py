@@ -53,11 +53,8 @@ class PairWrench:
     """The readings of one cycle as process wrench. The moment is that of the flange sensor; without it there is none.
 
     Args:
-        first: Of the flange sensor.
-        second: Of the holder.
         T_base_part: (4, 4) part frame.
         period_s: Cycle.
-        tuning: Of the filter.
 
     Attributes:
         fresh: Bits of the sensors that have something new, set before each call; those that were used after it.

@@ -61,7 +61,6 @@ def bent_rotation(chain: Compact, carried: Record, q: Float, w_tcp_base: Float, 
         q: (6,) rad.
         w_tcp_base: (6,).
         frame: Work arrays of the chain.
-        delta: Likewise.
     """
     station, hose = carried.station, carried.hose
     trig, turn, R_station_sensor = carried.trig[:], carried.turn[:], carried.R_station_sensor[:]

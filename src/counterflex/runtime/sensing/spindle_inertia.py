@@ -196,7 +196,6 @@ class SpindleInertia:
             w_part: (6,) N, N m: what the sensor shows, zero and weight taken off, about the TCP in part axes.
             C: (36,) or (6, 6) compliance at the TCP, base axes; float64, C order.
             elapsed: Cycles since the last telegram.
-            at_t: See above.
         """
         _remove(T_part_tcp, at_t, w_part, C.reshape(-1), elapsed if self._begun else 0, self._inertia)
         self._begun = True

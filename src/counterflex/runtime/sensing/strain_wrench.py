@@ -117,7 +117,6 @@ class StrainWrench:
         load: Mass behind the holder, kg, and its centre of gravity (3,) m in the holder frame.
         error: (3, 3) standard deviation of the force shown along x, y, z (rows) by 1 N along x, y, z (columns).
         tools: Tool tip (3,) m in the holder frame by tool number; empty: that of the cell.
-        tuning: Of the filter.
 
     Attributes:
         w_part: (6,) N, N m: result, a pure force on the tool at its tip, part axes.

@@ -96,7 +96,6 @@ def put_words(arrays: Arrays, words: Int, layout: Layout) -> None:
     Args:
         arrays: Written.
         words: (n,) of :func:`words_of`.
-        layout: Of the words.
 
     Raises:
         InputError: Not as many words as the layout says, or names, kinds or counts of other arrays. Nothing is written.

@@ -28,8 +28,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.records import Record
 from counterflex.runtime.state.chosen import SUPERVISION
 from counterflex.runtime.state.memory import SUPERVISED, SUPERVISOR
-from counterflex.runtime.state.states import Cause as Cause
-from counterflex.runtime.state.states import State as State
+from counterflex.runtime.state.states import Cause as Cause, State as State
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,6 @@ def to_axes(given: Record, settings: Record, work: Record, cycle: Record, motion
 
     Args:
         given: Inputs of the cycle.
-        settings: Of the loop.
         work: Of the elastic step, which left Jacobian and inverse factor there.
         cycle: With the status of the elastic step, to which CLAMPED is added.
         motion: (6,) m and rotation vector, part axes.

@@ -30,7 +30,6 @@ def limit(share: float, settings: Record, state: Record, cycle: Record, result: 
 
     Args:
         share: 0..1, by which the correction is faded in.
-        settings: Of the loop.
         state: Of the step; changed.
         cycle: Whether the last state was HOLD, and cycles to move for.
         result: With the wanted correction; the one to be sent is written.
@@ -113,8 +112,6 @@ def report(settings: Record, state: Record, cycle: Record, result: Record) -> No
     """Write what the cycle found into the result.
 
     Args:
-        settings: Of the loop.
-        state: Of the step.
         cycle: What was found.
         result: Written.
     """

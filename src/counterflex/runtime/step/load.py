@@ -120,7 +120,6 @@ def find_load(
 
     Args:
         given: Inputs of the cycle.
-        settings: Of the loop.
         state: Of the step; changed.
         ring: Past cycles.
         plan: (n,) PLAN.

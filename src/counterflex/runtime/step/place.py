@@ -29,7 +29,6 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
 
     Args:
         given: Inputs of the cycle.
-        settings: Of the loop.
         state: Of the step; changed.
         cycle: Begun.
     """

@@ -83,7 +83,6 @@ def step(
 
     Args:
         given: Inputs of the cycle.
-        settings: Of the loop.
         state: What the step remembers; changed.
         ring: Past cycles; changed.
         plan: (n,) PLAN, or two rows that mean nothing without a plan.

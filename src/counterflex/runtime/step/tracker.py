@@ -31,7 +31,6 @@ def compare(cycle: Record, deflection: Float, state: Record) -> None:
     Args:
         cycle: With the deviation; the innovation is written.
         deflection: (6,) expected at the time of the sample.
-        state: Of the step.
     """
     for k in range(6):
         cycle.innovation[k] = cycle.deviation[k] - state.in_effect[k] - deflection[k] - state.offset[k]

@@ -79,7 +79,6 @@ class RobotServer:
         robot: The robot; its cycle divides that of the protocol.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
-        timing: See there.
         faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
         observe: Told every cycle.
 
@@ -246,7 +245,6 @@ class RobotServer:
         """Send a telegram and take what comes until the cycle is over.
 
         Args:
-            telegram: Of this cycle.
             silent: It is not sent, and nothing is expected.
         """
         now_s = self.cycles * self._period_s

@@ -110,7 +110,6 @@ class CellServer(RobotServer):
     """Runs a live cell behind its protocols until the program has ended.
 
     Args:
-        cell: The cell.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
         instruments: Or None.

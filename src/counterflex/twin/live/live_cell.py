@@ -17,8 +17,7 @@ from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import ToolPath
-from counterflex.twin.devices.commanded_motion import CommandedMotion
-from counterflex.twin.devices.commanded_motion import Report as Report
+from counterflex.twin.devices.commanded_motion import CommandedMotion, Report as Report
 from counterflex.twin.devices.path_answer import PathAnswer
 from counterflex.twin.plant import simulate as simulation
 from counterflex.twin.plant.controller import Controller, as_it_is

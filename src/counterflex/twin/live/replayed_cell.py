@@ -52,7 +52,6 @@ class ReplayedCell:
         controller: Its side of the protocol, 4 ms.
         sensor: Sends the force readings, or None.
         answer: How the controller answers a correction.
-        program: The robot program.
     """
 
     def __init__(

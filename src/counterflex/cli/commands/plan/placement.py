@@ -98,8 +98,7 @@ def placement(
     box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
     from counterflex.app.inputs import Reading
-    from counterflex.app.placement import operations_job
-    from counterflex.app.placement import placement as job
+    from counterflex.app.placement import operations_job, placement as job
     from counterflex.app.placement.region import Wish
     from counterflex.app.placement.spindle_mounting import Mounting
     from counterflex.core.errors import InputError

@@ -34,7 +34,6 @@ def check_egm(calls: EgmCalls, expected: ExpectedEgm | None = None) -> tuple[Fin
     """Judge a program.
 
     Args:
-        calls: Its instructions.
         expected: What the cell file says, or None.
 
     Returns:

@@ -201,7 +201,6 @@ def write_path_correction(sequence: int, y_m: float, z_m: float, age_s: float, t
     """An ``EgmSensorPathCorr``: correction in the path frame, along it always zero.
 
     Args:
-        sequence: Of our messages.
         y_m: m, along tangent cross tool z.
         z_m: m.
         age_s: How old the measurement behind it is.
@@ -238,7 +237,6 @@ def write_guidance(sequence: int, T_frame_tcp: Float, time_ms: int = 0, twist: F
     The controller's law is ``speed = k (pose - where it is) + speed reference``.
 
     Args:
-        sequence: Of our messages.
         T_frame_tcp: (4, 4) m, in the frame that the RAPID program chose.
         time_ms: Our clock.
         twist: (6,) m/s and rad/s, speed reference in the same frame; None sends none: the law is then the first term.

@@ -26,7 +26,6 @@ def drain_records(fd: int, taken: bool, tables: Records) -> tuple[int, int, bool
     """Take every record of a Net F/T that is there.
 
     Args:
-        fd: Of the socket.
         taken: The records were taken one by one before; only their mean is made.
         tables: (1,) ARRAYS: inbox; samples and RECEIVED of :func:`.take_records`.
 

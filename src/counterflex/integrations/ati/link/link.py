@@ -15,8 +15,7 @@ from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float
 from counterflex.core.errors import OutputError, ProtocolError
 from counterflex.core.records import Record, records
-from counterflex.integrations.ati.link import kernel as reading
-from counterflex.integrations.ati.link import telegram as netft
+from counterflex.integrations.ati.link import kernel as reading, telegram as netft
 from counterflex.integrations.ati.link.drain_kernel import ARRAYS, drain_records
 from counterflex.protocols.system.datagrams import Datagrams, Inbox, batches
 

@@ -69,7 +69,6 @@ class PathWords:
     """Words of one statement.
 
     Args:
-        part: The statement.
         begin: Index behind its path function.
         values: Parameters.
         name: Of the program, for errors.

@@ -55,7 +55,6 @@ def target_edits(target: Target, values: Values, active: Values, *, turned: bool
     """Edits that give a target other values; none for components that are the same within the last decimal.
 
     Args:
-        target: As read.
         values: To command.
         active: Where the robot is before, which components that are not written keep.
         turned: The orientation is corrected too; else A B C stay.

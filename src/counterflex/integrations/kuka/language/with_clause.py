@@ -30,7 +30,6 @@ class WithFault(ValueError):
     """A clause that is not understood; ``at`` is where in the line.
 
     Args:
-        what: The fault.
         at: Index in the line.
         hint: What to do.
     """

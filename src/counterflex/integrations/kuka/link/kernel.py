@@ -99,7 +99,6 @@ def scan(
 
     Args:
         data: Buffer that holds it.
-        length: Its bytes.
         root: Name of the root element (``Rob`` or ``Sen``).
         names: All names of the layout, one behind the other.
         entries: (m, 5) per value: begin and end of its element's name, of its attribute's name (equal: the element's

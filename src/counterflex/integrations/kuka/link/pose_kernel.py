@@ -19,7 +19,6 @@ def read_pose(values: Float, place: Int, out: Float, at: int) -> None:
         values: Numbers of a telegram.
         place: (6,) where X Y Z A B C stand.
         out: Written from ``at`` on: nine and three numbers, m.
-        at: See above.
     """
     a, b, c = values[place[3]] * _DEG, values[place[4]] * _DEG, values[place[5]] * _DEG
     ca, sa, cb, sb, cc, sc = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(c), math.sin(c)

@@ -47,7 +47,6 @@ class Interpreter(Flow):
     """State of the controller while a job runs.
 
     Args:
-        job: The main job.
         folder: Jobs that it can call.
         cell: What frames and process words are held against; None takes every frame and knows no process words.
     """

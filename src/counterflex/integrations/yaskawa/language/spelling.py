@@ -50,7 +50,6 @@ def job_text(name: str, header: Header, entries: Sequence[tuple[Header, str]], l
     """Text of a relative job in a user frame.
 
     Args:
-        name: Of the job.
         header: What the first position stands under.
         entries: What each position stands under, and the text behind its number.
         lines: Instructions.

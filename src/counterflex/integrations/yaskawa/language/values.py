@@ -254,8 +254,6 @@ class Values:
         """Execute ADD, SUB, MUL, DIV, SET, INC, DEC, CLEAR, functions and bits.
 
         Args:
-            word: Of the instruction.
-            target: The variable.
             operands: Texts behind it.
             element: Number of the element of a position that the target names; empty where it names none.
 

@@ -112,7 +112,6 @@ def correction_row(demand: CutDemand, bounds: CheckLimits, rigid: str) -> Row:
 
     Args:
         demand: By the cut.
-        bounds: Of corrections.
         rigid: See :func:`demand_rows`.
     """
     size = np.linalg.norm(demand.displacement_part[:, :3], axis=1)
@@ -135,7 +134,6 @@ def chip_row(cut: Cut, contact: Bool, time_s: Float, law: ForceLaw, extrapolates
     """Return the share of the force that is uncertain because mean chips are outside the range of the constants.
 
     Args:
-        cut: Of n rows.
         contact: (n,) rows that count.
         time_s: (n,).
         law: Force law with the range of its constants.

@@ -89,7 +89,6 @@ def first_row(
 
     Args:
         path: n rows.
-        stock: The blank.
         cutter_of: Gives the cutter of a tool number, None for one that the cell does not have.
         height_known: The program has named the height of the tool with or before its first motion.
         arrival: Motion at whose end X, Y and Z are named.
@@ -145,7 +144,6 @@ def end_row(
     Args:
         path: n rows.
         contact: (n,) segments that remove material.
-        stock: The blank.
         cutter_of: See :func:`change_row`.
         spindle_on: The program does not stop the spindle.
     """

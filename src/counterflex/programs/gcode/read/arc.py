@@ -24,7 +24,6 @@ class ArcFault(ValueError):
     """An arc that does not exist; ``value`` says which number shows it.
 
     Args:
-        what: The fault.
         value: The numbers that show it.
         letter: Word at fault, or empty.
     """

@@ -55,7 +55,6 @@ class FlowRunner:
     """Knows where the program stands and where it goes on.
 
     Args:
-        source: The main program.
         state: Read by parameters.
         parameters: Known at the start.
         includes: Returns name and text of a subroutine's file, or None.

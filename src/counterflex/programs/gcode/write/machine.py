@@ -260,7 +260,6 @@ class WrittenMachine(MachineInPlace):
 
         Args:
             line: Line that gets the word where it is needed; or None for an added line.
-            modal: Its modes.
             feed_m_s: Programmed feed; 0 where the block has no feed motion.
             factor: See :func:`feed_factor`.
 

@@ -52,7 +52,6 @@ class Source:
     """Text of the modules of a program, one after the other.
 
     Args:
-        text: As read.
         name: Of the file, for errors.
         parts: Where each file stands in the text; none: it is one file.
     """

@@ -72,7 +72,6 @@ class Branches(MotionExecution):
         """Pass statements that run where an unknown condition holds.
 
         Args:
-            routine: The listing.
             begin: Index of the first one.
             end: Index behind the last one.
             condition: Why it is not known.

@@ -85,7 +85,6 @@ def motion_form(code: str, word: str, refuse: Refuse) -> MotionForm:
     """Divide a motion.
 
     Args:
-        code: The statement.
         word: ``J L C A``.
         refuse: Makes the error.
 

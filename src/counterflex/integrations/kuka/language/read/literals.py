@@ -60,7 +60,6 @@ def components(line: str, start: int, where: str, *, mixed: bool = False) -> tup
     """Components of the literal that begins at a brace.
 
     Args:
-        line: The line.
         start: Index of the opening brace.
         where: Its file and line, for errors.
         mixed: The literal may hold names (``IPO_FRAME #BASE``), truth values and texts (``POINT2[] " "``) as well, as

@@ -31,7 +31,6 @@ class Memory:
     """Names and values, as far as the text of the job determines them.
 
     Args:
-        job: Its files.
         cell: What the stored frames of the controller are, as far as it says it.
         where: Returns file and line of the statement that runs.
     """

@@ -79,7 +79,6 @@ class Targets:
         """The targets of a motion and what follows them.
 
         Args:
-            code: The statement.
             start: Index of its word.
             at: Index behind its word.
             word: ``PTP`` and so on.
@@ -126,7 +125,6 @@ class Targets:
         """A motion by an amount: ``LIN_REL {Z 10} #BASE``.
 
         Args:
-            code: The statement.
             start: Index of its word.
             at: Index behind its word.
             word: Without ``_REL``.

@@ -21,8 +21,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.kuka.language.program import LETTERS
-from counterflex.programs.expression import ExpressionError, Grammar, Node, is_number, parse_whole
-from counterflex.programs.expression import Value as Value
+from counterflex.programs.expression import ExpressionError, Grammar, Node, Value as Value, is_number, parse_whole
 from counterflex.programs.unknown import Unknown
 
 _LONGEST_INTEGER: Final = 15

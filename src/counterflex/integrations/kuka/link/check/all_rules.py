@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from counterflex.integrations.kuka.link.check import context as rsi_rules_context
-from counterflex.integrations.kuka.link.check import ethernet as rsi_rules_ethernet
-from counterflex.integrations.kuka.link.check import objects as rsi_rules_objects
-from counterflex.integrations.kuka.link.check import program as rsi_rules_program
-from counterflex.integrations.kuka.link.check import variables as rsi_rules_variables
-from counterflex.integrations.kuka.link.check import wiring as rsi_rules_wiring
+from counterflex.integrations.kuka.link.check import (
+    context as rsi_rules_context,
+    ethernet as rsi_rules_ethernet,
+    objects as rsi_rules_objects,
+    program as rsi_rules_program,
+    variables as rsi_rules_variables,
+    wiring as rsi_rules_wiring,
+)
 from counterflex.integrations.kuka.link.whole_setup import Setup
 from counterflex.protocols.finding import Finding
 

@@ -25,7 +25,6 @@ def context_file(blocks: tuple[rsi_blocks.Block, ...], major: int) -> str:
     """Text of ``NAME.rsix``.
 
     Args:
-        blocks: The objects.
         major: 4 or 5.
     """
     lines = [

@@ -95,7 +95,6 @@ class Branches(MotionExecution):
         """Pass lines that run where an unknown condition holds.
 
         Args:
-            routine: The program file.
             begin: Index of the first line.
             end: Index behind the last one.
             condition: Why it is not known.

@@ -78,7 +78,6 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         """Make a motion.
 
         Args:
-            routine: The program file.
             at: Index of the line.
             word: ``movej movel movec``.
             start: Index behind its opening bracket in the code.

@@ -34,7 +34,6 @@ def read_val3(
     first point is approached from wherever the robot is: it counts as reached by a rapid without length.
 
     Args:
-        text: The program file.
         name: Its name, for errors.
         data: The data file; empty where there is none.
         data_name: Its name, for errors.
