@@ -31,7 +31,6 @@ class Plan(Result):
     """A compensated program with its plan.
 
     Attributes:
-        program: The original program.
         cell: What it was planned with.
         reading: How the program was read.
         result: Plan (``result.plan``, SI), program files and figures.

@@ -25,7 +25,6 @@ class Program(Result):
     """A machining program, as it was read.
 
     Attributes:
-        file: Its file.
         reading: How it was read.
         model: Motions, blocks and lines, SI.
     """

@@ -20,7 +20,6 @@ class RunLog(Result):
     """A run, read from its log.
 
     Attributes:
-        folder: Of the log.
         run: Curves and incidents, SI.
     """
 

@@ -67,7 +67,6 @@ class Loop:
         answers: Likewise the results: (67,) and (13,).
         correction: (6,) view: what to send, m and rotation vector, part axes.
         axes: (6,) view: the same as change of the axis angles, rad.
-        settings: As given.
         monitor: Process monitoring and feed override.
         records: LOOP and PLAN, for a kernel that reads them.
         memory: All that the loop remembers from one cycle to the next: its own arrays by name, in fixed order.

@@ -59,7 +59,6 @@ class Exported:
     """Files of an incident.
 
     Attributes:
-        of: The incident.
         cycles: Written.
         missing: Cycles in between without a record.
     """

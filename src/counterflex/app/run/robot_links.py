@@ -34,7 +34,6 @@ class LinkOrder:
     """Order to open a link.
 
     Attributes:
-        cell: See there.
         file: That it is set up by, or None.
         online: Settings of the loop.
         host: Address to listen on.
@@ -70,7 +69,6 @@ class ControllerOrder:
         cell: What it has been told.
         file: As in :class:`LinkOrder`.
         scenario: Its table for this controller, if it has one.
-        seed: Of chance.
         job: Number that its program says; 0: none.
         values: As in :class:`LinkOrder`.
     """

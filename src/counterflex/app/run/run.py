@@ -133,8 +133,6 @@ class Supervised:
         out: Folder of the run log, absolute.
 
     Attributes:
-        loop: Its process.
-        recorder: Its process.
         control: See :mod:`counterflex.protocols.processes.control_array`.
         number: Of the first segment of the log; None before it has begun.
         disk_stands: The log cannot be written to, and whoever tries waits without end.

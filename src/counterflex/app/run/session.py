@@ -58,7 +58,6 @@ class RunSettings:
         host: Address to listen on.
         port: Of the robot; None takes the one of the file or of the cell.
         force: Host and UDP port of the force sensor, or None; the robot's own force is then taken, if it sends one.
-        force_http_port: Of its scaling document.
         currents: The motor currents that the robot sends are used by the estimator.
         strain_port: Port for strain datagrams of the instrumented holder, or None.
         force_wait_s: How long to wait for the sensor to serve it: parts of a cell may be started in any order.

@@ -25,7 +25,6 @@ class Status:
     """Status of a run as seen from outside, now and then.
 
     Attributes:
-        state: Of the supervisor.
         cause: Why.
         cycles: Answered.
         correction_um: (3,) of the tool, part axes.

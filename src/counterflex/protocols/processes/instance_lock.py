@@ -30,7 +30,6 @@ class InstanceLock:
         about: What else it says of its holder, for whoever looks for him.
 
     Attributes:
-        path: Of the lock file.
         not_closed: Folder of the log of the loop that held it before and did not close it, in this start of the
             machine; "" where there is none.
         last: What this loop answers last, for the next one; and what that one did.

@@ -52,9 +52,6 @@ class SnapshotMemory:
     Args:
         words: Where the run's shared numbers are; the snapshots lie beside them.
 
-    Attributes:
-        path: Of the file.
-
     Raises:
         OutputError: There is no room.
     """
@@ -79,7 +76,6 @@ class SnapshotSlots:
     Attributes:
         slots: (SLOTS,) SNAPSHOT, to be filled by :meth:`begin` and :meth:`commit`.
         numbers: The whole memory as whole numbers.
-        number: Of the last snapshot.
 
     Raises:
         InputError: No such memory, or ``about`` is too long.

@@ -19,8 +19,6 @@ class PairSource:
         wrench: Told which of them has something new.
 
     Attributes:
-        first_source: The flange sensor.
-        second_source: The holder.
         good: Samples in the last drain, of the one that had more.
         saturated: Neither can be used, and one is beyond its range.
         frozen: Neither can be used, and one repeats itself.

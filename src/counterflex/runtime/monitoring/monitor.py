@@ -41,7 +41,6 @@ class Monitor:
         results: RESULTS.
         outcome: OUTCOME.
         columns: The numbers of fast, results and outcome in order, the same memory, as rows of the log hold them.
-        settings: As given.
         overriding: It may change the speed.
     """
 

@@ -39,9 +39,6 @@ class Times:
 
     Attributes:
         missed: As in :class:`Block`.
-        paused: Likewise.
-        held: Likewise.
-        ended: Likewise.
     """
 
     def __init__(self, most: int) -> None:
