@@ -70,3 +70,10 @@ def test_of_names_that_contain_it_the_shortest_come_first(tails: list[str], coun
     found = close_to("kr300", names, count)
     assert len(found) == min(count, len(names))
     assert [len(name) for name in found] == sorted(len(name) for name in names)[: len(found)]
+
+
+@given(
+    st.permutations(["FFWOF", "FFWON", "FFWOX", "other ffwo", "ffwo last"]), st.sampled_from(["FFWO", "FFVO", "LAZT"])
+)
+def test_the_order_in_which_names_are_listed_does_not_count(names: list[str], wrong: str) -> None:
+    assert close_to(wrong, names) == close_to(wrong, sorted(names))

@@ -34,12 +34,12 @@ def close_to(name: str, among: Iterable[str], count: int = 3) -> list[str]:
     plain = _letters(name)
     match = []
     if len(plain) >= _LEAST_LETTERS:
-        match += sorted((letters for letters in by_letters if plain in letters), key=len)
+        match += sorted((letters for letters in by_letters if plain in letters), key=lambda one: (len(one), one))
     match += difflib.get_close_matches(plain, list(by_letters), n=count)
     names = [by_letters[letters] for letters in match]
     for word in [] if names else [plain, *re.split(r"[^a-z0-9]+", name.casefold())]:
         near = difflib.get_close_matches(word, list(words), n=1, cutoff=0.75) if len(word) >= _LEAST_LETTERS else []
-        names += [item for other in near for item in words[other]]
+        names += [item for other in near for item in sorted(words[other])]
     return list(dict.fromkeys(names))[:count]
 
 
