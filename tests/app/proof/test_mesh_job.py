@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from counterflex.app.proof import mesh, simulate
 from counterflex.app.proof.judge import compare
 from counterflex.app.proof.truth import make_truth
 from counterflex.core.errors import InputError
+from counterflex.cutting.tridexel.surface import Surface
 from counterflex.files.cell.cell import read_cell
 
 SLOT = "G21 G17 G90\nM6 T1\nM3 S13000\nG0 X-12 Y15 Z42\nG0 Z36\nG1 X72 F1500\nG0 Z42\nM5\nM2\n"
@@ -46,3 +48,19 @@ def test_walls_and_floors_are_off_by_what_evaluate_finds(small: Path, tmp_path: 
 def test_a_folder_without_a_part_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no machined program"):
         mesh.run(tmp_path, tmp_path / "mesh", range_m=1e-4)
+
+
+def test_the_deviation_stands_in_the_mesh_as_a_scalar(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.04, 0.03, 0.02))
+    part = Surface(*[np.empty(0)] * 3, box.vertices, box.faces, np.empty(0))
+    deviation = np.append(np.linspace(-80e-6, 60e-6, len(box.vertices) - 1), np.nan)
+    part.save(tmp_path / "part.ply", deviation)
+    head, _, rows = (tmp_path / "part.ply").read_bytes().partition(b"end_header\n")
+    sizes = {"float": "<f4", "uchar": "u1"}
+    vertex = head.decode().partition("element face")[0]
+    row = np.dtype([(name, sizes[kind]) for kind, name in re.findall(r"property (\w+) (\w+)", vertex)])
+    read = np.frombuffer(rows, row, len(deviation))
+    np.testing.assert_allclose(read["deviation_um"], deviation / 1e-6, rtol=1e-6)
+    left = deviation > 0.0
+    assert np.all((read["red"] > read["blue"])[left])
+    assert np.all((read["red"] < read["blue"])[deviation < 0.0])

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.atomic import write_made
 from counterflex.core.errors import InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MM, UM
 from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.cut_log import CutLog
 from counterflex.cutting.tridexel.lattice_kernels import edges_across, edges_up
@@ -47,7 +47,7 @@ class Surface:
         return replace(self, points=self.points @ R_part_plane.T, vertices=self.vertices @ R_part_plane.T)
 
     def save(self, path: Path, deviation_m: Float | None = None, range_m: float = 0.1 * MM) -> None:
-        """Write the mesh in mm as STL, or as PLY with colours of a deviation.
+        """Write the mesh in mm as STL, or as PLY with a deviation: in colours, and as the scalar ``deviation_um``.
 
         Args:
             path: ``.stl`` or ``.ply``.
@@ -71,6 +71,7 @@ class Surface:
             colours = np.stack([red, white, blue], axis=1)
             colours[np.isnan(deviation_m)] = 0.7
             mesh.visual.vertex_colors = np.round(255.0 * colours).astype(np.uint8)
+            mesh.vertex_attributes["deviation_um"] = (deviation_m / UM).astype(np.float32)
         write_made(path, lambda stream: mesh.export(stream, file_type=path.suffix[1:]))
 
 
