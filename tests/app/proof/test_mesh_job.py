@@ -52,7 +52,8 @@ def test_a_folder_without_a_part_is_refused(tmp_path: Path) -> None:
 
 def test_the_deviation_stands_in_the_mesh_as_a_scalar(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.04, 0.03, 0.02))
-    part = Surface(*[np.empty(0)] * 3, box.vertices, box.faces, np.empty(0))
+    none = np.empty(0, np.int64)
+    part = Surface(np.empty((0, 3)), none, none.astype(np.bool_), box.vertices, box.faces, none)
     deviation = np.append(np.linspace(-80e-6, 60e-6, len(box.vertices) - 1), np.nan)
     part.save(tmp_path / "part.ply", deviation)
     head, _, rows = (tmp_path / "part.ply").read_bytes().partition(b"end_header\n")
