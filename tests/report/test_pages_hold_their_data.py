@@ -203,3 +203,25 @@ def test_a_scale_holds_its_value_with_a_zero_band_in_the_middle(largest: float) 
     assert len(edges) == 16
     assert (edges[0], edges[-1]) == pytest.approx((-limit, limit), abs=1e-6)
     assert edges[7] == pytest.approx(-edges[8], abs=2e-6)
+
+
+@QUICK
+@given(seed, st.lists(st.sampled_from([0.0, 1e-6, 1.0]), min_size=3, max_size=3))
+def test_a_path_in_space_fills_its_box_whatever_it_lacks(number: int, widths: list[float]) -> None:
+    """A path on a line or in a plane too: alike scales along all axes, all points within, one axis filled."""
+    rng = np.random.default_rng(number)
+    p = rng.uniform(-0.1, 0.1, (20, 3)) * widths
+    none: Any = np.zeros((20, 3))
+    data = PredictionData(
+        title="", subtitle="", created="", time_s=np.linspace(0.0, 1.0, 20), p_part_tcp=p, deflection_m=none,
+        correction_m=none, force_n=np.zeros(20), facts=(), assumptions=(), timing=(), versions={}, notes=(),
+        cutting=np.ones(20, np.bool_), line=np.arange(20),
+    )  # fmt: skip
+    scene = space_figure(data)["layout"]["scene"]
+    low, high = np.array([scene[f"{axis}axis"]["range"] for axis in "xyz"]).T
+    assert np.all((p / MM >= low - 0.006) & (p / MM <= high + 0.006))
+    aspect = np.array([scene["aspectratio"][axis] for axis in "xyz"])
+    np.testing.assert_allclose(aspect / aspect.max(), (high - low) / (high - low).max(), atol=0.02)
+    assert 0.25 < aspect.min() <= aspect.max() < 2.5
+    if max(np.ptp(p, axis=0)) > MM:
+        assert (np.ptp(p, axis=0) / MM / (high - low)).max() > 0.9

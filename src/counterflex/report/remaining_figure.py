@@ -54,10 +54,34 @@ def remaining_figure(data: PredictionData) -> dict[str, Any]:
     }
 
 
+_NARROWEST: Final = 0.3
+"""Sides of the box about a path, of the longest, at least."""
+_LONGEST: Final = 2.0
+"""Length of its longest side in the picture."""
+
+
 def _points(name: str, p: Float, mode: str) -> dict[str, Any]:
     """Trace of points (k, 3) in mm."""
     xyz = {axis: numbers(p[:, k], 2) for k, axis in enumerate("xyz")}
     return {"type": "scatter3d", "mode": mode, "name": name, **xyz}
+
+
+def _box(p_mm: Float) -> dict[str, Any]:
+    """Axes of a scene, alike in scale, about points (n, 3).
+
+    A path on a line or in a plane has no width: its box would be as large as the picture along the others.
+    """
+    low, high = p_mm.min(axis=0), p_mm.max(axis=0)
+    size_mm = np.maximum(1.05 * (high - low), _NARROWEST * max(float(np.max(high - low)), 10.0))
+    ends = 0.5 * (low + high) + 0.5 * np.outer([-1.0, 1.0], size_mm)
+    style = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
+    return {
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", numbers(_LONGEST * size_mm / size_mm.max(), 3), strict=True)),
+    } | {
+        f"{name}axis": {**style, "title": {"text": f"{name}, mm"}, "range": numbers(ends[:, k], 2)}
+        for k, name in enumerate("xyz")
+    }
 
 
 def space_figure(data: PredictionData) -> dict[str, Any]:
@@ -67,7 +91,6 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
     title = "error that remains (model), µm" if after is not None else "predicted deflection, µm"
     p = data.p_part_tcp / MM
     cut, air = _few(np.flatnonzero(data.cutting)), _few(np.arange(len(p)))
-    axis = {"backgroundcolor": "#f4f6f8", "gridcolor": "#ffffff", "showbackground": True}
     return {
         "data": [
             _points("program", p[air], "lines")
@@ -99,10 +122,7 @@ def space_figure(data: PredictionData) -> dict[str, Any]:
                 },
             },
             "scene": {
-                "aspectmode": "data",
-                "xaxis": {**axis, "title": {"text": "x, mm"}},
-                "yaxis": {**axis, "title": {"text": "y, mm"}},
-                "zaxis": {**axis, "title": {"text": "z, mm"}},
+                **_box(p),
                 "camera": {"eye": {"x": -1.0, "y": -1.9, "z": 1.3}, "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
             },
         },
