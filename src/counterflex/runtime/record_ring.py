@@ -191,13 +191,15 @@ class RecordRing:
         self.states.rewind()
 
     def close(self) -> None:
-        """Leave the ring; the maker removes it."""
+        """Leave the ring; the maker removes it, also where a row is still in use."""
         del self._count, self._rows, self.states
-        self._memory.close()
-        if self._owner:
-            self._memory.unlink()
-        if self._handle is not None:
-            os.close(self._handle)
+        try:
+            self._memory.close()
+        finally:
+            if self._owner:
+                self._memory.unlink()
+            if self._handle is not None:
+                os.close(self._handle)
 
 
 def _made() -> tuple[shared_memory.SharedMemory, int | None]:
