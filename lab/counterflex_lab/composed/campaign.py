@@ -270,8 +270,8 @@ def run(
         minutes: Simulated, at least one story.
         seed: Of the first story; the next one has the next.
         shrink: Make stories that break a rule shorter.
-        workers: Processes that tell them, one thread each: the last bits of linear algebra depend on the number of
-            threads. Never more than minutes. None: one for each core; 0: this process.
+        workers: Processes that tell them, one thread each, never more than minutes. None: one for each core; 0: this
+            process.
         progress: Progress callback, fraction 0 to 1; an interruption ends the campaign with what was told.
 
     Raises:
