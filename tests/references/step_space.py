@@ -142,9 +142,9 @@ def _broken(before: Any, given: Any, now: Any, result: Any, had: int, kept: int,
     """Bits of the rules that do not hold; `had` and `kept`: a correction before and behind the stage."""
     was, at, away = before.supervisor, now.supervisor, before.away
     a, b = was.state, at.state
-    acts = a == _ACTIVE or a == _HOLD  # noqa: SIM109 (no membership: this is faster to compile)
+    acts = a in (_ACTIVE, _HOLD)
     is_off = given.enable == 0 and (now.disabled >= _DEBOUNCE or (now.enabled == 0 and not acts))
-    seen = given.reset == 1 and a != _ARMED and not acts and (away == 1 or was.feed_hold == 1 or is_off)
+    seen = given.reset == 1 and a != _ARMED and not acts and (away == 1 or was.feed_hold == 1 or now.enabled == 0)
     left = was.feed_hold == 1 and is_off  # a hold, by its clean off
     again = given.enable == 1 or (before.enabled > 0 and a != _ARMED and not left)
     owed = now.armed == 1 or (now.acted == 1 and again)

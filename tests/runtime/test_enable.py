@@ -185,14 +185,18 @@ def test_an_acknowledgment_in_the_cycle_of_the_disarming_is_none_of_it(enable: b
     assert program.held
 
 
-def test_an_acknowledgment_in_a_gap_of_enable_is_none_of_the_cut() -> None:
+@pytest.mark.parametrize("gap", [0, 3 * DEBOUNCE])
+def test_an_acknowledgment_in_a_gap_of_enable_is_none_of_the_cut(gap: int) -> None:
     program = Program().begin()
     for k in range(4 * DEBOUNCE):
         program.cycle(enable=k == 2 * DEBOUNCE)
     assert program.loop.state == State.READY
     program.cycle()
+    for _ in range(gap):
+        program.cycle(enable=False)
     program.cycle(enable=False, reset=True)
-    program.go(CUT[0] + 0.001)
+    while program.x < CUT[0] + 0.001:
+        program.cycle(enable=round(program.x / 1e-4) % DEBOUNCE == 0)
     assert program.held
 
 

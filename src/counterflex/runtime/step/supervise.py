@@ -31,12 +31,10 @@ RESOLVED_M: Final = 0.1e-3
 """Correction below which a reported pose says nothing of it."""
 CONTINUES_M: Final = 5e-3
 """How far the commanded point goes at most in the telegrams that pass until a counter that jumped is believed."""
-_AT_ZERO_M = 1e-7
-_AT_ZERO_RAD = 1e-7
+_AT_ZERO_M, _AT_ZERO_RAD = 1e-7, 1e-7
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_PROGRAM, _SESSION = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED)
-_NOT_CLOSED = int(Cause.NOT_CLOSED)
+_PROGRAM, _SESSION, _NOT_CLOSED = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED), int(Cause.NOT_CLOSED)
 
 
 @kernel("int64(Given, Past[::1], int64, State)", **LOOP_TYPES)
@@ -107,9 +105,8 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     # feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on without
     # its correction, also one that comes into the next cut while the correction is still ramped out. The same behind
     # the end of the correction, where nobody has armed again and as many telegrams have the signal, in a row or not:
-    # one that flickers is no clean off. In a cut one telegram since the end is enough. And the same where the program
-    # goes through a cut although it was armed and the correction never acted: disarmed by a check, or never switched
-    # on.
+    # one that flickers is not off. In a cut one telegram since the end is enough. And the same where the program goes
+    # through a cut although it was armed and the correction never acted: disarmed by a check, or never switched on.
     now, enable = state.supervisor.state, given.enable
     acts, held = now in (_ACTIVE, _HOLD), state.supervisor.feed_hold == 1
     if acts:
@@ -122,8 +119,9 @@ def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int
     off = state.disabled >= DEBOUNCE or (state.enabled == 0 and not acts)
     requested = 0 if enable == 0 and off else 1
     if given.reset == 1 and (now < _ARMED or now > _HOLD):
-        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet.
-        if requested == 0 or state.away == 1 or held:
+        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet: it has wanted
+        # the correction since.
+        if state.enabled == 0 or state.away == 1 or held:
             state.acted = state.armed = 0
         state.away = 0
     if given.elapsed > 0:
