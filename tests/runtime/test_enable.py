@@ -154,7 +154,7 @@ def test_an_enable_that_flickers_does_not_let_the_next_cut_be_uncorrected(on: in
                 break
     assert cut <= DEBOUNCE + (0 if planned else 12)  # without a plan the filtered force shows the cut
     assert program.loop.state < State.ARMED
-    assert program.loop.cause == Cause.ENABLE_LOST
+    assert int(program.loop.cause) == Cause.ENABLE_LOST
 
 
 def test_a_program_that_is_off_and_stays_so_cuts_without_the_correction() -> None:

@@ -63,7 +63,7 @@ _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
 _STOPPED, _ENABLE_LOST, _NOT_CLOSED = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST), int(Cause.NOT_CLOSED)
 _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
-_TYPES = {"Supervisor": SUPERVISOR, "Supervised": SUPERVISED, "Supervision": SUPERVISION}
+_TYPES: dict[str, Record] = {"Supervisor": SUPERVISOR, "Supervised": SUPERVISED, "Supervision": SUPERVISION}
 
 
 @kernel("void(Supervisor, Supervised, Supervision, int64, int64)", **_TYPES)
