@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from counterflex.core.errors import InputError
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink
 from counterflex.integrations.abb.link.path_link import EgmPathLink
 from counterflex.integrations.kuka.link.link import RsiLink
@@ -18,10 +21,12 @@ from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
 from counterflex.protocols.session.record import RecordWriter
 from counterflex.protocols.session.session import OnlineSession
+from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import OnlineSettings
 from counterflex.runtime.state.supervisor import State
 from counterflex.signals.limiter import MotionLimit
 from counterflex_lab.composed import bench, campaign, cell
+from counterflex_lab.composed.disk import DiskLog
 from counterflex_lab.composed.invariants import Invariants
 from counterflex_lab.composed.kinds import KINDS
 from counterflex_lab.composed.play import shrunk, tell
@@ -433,6 +438,49 @@ def test_the_campaign_writes_what_broke_and_can_be_interrupted(tmp_path: Path, m
         raise KeyboardInterrupt
 
     assert campaign.run(tmp_path / "two", minutes=1.0, progress=interrupts).interrupted
+
+
+def test_a_story_that_is_ended_early_leaves_neither_memory_nor_files() -> None:
+    left: list[tuple[str, Path]] = []
+
+    def ends(world: World) -> None:
+        if world.now_s > 0.8:
+            assert world.ring is not None
+            assert isinstance(world.log, DiskLog)
+            left.append((world.ring.name, world.log._disk.folder))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        World(_told("measured", log="disk"), ends).run()
+    ((name, folder),) = left
+    assert not folder.parent.exists()
+    with pytest.raises(InputError):
+        RecordRing(name)
+
+
+_INTERRUPTED = """
+import os, signal, sys, threading
+from counterflex_lab.composed import campaign
+from counterflex_lab.composed.story import Story
+
+def begin(*_):
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+if __name__ == "__main__":
+    campaign.draw = lambda seed: Story(seed, "measured", 1.2 if seed == 9 else 40.0)
+    print(campaign.run(sys.argv[1], minutes=2.0, seed=9, workers=2, progress=begin).interrupted)
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(sys.platform == "win32", reason="no signals")
+def test_workers_that_are_interrupted_free_their_shared_memory(tmp_path: Path) -> None:
+    """They were killed where they stood: Python warned of leaked memory, and Ctrl-C waited for the next story."""
+    script = tmp_path / "interrupted.py"
+    script.write_text(_INTERRUPTED, encoding="utf-8")
+    command = [sys.executable, str(script), str(tmp_path / "out")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    assert (ended.stdout, ended.stderr) == ("True\n", "")
 
 
 def _summary(out: Path) -> dict[str, Any]:

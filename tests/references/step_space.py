@@ -48,6 +48,9 @@ RULES: Final = (
     "a session that may be another one is not answered in a fault",
     "a program that is out of the cut and off is not held once it was acknowledged",
     "behind a loop that did not end by itself a program that wants it, or cuts, is held within the debounce",
+    "an armed loop, and a correction that acted, are forgotten by a person only, who sees it held, or the program off",
+    "each telegram of a cut counts that lacks its correction: armed, or wanted again after it ended",
+    "a program that was on is off within the debounce, not before; who is off at first may be armed",
 )
 _DEBOUNCE: Final = stage.DEBOUNCE
 _BITS: Final = np.array([3, 5, 1, 2, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1, 3, 3, 3, 1, 1, 1])
@@ -135,10 +138,17 @@ def _save(state: Any, result: Any, bits: Int, causes: Int, stop: int) -> int:
 
 
 @compiled
-def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, away: int, silent: int) -> int:
+def _broken(before: Any, given: Any, now: Any, result: Any, had: int, kept: int, silent: int) -> int:
     """Bits of the rules that do not hold; `had` and `kept`: a correction before and behind the stage."""
-    a, at = was.state, now.supervisor
-    b = at.state
+    was, at, away = before.supervisor, now.supervisor, before.away
+    a, b = was.state, at.state
+    acts = a in (_ACTIVE, _HOLD)
+    is_off = given.enable == 0 and (now.disabled >= _DEBOUNCE or (now.enabled == 0 and not acts))
+    seen = given.reset == 1 and a != _ARMED and not acts and (away == 1 or was.feed_hold == 1 or now.enabled == 0)
+    left = was.feed_hold == 1 and is_off  # a hold, by its clean off
+    again = given.enable == 1 or (before.enabled > 0 and a != _ARMED and not left)
+    owed = now.armed == 1 or (now.acted == 1 and again)
+    cuts_on = given.elapsed == 1 and given.cuts == _CUT and given.standing == 0
     plain = given.soft == 0 and given.hard == 0 and given.stop == 0
     off = given.enable == 0 and now.disabled >= _DEBOUNCE
     may_ramp = given.standing == 1 or given.cuts == _NO_CUT or (given.cuts == _MAY_CUT and now.inputs.enable == 0)
@@ -155,12 +165,16 @@ def _broken(was: Any, given: Any, now: Any, result: Any, had: int, kept: int, aw
         and (
             b != _FAULT or result.silent == 1 or not (given.session == _UNKNOWN or (given.session == _NONE and a == b))
         ),
-        not (b <= _ARMED and given.enable == 0 and given.cuts == _NO_CUT and now.away == 0) or result.feed_hold == 0,
+        not (b <= _ARMED and now.inputs.enable == 0 and given.cuts == _NO_CUT and now.away == 0)
+        or result.feed_hold == 0,
         given.soft != _NOT_CLOSED
         or a > _READY
         or given.reset == 1
         or result.feed_hold == 1
         or ((now.enabled < _DEBOUNCE or given.enable == 0) and now.uncorrected < _DEBOUNCE),
+        seen or (now.acted >= max(before.acted, int(acts)) and (acts or now.armed >= max(before.armed, a == _ARMED))),
+        not (cuts_on and owed and a <= _ARMED) or now.uncorrected > min(before.uncorrected, _DEBOUNCE - 1),
+        now.inputs.enable == 1 - int(is_off) and (a != _READY or b != _ARMED or is_off),
     )
     out = 0
     for k in range(len(fine)):
@@ -182,7 +196,7 @@ def _walker(ask: Ask) -> Callable[..., Int]:
         found = set([np.int64(-2)])  # noqa: C405 (the compiler knows no literal of a set)
         for k in range(len(keys)):
             _load(keys[k], before, result, bits, causes)
-            silent, had, away = result.silent, int(before.correction[0] != 0.0), before.away
+            silent, had = result.silent, int(before.correction[0] != 0.0)
             for j in range(len(inputs)):
                 one = inputs[j]
                 _load(keys[k], state, result, bits, causes)
@@ -193,7 +207,7 @@ def _walker(ask: Ask) -> Callable[..., Int]:
                 ask(given, one.standing, one.cuts, one.session, settings[0], state, cycle, result)
                 now, kept = state.supervisor.state, int(state.correction[0] != 0.0)
                 report(settings[0], state, cycle, result)
-                wrong = _broken(before.supervisor, one, state, result, had, kept, away, silent)
+                wrong = _broken(before, one, state, result, had, kept, silent)
                 key = _save(state, result, bits, causes, settings[0].supervisor.stop)
                 found.add(np.int64(key))
                 if now == _ACTIVE or (now == _RAMP and kept == 1):  # what the limiter may do

@@ -66,6 +66,11 @@ class Program:
         assert self.cycle() == State.ACTIVE
         return self
 
+    def arm(self) -> None:
+        """A person arms the program that stands, its Enable off for as long as an off takes."""
+        for _ in range(DEBOUNCE):
+            self.cycle(enable=False, arm=True, moves=False)
+
     @property
     def held(self) -> bool:
         return bool(self.loop.result.feed_hold)
@@ -106,7 +111,7 @@ def test_what_is_switched_off_in_the_cut_holds_the_feed_until_a_person_has_seen_
     assert not program.told_to_stop
     program.cycle(enable=False, reset=True, moves=False)
     assert not program.held
-    program.cycle(enable=False, arm=True, moves=False)
+    program.arm()
     assert int(program.cycle(moves=False)) == State.ACTIVE
 
 
@@ -130,6 +135,69 @@ def test_a_program_that_wants_it_again_without_having_been_armed_is_held() -> No
         program.cycle()
     assert program.held
     assert program.loop.cause == Cause.ENABLE_LOST
+
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize(("on", "off"), [(1, 5), (4, 9), (1, 40)])
+def test_an_enable_that_flickers_does_not_let_the_next_cut_be_uncorrected(on: int, off: int, planned: bool) -> None:
+    """Off in the air for as long as an off takes, then now and then on: neither corrected nor held."""
+    program = Program(planned=planned).begin().go(CUT[0] - 100e-4)
+    for _ in range(DEBOUNCE):
+        program.cycle(enable=False)
+    assert program.loop.cause == Cause.PROGRAM
+    cut = 0
+    while not program.held and cut < 100:
+        for k in range(on + off):
+            program.cycle(enable=k < on)
+            cut += program.x > CUT[0]
+            if program.held:
+                break
+    assert cut <= DEBOUNCE + (0 if planned else 12)  # without a plan the filtered force shows the cut
+    assert program.loop.state < State.ARMED
+    assert int(program.loop.cause) == Cause.ENABLE_LOST
+
+
+def test_a_program_that_is_off_and_stays_so_cuts_without_the_correction() -> None:
+    program = Program().begin().go(0.01)
+    while program.x < 0.1:
+        program.cycle(enable=False)
+        assert not program.held
+
+
+def test_nobody_arms_a_program_whose_enable_flickers() -> None:
+    """Armed in a gap of the signal, the next telegram with it began the correction wherever the program was."""
+    program = Program()
+    for k in range(200):
+        program.cycle(enable=k % DEBOUNCE == 0, arm=True, moves=False)
+        assert program.loop.state < State.ARMED
+    program.arm()
+    assert int(program.loop.state) == State.ARMED
+
+
+@pytest.mark.parametrize("enable", [True, False])
+def test_an_acknowledgment_in_the_cycle_of_the_disarming_is_none_of_it(enable: bool) -> None:
+    """The person who acknowledged had seen an armed loop; the next cut was neither corrected nor held."""
+    program = Program()
+    for arm in (False, False, True):
+        program.cycle(enable=False, arm=arm)
+    assert program.cycle(enable=False, reset=True, soft=Cause.FORCE_STALE) == State.READY
+    program.go(CUT[0] + 0.001, enable=enable)
+    assert program.held
+
+
+@pytest.mark.parametrize("gap", [0, 3 * DEBOUNCE])
+def test_an_acknowledgment_in_a_gap_of_enable_is_none_of_the_cut(gap: int) -> None:
+    program = Program().begin()
+    for k in range(4 * DEBOUNCE):
+        program.cycle(enable=k == 2 * DEBOUNCE)
+    assert program.loop.state == State.READY
+    program.cycle()
+    for _ in range(gap):
+        program.cycle(enable=False)
+    program.cycle(enable=False, reset=True)
+    while program.x < CUT[0] + 0.001:
+        program.cycle(enable=round(program.x / 1e-4) % DEBOUNCE == 0)
+    assert program.held
 
 
 def test_a_loop_that_only_watches_holds_nobody() -> None:
@@ -185,8 +253,7 @@ def test_behind_a_loop_that_did_not_end_by_itself_a_program_in_the_cut_is_held(e
     assert program.loop.state == State.IDLE
     program.cycle(enable=False, reset=True, moves=False)
     assert not program.held
-    for arm in (False, True):
-        program.cycle(enable=False, arm=arm, moves=False)
+    program.arm()
     assert int(program.cycle()) == State.ACTIVE
 
 
@@ -197,6 +264,5 @@ def test_behind_such_a_loop_a_program_that_waits_is_not_held_and_not_armed() -> 
         assert not program.held
         assert program.loop.state == State.IDLE
     program.cycle(enable=False, moves=False, reset=True)
-    for arm in (False, True):
-        program.cycle(enable=False, moves=False, arm=arm)
+    program.arm()
     assert program.cycle() == State.ACTIVE

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from multiprocessing import resource_tracker
+
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from counterflex.core.errors import InputError
+from counterflex.runtime import record_ring
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.state_slots import BYTES, WORDS, LoopState, StateSlots
 
@@ -22,6 +25,40 @@ class _Interrupted(np.ndarray[tuple[int], np.dtype[np.int64]]):
         for _ in range(type(self).turns):
             type(self).writer.put(99, 990, {"numbers": np.full(self.size, 9.0)})
         return np.concatenate([half, np.array(self[self.size // 2 :])])
+
+
+@pytest.mark.skipif(not record_ring._PLACE.is_dir(), reason="shared memory is no file here")
+def test_a_ring_that_another_process_clears_while_it_is_made_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two campaigns at once: at their end Python warned of shared memory that had leaked."""
+    tracked: list[str] = []
+    hold, place = record_ring._hold, record_ring._PLACE
+    register, unregister = resource_tracker.register, resource_tracker.unregister
+
+    def count(name: str, kind: str) -> None:
+        tracked.append(name)
+        register(name, kind)
+
+    def forget(name: str, kind: str) -> None:
+        tracked.remove(name)
+        unregister(name, kind)
+
+    monkeypatch.setattr(resource_tracker, "register", count)
+    monkeypatch.setattr(resource_tracker, "unregister", forget)
+    made = 0
+
+    def once(name: str) -> int | None:
+        nonlocal made
+        made += 1
+        if made > 1:
+            return hold(name)
+        (place / name).unlink()
+        return None
+
+    monkeypatch.setattr(record_ring, "_hold", once)
+    ring = RecordRing()
+    assert (made, tracked) == (2, [f"/{ring.name}"])
+    ring.close()
+    assert not tracked
 
 
 def test_states_come_back_bit_for_bit_and_once() -> None:

@@ -22,11 +22,20 @@ DEFECTS: Final = {
         "state.away = 0\n    return requested",
     ),
     "a flicker of Enable ends the correction": (
-        "(acts and state.disabled < DEBOUNCE)",
-        "(acts and state.disabled < 2)",
+        "off = state.disabled >= DEBOUNCE or",
+        "off = state.disabled >= 2 or",
     ),
     "a jump of the counter takes the correction away": ("if session != LAST_CORRECTION:", "if cycle.hard != 0:"),
     "silence is taken for the end of a session at once": (" and result.silent == 1:", ":"),
+    "what flickers again behind the end is an off": (
+        "(state.acted == 1 and state.enabled > 0)",
+        "(state.acted == 1 and state.enabled > 1)",
+    ),
+    "who acknowledges in the cycle of the disarming has seen it": (
+        "(now < _ARMED or now > _HOLD):",
+        "now != _HOLD:",
+    ),
+    "a person arms in a gap of Enable": ("requested = 0 if enable == 0 and off else 1", "requested = enable"),
     "an uncorrected cut is not seen": (" or state.uncorrected >= DEBOUNCE:", ":"),
     "off the plan a ramp begins while it may cut": (
         "(cuts == MAY_CUT and inputs.enable == 1)",

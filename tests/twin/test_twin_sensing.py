@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -66,6 +69,29 @@ def test_more_elements_change_nothing() -> None:
     coarse, fine = (strain_frame(HolderShape(), n) for n in (40, 120))
     p = np.array([0.0875, 0.03, 0.061])
     np.testing.assert_allclose(coarse.strain(p, 0.3), fine.strain(p, 0.3), rtol=0.02, atol=1e-12)
+
+
+_PRINTED = """
+import hashlib
+from counterflex.twin.plant.strain_holder import HolderShape, strain_frame
+frame = strain_frame(HolderShape())
+print(hashlib.sha256(frame.end_forces.tobytes() + frame.compliance.tobytes()).hexdigest())
+"""
+
+
+def test_the_frame_is_the_same_bit_for_bit_on_any_number_of_threads() -> None:
+    """Solved all at once, its last bits, and all that a simulated holder shows, depended on the machine's cores."""
+    printed = {
+        subprocess.run(
+            [sys.executable, "-c", _PRINTED],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2", "4")
+    }
+    assert len(printed) == 1
 
 
 def test_work_is_the_same_both_ways() -> None:

@@ -10,15 +10,17 @@ import contextlib
 import itertools
 import json
 import math
+import os
+import signal
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final, NoReturn, Self
 
 from counterflex.app.long_jobs.step_cache import program_files
-from counterflex.app.long_jobs.workers import count_of, interrupts_deferred, pool_of
+from counterflex.app.long_jobs.workers import count_of, done_one_by_one, interrupts_deferred, pool_of
 from counterflex.core import atomic
 from counterflex.core.errors import Interrupted, OutputError
 from counterflex.core.progress import Progress, silent
@@ -68,6 +70,24 @@ def tell_one(story: Story, tell: Teller, shorten: Shortener) -> Told:
     return Told(outcome, kept, computing_s)
 
 
+def _tell_in_worker(story: Story, tell: Teller, shorten: Shortener) -> Told:
+    """As :func:`tell_one`, in a process that may be told to end meanwhile: it frees its shared memory and files."""
+    signal.signal(signal.SIGTERM, _leave)
+    try:
+        return tell_one(story, tell, shorten)
+    except SystemExit:
+        os._exit(1)  # the pool would hand it the next story
+
+
+def _no_report() -> None:
+    """Nothing is said between two stories."""
+
+
+def _leave(*_: object) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit(1)
+
+
 def in_order(stories: Iterator[Story], tell: Teller, shorten: Shortener, workers: int) -> Generator[Told, None, None]:
     """Tell stories, one behind the other or by several processes at a time; they come in their order.
 
@@ -81,17 +101,14 @@ def in_order(stories: Iterator[Story], tell: Teller, shorten: Shortener, workers
         for story in stories:
             yield tell_one(story, tell, shorten)
         return
-    with pool_of(workers) as pool:
+    with pool_of(workers) as pool:  # which ends those that are being told, once there are enough
         waiting: deque[Any] = deque()
-        try:
-            for story in stories:
-                with interrupts_deferred():
-                    waiting.append(pool.submit(tell_one, story, tell, shorten))
-                if len(waiting) == _AHEAD * workers:
-                    yield waiting.popleft().result()
-        except GeneratorExit:  # enough: those that are being told end by themselves, and free their shared memory
-            for one in waiting:
-                one.cancel()
+        for story in stories:
+            with interrupts_deferred():
+                waiting.append(pool.submit(_tell_in_worker, story, tell, shorten))
+            if len(waiting) == _AHEAD * workers:
+                first = [waiting.popleft()]
+                yield next(done_one_by_one(first, _no_report)).result()  # which looks for Ctrl-C meanwhile
 
 
 class ToldFile:
@@ -253,8 +270,8 @@ def run(
         minutes: Simulated, at least one story.
         seed: Of the first story; the next one has the next.
         shrink: Make stories that break a rule shorter.
-        workers: Processes that tell them, one thread each: the last bits of linear algebra depend on the number of
-            threads. Never more than minutes. None: one for each core; 0: this process.
+        workers: Processes that tell them, one thread each, never more than minutes. None: one for each core; 0: this
+            process.
         progress: Progress callback, fraction 0 to 1; an interruption ends the campaign with what was told.
 
     Raises:

@@ -170,3 +170,6 @@ class KeptLog:
 
     def close(self) -> None:
         """All was computed again as it came."""
+
+    def leave(self) -> None:
+        """Nothing stays of it."""

@@ -136,6 +136,14 @@ class DiskLog(KeptLog):
         finally:
             self._disk.remove()
 
+    def leave(self) -> None:
+        """Remove what stands of it."""
+        self._disk.room = None
+        try:
+            self._log.close()
+        finally:
+            self._disk.remove()
+
     def _read(self) -> None:
         taken = np.concatenate([np.zeros((0, self._rows[0].shape[1])), *self._rows]) if self._rows else None
         if taken is None:

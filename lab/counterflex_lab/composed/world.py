@@ -10,6 +10,7 @@ No socket, no sleep, no clock of the computer: a story depends on its seed alone
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import itertools
 from collections.abc import Callable
@@ -134,6 +135,8 @@ class World:
         self._sent: list[bytes] = []
         self._answers: Float = np.zeros((2, 16))
         self.session: OnlineSession | None = None
+        self.ring: RecordRing | None = None
+        self.recorder: Recorder | None = None
         self.log_of: Callable[[], KeptLog] = lambda: (
             DiskLog(story, self.active, lambda: self.now_s) if story.log == "disk" else KeptLog(story, self.active)
         )
@@ -143,7 +146,7 @@ class World:
     # The loop's process.
 
     def run(self) -> None:
-        """Tell the story to its end."""
+        """Tell the story to its end; whoever ends it before leaves nothing of it, neither memory nor files."""
         try:
             while True:
                 self._start()
@@ -155,6 +158,19 @@ class World:
                 self._until(self.now_s + _AGAIN_S)
         except Over:
             self._end()
+        except BaseException:
+            self._leave()
+            raise
+
+    def _leave(self) -> None:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(contextlib.suppress(BufferError))  # of a row that is in use where it was ended
+            if self.ring is not None:
+                stack.callback(self.ring.close)
+            if self.recorder is not None:
+                stack.callback(self.recorder.close)
+            if self.session is not None:
+                stack.callback(self.log.leave)
 
     def _cycle_on(self) -> None:
         session = self.session
@@ -176,16 +192,16 @@ class World:
         self.others = Others()
         self.control: Int = np.zeros(CONTROL, dtype=np.int64)
         self.control[Life.MAY_ARM] = 1
-        self.ring = RecordRing()
+        self.ring = ring = RecordRing()
         self.wire = VirtualWire(LOOP_ADDRESS, self.side.largest, self.wait, self._answered, self.clock_ns)
         self.force, self.tracker = VirtualInbox(), VirtualInbox()
         self.session = opened(
-            self.story, self.side, self.wire, self.force, self.tracker, self.ring, self.control, self.clock_ns
+            self.story, self.side, self.wire, self.force, self.tracker, ring, self.control, self.clock_ns
         )
         self._answers *= self._not_closed
         self.session.follow(LastAnswer(self._answers), not_closed=self._not_closed)
         self.log = self.log_of()
-        self.recorder: Recorder | None = Recorder(self.ring.name, self.log, self.control)  # type: ignore[arg-type]
+        self.recorder = Recorder(ring.name, self.log, self.control)  # type: ignore[arg-type]
 
     def _end(self) -> None:
         if self.session is None:
@@ -201,8 +217,9 @@ class World:
             self.unread.append(self.log.unread)
         if self.log.replay.difference is not None:
             self.differences.append(str(self.log.replay.difference))
-        self.recorder = self.session = None
-        self.ring.close()
+        ring, self.recorder, self.session, self.ring = self.ring, None, None, None
+        if ring is not None:
+            ring.close()
 
     def clock_ns(self) -> int:
         """Monotonic clock of the loop's computer."""

@@ -7,11 +7,10 @@ that nobody holds was left by processes that were killed, and is cleared when th
 
 from __future__ import annotations
 
-import contextlib
 import os
 import secrets
 from collections.abc import Iterable
-from multiprocessing import shared_memory
+from multiprocessing import resource_tracker, shared_memory
 from pathlib import Path
 from typing import Final
 
@@ -35,8 +34,6 @@ _HEAD: Final = 64  # bytes
 _PLACE: Final = Path("/dev/shm")
 """Where the system shows shared memory as files; where it does not, nothing is held, and nothing cleared."""
 _PREFIX: Final = "counterflex-ring-"
-
-
 _WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 _TWIST: Final = ("x", "y", "z", "rx", "ry", "rz")
 _POSE: Final = (*(f"R{i}{j}" for i in range(3) for j in range(3)), "x", "y", "z")
@@ -190,13 +187,15 @@ class RecordRing:
         self.states.rewind()
 
     def close(self) -> None:
-        """Leave the ring; the maker removes it."""
+        """Leave the ring; the maker removes it, also where a row is still in use."""
         del self._count, self._rows, self.states
-        self._memory.close()
-        if self._owner:
-            self._memory.unlink()
-        if self._handle is not None:
-            os.close(self._handle)
+        try:
+            self._memory.close()
+        finally:
+            if self._owner:
+                _unlink(self._memory)
+            if self._handle is not None:
+                os.close(self._handle)
 
 
 def _made() -> tuple[shared_memory.SharedMemory, int | None]:
@@ -212,8 +211,15 @@ def _made() -> tuple[shared_memory.SharedMemory, int | None]:
         if handle is not None or (_PLACE / name).exists() or not _PLACE.is_dir():
             return memory, handle
         memory.close()
-        with contextlib.suppress(FileNotFoundError):
-            memory.unlink()
+        _unlink(memory)
+
+
+def _unlink(memory: shared_memory.SharedMemory) -> None:
+    """Remove a ring; where another process has cleared it, Python's tracker still has it, and would warn of it."""
+    try:
+        memory.unlink()
+    except FileNotFoundError:
+        resource_tracker.unregister(f"/{memory.name}", "shared_memory")
 
 
 def _joined(name: str) -> tuple[shared_memory.SharedMemory, int | None]:

@@ -200,6 +200,67 @@ def test_between_the_two_directions_of_a_rounded_corner_the_frame_follows() -> N
         np.testing.assert_allclose(y[2:], -0.9e-3 * np.cos(turn[2:]), atol=1e-12)
 
 
+def _arc(radius_m: float, lap: int) -> Float:
+    """(n, 3) m: a straight of eight messages, an arc of a given radius, the last straight, 0.6 mm a message."""
+    turn = np.clip(np.arange(lap) - 7, 0, 12) * ALONG[0] / radius_m
+    heading = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    out: Float = np.cumsum(ALONG[0] * heading, axis=0)
+    return out
+
+
+def _tangents(points: Float, plan: Float | None, odd: tuple[int, Float] | None = None) -> Float:
+    """(n, 3) tangents that the link takes as it reads poses at points, one of them another one; `plan`: (m, 3)."""
+    link, out = EgmPathLink(port=0), []
+    link.feeds = None if plan is None else lambda _way_m: plan
+    for k, p in enumerate(points):
+        link._follow(odd[1] if odd is not None and odd[0] == k else pose.make(DOWN, p))
+        out.append(np.full(3, np.nan) if link._R_part_path is None else link._R_part_path[:, 0].copy())
+    link.close()
+    return np.array(out)
+
+
+def _off(a: Float, b: Float) -> Float:
+    out: Float = np.degrees(np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0)))
+    return out
+
+
+NEAR = st.floats(-2e-3, 2e-3)
+
+
+@given(st.floats(12e-3, 10.0), st.integers(3, 26), st.tuples(NEAR, NEAR, NEAR), st.floats(-0.1, 0.1), st.booleans())
+def test_a_pose_that_is_wrong_turns_the_frame_by_three_degrees_at_most(
+    radius: float, at: int, off: tuple[float, float, float], tilt: float, planned: bool
+) -> None:
+    """It was 15 deg: half a millimetre of a correction of 2 mm, there and back again in the next message."""
+    points = _arc(radius, 30)
+    right = np.diff(points, axis=0, prepend=np.nan) / ALONG[0]
+    odd = pose.make(DOWN @ rotation.about_x(tilt), points[at] + off)
+    behind = _off(_tangents(points, right[max(1, at - 3) : at + 4] if planned else None, (at, odd)), right)
+    assert np.max(behind[2:]) < 3.0 + 4.0 * np.degrees(ALONG[0] / radius) + 1e-5
+    assert np.max(behind[at + 3 :]) < 1e-5
+
+
+@given(st.floats(2.4e-3, 10.0), st.booleans())
+def test_the_frame_follows_any_arc(radius: float, planned: bool) -> None:
+    """With the plan at once; without it with the second message that turns as far, one message behind until then."""
+    points = _arc(radius, 30)
+    right = np.diff(points, axis=0, prepend=np.nan) / ALONG[0]
+    behind = _off(_tangents(points, right[1:] if planned else None), right)
+    turns = np.degrees(ALONG[0] / radius)
+    assert np.max(behind[[*range(2, 8), *range(9, 30)]]) < 1e-5
+    assert behind[8] < (1e-5 if planned or turns <= 3.0 else turns + 1e-5)
+
+
+@given(st.floats(0.0, 175.0), st.booleans())
+def test_the_frame_turns_at_any_corner(angle: float, planned: bool) -> None:
+    """With the plan at once, without it with the second message that shows it."""
+    turn = np.radians(angle) * (np.arange(16) >= 8)
+    heading = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    behind = _off(_tangents(np.cumsum(ALONG[0] * heading, axis=0), heading[[0, -1]] if planned else None), heading)
+    assert np.max(behind[[*range(2, 8), *range(9, 16)]]) < 1e-5
+    assert behind[8] < 1e-5 or not (planned or angle <= 3.0)
+
+
 def test_a_correction_that_is_held_is_not_answered_with_zero_before_a_path_frame_is_known() -> None:
     """A loop that took it over from one that was killed, while the robot stands: silence, and CommTimeout stops it."""
     link = EgmPathLink(port=0)

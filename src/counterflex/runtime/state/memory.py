@@ -121,10 +121,10 @@ STATE: Final = record(
     another_session=int,  # 1: another session of the controller came, and its fault has not been reset
     disbelieved=int,  # tracker samples in a row that were too far off
     disabled=int,  # telegrams in a row in which the program did not want the correction
-    enabled=int,  # telegrams in a row in which it did
+    enabled=int,  # telegrams in which it did, since it was armed or the correction acted
     acted=int,  # 1: the correction has acted since a person last acknowledged
     away=int,  # 1: it is away in the cut, or wanted again without having been armed
     armed=int,  # 1: it was armed and has not acted since, nor has a person acknowledged
-    uncorrected=int,  # telegrams in a row in which the program moved in the cut although it was armed
+    uncorrected=int,  # telegrams in a row in which the program moved in the cut and should have been corrected
 )
 """State of the step, SI, part axes."""

@@ -60,17 +60,12 @@ class SupervisorSettings:
 _IDLE, _READY, _ARMED, _ACTIVE = int(State.IDLE), int(State.READY), int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
 _OPERATOR, _PROGRAM, _TOO_LONG = int(Cause.OPERATOR), int(Cause.PROGRAM), int(Cause.HELD_TOO_LONG)
-_STOPPED, _ENABLE_LOST = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST)
-_NOT_CLOSED = int(Cause.NOT_CLOSED)
+_STOPPED, _ENABLE_LOST, _NOT_CLOSED = int(Cause.TELEGRAMS_STOPPED), int(Cause.ENABLE_LOST), int(Cause.NOT_CLOSED)
 _OF_PROCESS, _RUN_LOST = int(Cause.PROCESS_MISSING_CUT), int(Cause.RUN_LOST)
+_TYPES: dict[str, Record] = {"Supervisor": SUPERVISOR, "Supervised": SUPERVISED, "Supervision": SUPERVISION}
 
 
-@kernel(
-    "void(Supervisor, Supervised, Supervision, int64, int64)",
-    Supervisor=SUPERVISOR,
-    Supervised=SUPERVISED,
-    Supervision=SUPERVISION,
-)
+@kernel("void(Supervisor, Supervised, Supervision, int64, int64)", **_TYPES)
 def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, cause: int) -> None:
     """Feed hold, and Stop behind a ramp: what was asked for stays so until somebody has seen it."""
     # It begins with HOLD and FAULT, and where the operator ends the correction. It ends where the correction acts
@@ -96,11 +91,7 @@ def _ask_the_robot(at: Record, given: Record, settings: Record, following: int, 
         at.stop = max(0, at.stop - 1)
 
 
-@kernel(
-    "Tuple((int64, int64))(Supervisor, Supervised)",
-    Supervisor=SUPERVISOR,
-    Supervised=SUPERVISED,
-)
+@kernel("Tuple((int64, int64))(Supervisor, Supervised)", **_TYPES)
 def _until_active(at: Record, given: Record) -> tuple[int, int]:
     """State and cause after IDLE, READY or ARMED."""
     state, cause, soft = at.state, at.cause, given.soft
@@ -124,12 +115,7 @@ def _until_active(at: Record, given: Record) -> tuple[int, int]:
     return state, cause
 
 
-@kernel(
-    "Tuple((int64, int64))(Supervisor, Supervised, Supervision, boolean)",
-    Supervisor=SUPERVISOR,
-    Supervised=SUPERVISED,
-    Supervision=SUPERVISION,
-)
+@kernel("Tuple((int64, int64))(Supervisor, Supervised, Supervision, boolean)", **_TYPES)
 def _from_active(at: Record, given: Record, settings: Record, ends: bool) -> tuple[int, int]:
     """State and cause after ACTIVE, HOLD or RAMP_OUT."""
     state, cause, soft = at.state, at.cause, given.soft
@@ -158,12 +144,7 @@ def _from_active(at: Record, given: Record, settings: Record, ends: bool) -> tup
     return state, cause
 
 
-@kernel(
-    "void(Supervisor, Supervised, Supervision)",
-    Supervisor=SUPERVISOR,
-    Supervised=SUPERVISED,
-    Supervision=SUPERVISION,
-)
+@kernel("void(Supervisor, Supervised, Supervision)", **_TYPES)
 def supervise(at: Record, given: Record, settings: Record) -> None:
     """Advance the supervisor by one cycle.
 

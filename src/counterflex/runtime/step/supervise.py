@@ -31,12 +31,10 @@ RESOLVED_M: Final = 0.1e-3
 """Correction below which a reported pose says nothing of it."""
 CONTINUES_M: Final = 5e-3
 """How far the commanded point goes at most in the telegrams that pass until a counter that jumped is believed."""
-_AT_ZERO_M = 1e-7
-_AT_ZERO_RAD = 1e-7
+_AT_ZERO_M, _AT_ZERO_RAD = 1e-7, 1e-7
 _ARMED, _ACTIVE = int(State.ARMED), int(State.ACTIVE)
 _HOLD, _RAMP_OUT, _FAULT = int(State.HOLD), int(State.RAMP_OUT), int(State.FAULT)
-_PROGRAM, _SESSION = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED)
-_NOT_CLOSED = int(Cause.NOT_CLOSED)
+_PROGRAM, _SESSION, _NOT_CLOSED = int(Cause.PROGRAM), int(Cause.SESSION_RESTARTED), int(Cause.NOT_CLOSED)
 
 
 @kernel("int64(Given, Past[::1], int64, State)", **LOOP_TYPES)
@@ -103,30 +101,35 @@ def cuts_here(planned: bool, near: bool, cut: float, force_n: float, state: int)
 @kernel("int64(Given, int64, int64, State)", **LOOP_TYPES)
 def _is_requested(given: Record, cuts: int, standing: int, state: Record) -> int:
     """Test whether the program wants the correction, a flicker of its signal aside; act where it does not."""
-    # While the correction acts the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In
-    # the cut the feed is then held: a program that has left the cut has no reason to be held, one in the cut would go
-    # on without its correction, also one that comes into the next cut while the correction is still ramped out. The
-    # same where the signal is back for as long, and nobody has armed again; and where the program goes through a cut
-    # for as long although it was armed and the correction never acted: disarmed by a check, or never switched on.
+    # Once it was on, the signal counts as off from the :data:`DEBOUNCE`-th telegram in a row without it. In the cut the
+    # feed is then held: a program that has left the cut has no reason to be held, one in the cut would go on without
+    # its correction, also one that comes into the next cut while the correction is still ramped out. The same behind
+    # the end of the correction, where nobody has armed again and as many telegrams have the signal, in a row or not:
+    # one that flickers is not off. In a cut one telegram since the end is enough. And the same where the program goes
+    # through a cut although it was armed and the correction never acted: disarmed by a check, or never switched on.
     now, enable = state.supervisor.state, given.enable
-    if given.reset == 1 and now != _HOLD:
-        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet.
-        if enable == 0 or state.away == 1 or state.supervisor.feed_hold == 1:
-            state.acted = state.armed = 0
-        state.away = 0
-    acts = now in (_ACTIVE, _HOLD)
-    if now == _ARMED:
-        state.armed = 1
-    elif acts:
-        state.armed = 0
+    acts, held = now in (_ACTIVE, _HOLD), state.supervisor.feed_hold == 1
+    if acts:
+        state.acted, state.armed, state.enabled = 1, 0, 0
+    elif now == _ARMED:
+        state.armed, state.enabled = 1, 0
     if given.elapsed > 0:
         state.disabled = 0 if enable == 1 else state.disabled + 1
-        state.enabled = state.enabled + 1 if enable == 1 else 0
-        uncorrected = cuts == CUT and standing == 0 and state.armed == 1 and now <= _ARMED
+        state.enabled = 0 if held and state.disabled >= DEBOUNCE else state.enabled + enable
+    off = state.disabled >= DEBOUNCE or (state.enabled == 0 and not acts)
+    requested = 0 if enable == 0 and off else 1
+    if given.reset == 1 and (now < _ARMED or now > _HOLD):
+        # A person who acknowledges while the program is on its way to the cut has seen no hold of it yet: it has wanted
+        # the correction since.
+        if state.enabled == 0 or state.away == 1 or held:
+            state.acted = state.armed = 0
+        state.away = 0
+    if given.elapsed > 0:
+        demanded = state.armed == 1 or (state.acted == 1 and state.enabled > 0)
+        uncorrected = demanded and cuts == CUT and standing == 0 and now <= _ARMED
         state.uncorrected = state.uncorrected + 1 if uncorrected else 0
-    requested = 1 if enable == 1 or (acts and state.disabled < DEBOUNCE) else 0
     # Whatever it ended by: a hold in air that the program has left by its Enable is not asked for any more.
-    free = state.supervisor.cause in (0, _PROGRAM) or state.supervisor.feed_hold == 0
+    free = state.supervisor.cause in (0, _PROGRAM) or not held
     ended = state.acted == 1 and (now < _ARMED or now == _RAMP_OUT) and free
     if cuts == CUT and requested == 0 and (acts or (now == _RAMP_OUT and standing == 0)):
         state.away = 1
@@ -187,7 +190,7 @@ def ask_supervisor(
     supervise(state.supervisor, inputs, settings.supervisor)
     now: int = state.supervisor.state
     if now == _ACTIVE:
-        state.acted, state.away = 1, 0
+        state.away = 0
     # Another session of the controller begins with no correction in force: what was held belongs to the one before.
     # Where it cannot be told whether it is another one nothing is said to it, because either answer may be a jump; nor
     # to one that begins in a fault: the robot has been told to stop, and was started again.

@@ -1,12 +1,12 @@
 """The instrumented spindle holder of the simulated laboratory, with the faults that real ones have.
 
-The structure is a frame of beams; gauges sit a little off, their factors scatter, bolted joints
-and glue give hysteresis (slip elements on each bridge's strain), temperature leaves a rest, amplifiers add noise and a
-slow wander.
+The structure is a frame of beams; gauges sit a little off, their factors scatter, bolted joints and glue give
+hysteresis (slip elements on each bridge's strain), temperature leaves a rest, amplifiers add noise and a slow wander.
 """
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -132,6 +132,24 @@ def _add(K: Float, a: int, b: int, k: Float) -> None:
     K[np.ix_(places, places)] += k
 
 
+def _bent(K: Float, stations: int, load: Float) -> Float:
+    """(m, 6) displacements of all nodes under loads (6, 6) on the last one, the ring; the base before it stands.
+
+    Solved from station to station, 12 unknowns each: of all at once the last bits depend on the number of threads.
+    """
+    both = np.arange(6)[None] + 6 * np.arange(stations)[:, None]
+    groups = [*np.hstack([both, both + 6 * stations]), np.arange(len(K) - 6, len(K))]
+    rest, steps = K[np.ix_(groups[0], groups[0])], []
+    for a, b in itertools.pairwise(groups):
+        steps.append((a, b, np.linalg.solve(rest, K[np.ix_(a, b)])))
+        rest = K[np.ix_(b, b)] - K[np.ix_(b, a)] @ steps[-1][2]
+    x = np.zeros((len(K), 6))
+    x[groups[-1]] = np.linalg.solve(rest, load)
+    for a, b, follows in reversed(steps):
+        x[a] = -follows @ x[b]
+    return x
+
+
 def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
     """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
     s = shape
@@ -162,13 +180,9 @@ def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
             cheek = side * (n + 1) + at
             ends = (cheek, middle) if side == 0 else (middle, cheek)
             _add(K, *ends, T @ k @ T.T)
-    load = np.zeros((6 * count, 6))
     at_ring = np.eye(6)
     at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))
-    load[6 * ring : 6 * ring + 6] = at_ring
-    free = np.r_[0 : 6 * base, 6 * ring : 6 * ring + 6]  # the middle of the base plate is bolted to the flange
-    x = np.zeros((6 * count, 6))
-    x[free] = np.linalg.solve(K[np.ix_(free, free)], load[free])
+    x = _bent(K, n + 1, at_ring)  # the middle of the base plate is bolted to the flange
     cheek_ends: Float = np.empty((2, n, 6, 6))
     for side in range(2):
         for e in range(n):
@@ -220,8 +234,7 @@ class InstrumentedHolder:
     ) -> Float:
         """(m, n) what the amplifiers show along a history of load, each sample the mean over its step.
 
-        ``force``: (m, 3) N in time order, from rest. ``p_holder_load``: (3,) or (m, 3) m. ``temperature_c``: (m,) deg
-        C.
+        ``force``: (m, 3) N in order, from rest. ``p_holder_load``: (3,) or (m, 3) m. ``temperature_c``: (m,) deg C.
         """
         s = self.still(force, p_holder_load)
         s = s + hysteresis(s) + self.zero + np.outer(np.asarray(temperature_c) - REFERENCE_C, self.per_kelvin)
@@ -233,8 +246,7 @@ class InstrumentedHolder:
 def hysteresis(strain: Float) -> Float:
     """(m, n) what slip elements add to strains (m, n) along their history: stops at some sizes of strain.
 
-    Each stop follows the strain until it slips; together they open a loop of about :data:`HYSTERESIS_SHARE` of the
-    range.
+    Each stop follows the strain until it slips; together they open a loop of :data:`HYSTERESIS_SHARE` of the range.
     """
     limit = np.array(HYSTERESIS_AT)[:, None]
     residual, out = np.zeros((len(limit), strain.shape[1])), np.empty_like(strain)
@@ -250,8 +262,7 @@ def instrumented_holder(
 ) -> InstrumentedHolder:
     """The holder of a laboratory.
 
-    ``gauges``: Per bridge where it is meant to sit: x, y, z m, angle rad, notch factor. ``shape``: Structure; None is
-    the reference holder.
+    ``gauges``: Per bridge its intended place: x, y, z m, angle rad, notch factor. ``shape``: None: of reference.
     """
     frame = strain_frame(shape if shape is not None else HolderShape())
     places = as_float("gauges", gauges, (None, 5))
@@ -259,19 +270,14 @@ def instrumented_holder(
     off = PLACE_M * rng.standard_normal((len(places), 3))
     turn = ANGLE_RAD * rng.standard_normal(len(places))
     factor = (1.0 + FACTOR_SHARE * rng.standard_normal(len(places))) * (1.0 + NOTCH_SHARE * rng.standard_normal(1))
-    nu = frame.shape.poisson_ratio
     rows = []
     for place, d, da, k in zip(places, off, turn, factor, strict=True):
         p = place[:3] + d
         p[2] = np.clip(p[2], 0.0, frame.shape.length_m)
         along, across = frame.strain(p, place[3] + da), frame.strain(p, place[3] + da + 0.5 * np.pi)
-        rows.append(k * place[4] * (along - across) / (1.0 + nu))
-    return InstrumentedHolder(
-        frame=frame,
-        sensitivity=np.array(rows),
-        zero=20e-6 * rng.standard_normal(len(places)),
-        per_kelvin=KELVIN * rng.standard_normal(len(places)),
-    )
+        rows.append(k * place[4] * (along - across) / (1.0 + frame.shape.poisson_ratio))
+    zero, per_kelvin = 20e-6 * rng.standard_normal(len(places)), KELVIN * rng.standard_normal(len(places))
+    return InstrumentedHolder(frame, np.array(rows), zero, per_kelvin)
 
 
 def compliance_at(frame: StrainFrame, p_holder_tcp: Float) -> Float:

@@ -16,9 +16,9 @@ from counterflex.runtime.state.supervisor import State
 
 _SHORTEST: Final = 2.0 * UM
 """Motion from which a direction is taken."""
-_TURNED: Final = 15.0 * DEG
-"""Turn of the path frame from one message to the next that needs a reason: it turns a correction by 0.26 of its size,
-for the largest one, 2 mm, about what the limiter admits in 24 ms. An arc of 15 mm at 25 mm/s turns by 2.3 deg."""
+_TURNED: Final = 3.0 * DEG
+"""Turn of the path frame from one message to the next that needs a reason: it turns a correction by 0.05 of its size,
+for the largest one, 2 mm, a fifth of what the limiter admits in 24 ms. An arc of 15 mm at 25 mm/s turns by 2.3 deg."""
 _ZONE_M: Final = 2.0 * MM
 """Way along the plan by which a corner is rounded, and the place is off."""
 
@@ -30,9 +30,10 @@ class EgmPathLink(EgmLink):
     component of a correction along the path and its rotation cannot be sent. The tangent is taken from the planned
     poses of the last 24 ms; while the robot stands the last one stays, before the first one nothing is corrected.
 
-    One pose that is wrong would turn the frame, and a correction with it, by up to 180 deg. So a frame more than 15 deg
-    from the last one is taken where the plan turns there, or when the next message shows it too; until then the last
-    one stays. Of a controller that plans its poses, a message without one is malformed: the measured pose trails.
+    One pose that is wrong would turn the frame, and a correction with it, by up to 180 deg, there and back. So a frame
+    more than 3 deg from the last one is taken where the plan turns there, or when the next message shows it too, or
+    turns on as far again; until then the last one stays. Of a controller that plans its poses, a message without one is
+    malformed: the measured pose trails.
 
     EGM has no word for stop or feed hold here: told to stop, the link says nothing more, and the controller stops by
     its CommTimeout. So it does where a movement is run that is to be corrected and the loop is not armed.
@@ -56,7 +57,7 @@ class EgmPathLink(EgmLink):
         self._at = -1
         self._R_part_path: Float | None = None
         self._taken: Float | None = None  # (2, 3) tangent and tool axis of that frame
-        self._shown: Float | None = None  # Likewise of the newest message that shows a motion, whether taken or not
+        self._shown: list[Float] = []  # Likewise of the last two messages that show a motion, whether taken or not
         self._way_m = 0.0  # In a message, of the newest motion that was taken
 
     def _lacks(self, state: RobotState) -> bool:
@@ -74,7 +75,7 @@ class EgmPathLink(EgmLink):
         p, z_tool = T_part_tcp[:3, 3], T_part_tcp[:3, 2]
         if self._at < 0 or self.restarted:
             self._trail[:] = p
-            self._at, self._shown = 0, None
+            self._at, self._shown = 0, []
             return
         step = p - self._trail[self._at]
         self._trail[self._at] = p
@@ -86,14 +87,18 @@ class EgmPathLink(EgmLink):
         if self._believed(course):
             self._R_part_path, self._taken = R, course
             self._way_m = float(np.linalg.norm(step)) / max(1, self.elapsed)
-        self._shown = course
+        self._shown = [*self._shown[-1:], course]
 
     def _believed(self, course: Float) -> bool:
         """Return whether tangent and tool axis follow those before, or the tangent those of the plan about here."""
         taken = self._taken
         if taken is None:
             return True
-        if any(before is not None and np.max(_angles(before, course)) <= _TURNED for before in (taken, self._shown)):
+        expected = [taken, *self._shown[-1:]]
+        if len(self._shown) > 1:  # on an arc each message turns as far as the one before: there and back does not
+            before, last = self._shown
+            expected.append(2.0 * np.sum(before * last, axis=1, keepdims=True) * last - before)
+        if any(np.max(_angles(one, course)) <= _TURNED for one in expected):
             return True
         if self.feeds is None or _angles(taken[1], course[1]) > _TURNED:
             return False
