@@ -13,6 +13,7 @@ from counterflex.core.units import DEG, MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.class_stiffness import axis_names
 from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
 from counterflex.path.external_axes import ExternalPlaces
@@ -77,8 +78,7 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts += [
         Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"),
-        Fact("Play and friction of the axes", *_known(tables.robot.play)),
-        Fact("Loop gains of the drives", *_known(tables.robot.servo)),
+        *_of_drives(cell),
         Fact(
             "Shape of the correction",
             f"for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
@@ -96,6 +96,36 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
         ),
     ]
     return tuple(facts)
+
+
+def _of_drives(cell: Cell) -> list[Fact]:
+    """Play, friction and loop gains: of the cell file, and of the robot's class where that has none."""
+    tables, given = cell.tables.robot, cell.class_drives
+    if given is None:
+        return [
+            Fact("Play and friction of the axes", *_known(tables.play)),
+            Fact("Loop gains of the drives", *_known(tables.servo)),
+        ]
+    shown = given.shown
+    factor = shown["factor_of_90_percent"]
+    friction = ", ".join(f"{value:.3g}" for value in shown["friction_nm"])
+    gains = ", ".join(f"{value:.2g}" for value in shown["speed_gain_nm_s"])
+    lost = (
+        f"dead band +-{shown['dead_band_half_urad']:g} urad (nine of ten within a factor of "
+        f"{factor['dead_band_half_urad']:g}), friction {friction} Nm (factor {factor['friction_nm']:g})"
+    )
+    loops = (
+        f"speed loop {gains} Nms/rad (nine of ten within a factor of {factor['speed_gain_nm_s']:g}), position loop "
+        f"{shown['position_gain_per_s']:g} 1/s (factor {factor['position_gain_per_s']:g})"
+    )
+    facts = []
+    for name, rows, axes, text in (
+        ("Play and friction of the axes", tables.play, given.play_axes, lost),
+        ("Loop gains of the drives", tables.servo, given.servo_axes, loops),
+    ):
+        facts += [Fact(name, *_known(rows))] if rows else []
+        facts += [Fact(f"{name}, {axis_names(axes)}", text, _CLASS)] if axes else []
+    return facts
 
 
 def _known(rows: Sequence[PlayTable | ServoTable]) -> tuple[str, str]:

@@ -1,20 +1,32 @@
-"""Robots of which no stiffness is known: which axes that are, and what their class gives them when it is asked for."""
+"""Robots of which stiffness, drives or play are not known: which axes that are, and what their class gives them.
+
+Stiffness is given when it is asked for, drives, friction and play always: without them the planner would take drives as
+rigid and friction as zero, which no robot has.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from counterflex.core.units import MM
+from counterflex.core.errors import InputError
+from counterflex.core.units import MM, MS, URAD
 from counterflex.files.cell.robot import RobotTable
+from counterflex.plan.elastic_motion import AXES, matrices
+from counterflex.plan.lowest_mode import assumed_masses, can_move
+from counterflex.plan.modes import modes
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.model import catalog
-from counterflex.robot.model.class_prior import ClassPrior, class_prior
+from counterflex.robot.model import catalog, drive_prior
+from counterflex.robot.model.class_prior import ClassPrior, arm_over_axis, class_prior
 from counterflex.robot.model.description import Robot
+from counterflex.robot.model.drive_prior import DrivePrior
 
 _ABOUT_Z = 5
+_POSTURES = 32
+"""Within the joint limits; loop gains are set once for all postures. With 256 the gains differ by 3 %."""
 _TURNS = ("rx_urad_per_knm", "ry_urad_per_knm", "rz_urad_per_knm")
 
 
@@ -29,6 +41,98 @@ class ClassStiffness:
     def named(self) -> str:
         """The axes, for messages: ``A1, A2``."""
         return axis_names(self.axes)
+
+
+@dataclass(frozen=True)
+class ClassDrives:
+    """Drives, friction and play that a robot is given by its class, axis by axis, where its cell file has none."""
+
+    servo_axes: tuple[int, ...]  # Numbers 0..5 of the axes without loop gains
+    play_axes: tuple[int, ...]  # Numbers 0..5 of the axes without play and friction
+    whole_arm: tuple[int, ...]  # Numbers 0..5 of the axes whose spring stands for the whole arm
+    prior: DrivePrior
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Plain values for a summary, shop units: medians, and the factors that nine of ten robots lie within."""
+        loops, lost = list(self.servo_axes), list(self.play_axes)
+        friction, gains = self.prior.friction_nm, self.prior.speed_gain_nm_s
+        return {
+            "from": "the robot's class: medians of published robots, scaled by payload and reach",
+            "loop_axes": [axis + 1 for axis in loops],
+            "speed_gain_nm_s": [float(f"{value:.3g}") for value in gains[loops]],
+            "position_gain_per_s": round(self.prior.position_gain_per_s, 1) if loops else None,
+            "integral_time_ms": round(self.prior.integral_time_s / MS, 1) if loops else None,
+            "play_axes": [axis + 1 for axis in lost],
+            "dead_band_half_urad": round(drive_prior.HALF_BAND_RAD / URAD, 3),
+            "friction_nm": [float(f"{value:.3g}") for value in friction[sorted({*loops, *lost})]],
+            "factor_of_90_percent": {
+                "speed_gain_nm_s": drive_prior.SPEED_GAIN_FACTOR,
+                "position_gain_per_s": drive_prior.POSITION_GAIN_FACTOR,
+                "dead_band_half_urad": drive_prior.PLAY_FACTOR,
+                "friction_nm": drive_prior.FRICTION_FACTOR,
+            },
+        }
+
+    def given_to(self, chain: ElasticChain, *, servo: bool = True, play: bool = True) -> ElasticChain:
+        """The chain with the medians where it has nothing.
+
+        Args:
+            servo: Give loop gains.
+            play: Give play and friction.
+        """
+        loops, lost = list(chain.servo or (None,) * 6), list(chain.play or (None,) * 6)
+        for axis in self.servo_axes if servo else ():
+            loops[axis] = self.prior.servo(axis)
+        for axis in self.play_axes if play else ():
+            share = float(arm_over_axis()[axis]) if axis in self.whole_arm else 1.0
+            lost[axis] = self.prior.play(axis, share)
+        return replace(
+            chain, servo=tuple(loops) if any(loops) else chain.servo, play=tuple(lost) if any(lost) else chain.play
+        )
+
+
+def drives_of_class(
+    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None, *, tapped: bool
+) -> ClassDrives | None:
+    """Return what the class of a robot says of drives and play that its cell file does not give; None: nothing.
+
+    Loop gains make another lowest mode, and other damping, than a tap test measured of robot and drives together: the
+    class gives none beside one.
+
+    Args:
+        chain: With the loop gains and the play of the cell file.
+        robot: As :func:`prior_of` takes it.
+        table: Of the cell file.
+        stiffness: What the class gave of the stiffness.
+        tapped: The cell file states the lowest mode.
+    """
+    loops, lost = (
+        tuple(axis for axis in range(6) if known is None or known[axis] is None) for known in (chain.servo, chain.play)
+    )
+    loops = () if tapped or not np.any(chain.compliance > 0.0) else loops
+    if not (loops or lost):
+        return None
+    try:
+        size = prior_of(robot, table)
+    except InputError:
+        return None
+    whole = () if stiffness is None else stiffness.axes
+    held = _held_mode(chain, robot) if loops else ()
+    return ClassDrives(loops, lost, whole, DrivePrior(size.payload_kg, size.reach_m, *held))
+
+
+def _held_mode(chain: ElasticChain, robot: Robot) -> tuple[float, float]:
+    """Lowest mode, rad/s, and how far its drives yield, N m/rad, of :class:`DrivePrior`: medians over postures."""
+    lower, upper = np.clip(robot.joint_limits_rad, -np.pi, np.pi).T
+    found = []
+    for q in np.random.default_rng(0).uniform(lower, upper, (_POSTURES, AXES)):
+        M, stiffness = matrices(chain if can_move(chain) else assumed_masses(chain, q), q)[:2]
+        free = modes(M, stiffness)
+        yields = free.strain[:AXES, 0] * stiffness[:AXES] / drive_prior.SPEED_GAIN_SHARE
+        found.append((float(free.omega_rad_s[0]), float(np.sum(yields))))
+    omega, nm = np.median(found, axis=0).tolist()
+    return omega, nm
 
 
 def axis_names(axes: tuple[int, ...]) -> str:
