@@ -11,12 +11,19 @@ import pytest
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.inputs import setting_of
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.plan.elastic_motion import matrices
+from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
+from counterflex.plan.modes import lowest_mode
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.servo import servo_error
+from counterflex.robot.model import catalog
 from counterflex.robot.model.drive_prior import DrivePrior
 
 FILE = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 SERVO = "[[robot.servo]]\naxis = {axis}\nspeed_gain_nm_s = 91000\nposition_gain_per_s = 9\nintegral_time_ms = 31\n"
+STIFF = "".join(
+    f'[[robot.elastic]]\nsegment = "axis{i}"\nrz_urad_per_knm = 100\nsource = "test"\n' for i in range(1, 7)
+)
 PLAY = "[[robot.play]]\naxis = {axis}\ndead_band_half_urad = 11\nfriction_nm = [77]\nslip_urad = [33]\n"
 
 
@@ -28,7 +35,9 @@ def cell_with(tmp_path: Path, more: str = "") -> Cell:
 
 def test_a_cell_without_tables_is_planned_with_the_class(tmp_path: Path) -> None:
     cell = cell_with(tmp_path)
-    prior = DrivePrior(300.0, 2.496)
+    given = cell.class_drives
+    assert given is not None
+    assert (given.prior.payload_kg, given.prior.reach_m) == (300.0, 2.496)
     assert (cell.chain.servo, cell.chain.play) == (None, None)
     chain = setting_of(cell).chain
     assert chain.servo is not None
@@ -37,8 +46,8 @@ def test_a_cell_without_tables_is_planned_with_the_class(tmp_path: Path) -> None
         servo, lost = chain.servo[axis], chain.play[axis]
         assert servo is not None
         assert lost is not None
-        assert servo.speed_gain_nm_s == pytest.approx(prior.servo(axis).speed_gain_nm_s)
-        assert lost.friction_nm == pytest.approx(prior.play(axis).friction_nm)
+        assert servo.speed_gain_nm_s == pytest.approx(given.prior.servo(axis).speed_gain_nm_s)
+        assert lost.friction_nm == pytest.approx(given.prior.play(axis).friction_nm)
     said = assumed(cell)["assumed_drives"]
     assert said["loop_axes"] == said["play_axes"] == [1, 2, 3, 4, 5, 6]
     assert said["factor_of_90_percent"]["speed_gain_nm_s"] == 4.0
@@ -87,6 +96,42 @@ def test_a_measured_mode_wins_over_the_drives_of_the_class(tmp_path: Path) -> No
     assert assumed(cell)["assumed_drives"]["loop_axes"] == []
     both = cell_with(tmp_path, stated + SERVO.format(axis=1))
     assert setting_of(both).chain.servo == both.chain.servo
+
+
+def robot_of(tmp_path: Path, name: str, stated: str = "") -> Cell:
+    """A robot of the catalogue with a spindle of a third of its payload."""
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        f'format = "counterflex-cell"\nversion = 1\nname = "judged"\n[robot]\ncatalog = "{name}"\n{stated}'
+        f'[tcp]\nz_mm = 250\n[[end_effector]]\nname = "spindle"\nmass_kg = {payload_of(name) / 3.0}\n',
+        encoding="utf-8",
+    )
+    return read_cell(file, assume_class=True)
+
+
+def payload_of(name: str) -> float:
+    return catalog.entry(name).payload_kg or 0.0
+
+
+@pytest.mark.parametrize("name", [name for name in catalog.names() if payload_of(name) >= 20.0])
+@pytest.mark.parametrize("stated", ["", STIFF])
+def test_every_robot_of_the_catalogue_rings_as_modal_tests_find(tmp_path: Path, name: str, stated: str) -> None:
+    """In postures of its whole range, with the springs of its class and with those of a far stiffer arm."""
+    cell = robot_of(tmp_path, name, stated)
+    given = cell.class_drives
+    assert given is not None
+    assert len(given.servo_axes) == len(given.play_axes) == 6
+    lower, upper = cell.robot.joint_limits_rad.T
+    ratios = []
+    for q in np.random.default_rng(7).uniform(lower, upper, (6, 6)):
+        held, driven = mode_of(cell.chain, q, None), mode_of(cell.planning_chain, q, None)
+        assert 0.85 * held.hz < driven.hz < held.hz  # motors that yield make it slower, by little
+        assert 0.02 < driven.damping_ratio < 0.25
+        chain = cell.planning_chain if can_move(cell.chain) else assumed_masses(cell.planning_chain, q)
+        M, stiffness = matrices(chain, q)[:2]
+        assert chain.servo is not None
+        ratios.append(lowest_mode(M, stiffness, 0.0, chain.servo).damping_ratio)  # of the drives alone
+    assert 0.03 < np.median(ratios) < 0.1
 
 
 def test_a_robot_outside_every_class_keeps_rigid_drives() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 
 from counterflex.core.units import URAD
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.files.cell.cell import read_cell
 from counterflex.twin.truth import nominal
 
 ROOT = Path(__file__).parents[2]
@@ -76,10 +77,12 @@ def test_a_constant_is_found_to_three_digits_and_may_be_cited() -> None:
 
 def test_no_median_of_the_class_is_a_constant_of_the_simulated_drives() -> None:
     """What a planner assumes comes from published robots: of the robot that both describe, no value is the same."""
-    prior, secret = DrivePrior(300.0, 2.496), private()
+    given, secret = read_cell(ROOT / "examples" / "cells" / "kr300_d16_small.toml").class_drives, private()
+    assert given is not None
+    prior = given.prior
     servos, plays = [prior.servo(axis) for axis in range(6)], [prior.play(axis) for axis in range(6)]
     assumed = {
-        "speed_gain_nm_s": [one.speed_gain_nm_s for one in servos],
+        "speed_gain_nm_s": [math.exp(0.5 * prior.yield_log_sigma**2) * one.speed_gain_nm_s for one in servos],
         "position_gain_per_s": [one.position_gain_per_s for one in servos],
         "integral_time_ms": [1000.0 * one.integral_time_s for one in servos],
         "friction_nm": [

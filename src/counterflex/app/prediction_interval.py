@@ -170,7 +170,8 @@ def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: Ext
     out = _left_open(cell, points, bend, rng)
     given = cell.class_drives
     if given is not None and given.servo_axes:
-        softer = np.exp(given.prior.yield_log_sigma * rng.standard_normal((ROBOTS, 1, 1))) - 1.0
+        sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
+        softer = np.exp(sigma * rng.standard_normal((ROBOTS, 1, 1)) - 0.5 * sigma**2) - 1.0
         R_base_part = _part_axes(plan, cell, points, places)
         out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell)[points.row])
     elif cell.chain.servo is None:

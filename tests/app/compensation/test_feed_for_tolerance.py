@@ -39,7 +39,7 @@ def worst(found: Compensated) -> float:
     """Largest predicted error across the feed in the cut, m."""
     plan = found.plan
     size = np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
-    return float(size[plan.cutting].max())
+    return float(size[plan.judged].max())
 
 
 def share(found: Compensated, programmed: Compensated) -> np.ndarray:
@@ -87,7 +87,7 @@ def test_lower_feed_where_it_is_needed_pair(cell: Cell, program: ProgramFile) ->
         assert line["feed_percent"] == pytest.approx(100.0 * found[mine].min(), abs=0.06)
         for key, run in (("before_um", plain), ("after_um", slow)):
             error = np.linalg.norm(across(run.plan.deviation_compensated_part, run.plan.path.p_part_tcp), axis=1)
-            assert line[key] == pytest.approx(error[mine & run.plan.cutting].max() / UM, abs=0.06)
+            assert line[key] == pytest.approx(error[mine & run.plan.judged].max() / UM, abs=0.06)
 
 
 def test_robot_programs_carry_the_lower_speed(cell: Cell, program: ProgramFile) -> None:
