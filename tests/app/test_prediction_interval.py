@@ -30,7 +30,7 @@ from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.path.toolpath import FEED, RAPID
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan, across
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.robot.model.class_prior import DrivePrior
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"

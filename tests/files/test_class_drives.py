@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from counterflex.app.compensation.cell_facts import drive_facts
 from counterflex.app.cost_of_unknown_stiffness import assumed
 from counterflex.app.inputs import setting_of
 from counterflex.files.cell.cell import Cell, read_cell
@@ -17,7 +18,7 @@ from counterflex.plan.modes import lowest_mode
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.servo import servo_error
 from counterflex.robot.model import catalog
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.robot.model.class_prior import DrivePrior
 
 FILE = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 SERVO = "[[robot.servo]]\naxis = {axis}\nspeed_gain_nm_s = 91000\nposition_gain_per_s = 9\nintegral_time_ms = 31\n"
@@ -49,8 +50,9 @@ def test_a_cell_without_tables_is_planned_with_the_class(tmp_path: Path) -> None
         assert servo.speed_gain_nm_s == pytest.approx(given.prior.servo(axis).speed_gain_nm_s)
         assert lost.friction_nm == pytest.approx(given.prior.play(axis).friction_nm)
     said = assumed(cell)["assumed_drives"]
-    assert said["loop_axes"] == said["play_axes"] == [1, 2, 3, 4, 5, 6]
-    assert said["factor_of_90_percent"]["speed_gain_nm_s"] == 4.0
+    assert said["servo"]["axes"] == said["play"]["axes"] == [1, 2, 3, 4, 5, 6]
+    assert "typical" in said["from"]
+    assert said["servo"]["factor_of_90_percent"]["speed_gain_nm_s"] == 4.0
 
 
 @pytest.mark.parametrize("axis", [1, 5])
@@ -93,7 +95,12 @@ def test_a_measured_mode_wins_over_the_drives_of_the_class(tmp_path: Path) -> No
     chain = setting_of(cell).chain
     assert chain.servo is None
     assert chain.play is not None
-    assert assumed(cell)["assumed_drives"]["loop_axes"] == []
+    assert assumed(cell)["assumed_drives"]["servo"] == {}
+    facts = {fact.name: fact.source for fact in drive_facts(cell)}
+    assert facts == {
+        "Play and friction of the axes, A1, A2, A3, A4, A5, A6": "ASSUMED: typical of the robot's class, not measured",
+        "Loop gains of the drives": "cell file",  # not known, left out
+    }
     both = cell_with(tmp_path, stated + SERVO.format(axis=1))
     assert setting_of(both).chain.servo == both.chain.servo
 

@@ -8,7 +8,7 @@ errors of the form of the model, as isotropic parts of the deflection:
 - :data:`DRIVES` of it where the force changes, where nothing says how far a motor yields before its loop has answered.
 
 Of loop gains that the robot's class gave, what they make the motors yield is drawn, with the spread of
-:mod:`counterflex.robot.model.drive_prior`.
+:mod:`counterflex.robot.model.class_prior`.
 
 What the predicted tool swings is larger or smaller by a factor of its own (:data:`SWING`): its damping is assumed.
 

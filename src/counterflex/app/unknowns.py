@@ -11,7 +11,7 @@ them. At rest and linear: what it is in motion, a plan says.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
-  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.drive_prior`). Of an identified axis,
+  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.class_prior`). Of an identified axis,
   the standard deviations of dead band and slip angles.
 """
 
@@ -35,8 +35,7 @@ from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.elasticity.chain import frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.model import end_effector_prior
-from counterflex.robot.model.class_prior import arm_over_axis
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.robot.model.class_prior import DrivePrior, arm_over_axis
 
 HANDBOOK: Final = 0.3
 """Relative standard deviation of handbook constants: published sets of one alloy differ by up to 1.8."""

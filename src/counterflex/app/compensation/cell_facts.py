@@ -25,6 +25,7 @@ from counterflex.robot.model import catalog
 
 _UNKNOWN_BODY: Final = "ASSUMED: its stiffness is not known"
 _CLASS: Final = "ASSUMED: median of the robot's class, not measured"
+_DRIVES: Final = "ASSUMED: typical of the robot's class, not measured"
 
 
 def robot_name(cell: Cell) -> str:
@@ -78,7 +79,7 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts += [
         Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"),
-        *_of_drives(cell),
+        *drive_facts(cell),
         Fact(
             "Shape of the correction",
             f"for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
@@ -98,33 +99,24 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     return tuple(facts)
 
 
-def _of_drives(cell: Cell) -> list[Fact]:
+def drive_facts(cell: Cell) -> list[Fact]:
     """Play, friction and loop gains: of the cell file, and of the robot's class where that has none."""
     tables, given = cell.tables.robot, cell.class_drives
+    names: tuple[tuple[str, Sequence[PlayTable | ServoTable]], ...] = (
+        ("Play and friction of the axes", tables.play),
+        ("Loop gains of the drives", tables.servo),
+    )
     if given is None:
-        return [
-            Fact("Play and friction of the axes", *_known(tables.play)),
-            Fact("Loop gains of the drives", *_known(tables.servo)),
-        ]
-    shown = given.shown
-    factor = shown["factor_of_90_percent"]
-    friction = ", ".join(f"{value:.3g}" for value in shown["friction_nm"])
-    gains = ", ".join(f"{value:.2g}" for value in shown["speed_gain_nm_s"])
-    lost = (
-        f"dead band +-{shown['dead_band_half_urad']:g} urad (nine of ten within a factor of "
-        f"{factor['dead_band_half_urad']:g}), friction {friction} Nm (factor {factor['friction_nm']:g})"
-    )
-    loops = (
-        f"speed loop {gains} Nms/rad (nine of ten within a factor of {factor['speed_gain_nm_s']:g}), position loop "
-        f"{shown['position_gain_per_s']:g} 1/s (factor {factor['position_gain_per_s']:g})"
-    )
+        return [Fact(name, *_known(rows)) for name, rows in names]
     facts = []
-    for name, rows, axes, text in (
-        ("Play and friction of the axes", tables.play, given.play_axes, lost),
-        ("Loop gains of the drives", tables.servo, given.servo_axes, loops),
-    ):
-        facts += [Fact(name, *_known(rows))] if rows else []
-        facts += [Fact(f"{name}, {axis_names(axes)}", text, _CLASS)] if axes else []
+    typical = ((given.play_axes, given.lost), (given.servo_axes, given.loops))
+    for (name, rows), (axes, values) in zip(names, typical, strict=True):
+        texts = [
+            f"{key} {', '.join(f'{one:.3g}' for one in value)} (nine of ten within a factor of {factor:g})"
+            for key, (value, factor) in values.items()
+        ]
+        facts += [Fact(name, *_known(rows))] if rows or not axes else []
+        facts += [Fact(f"{name}, {axis_names(axes)}", "; ".join(texts), _DRIVES)] if axes else []
     return facts
 
 

@@ -14,15 +14,14 @@ import numpy as np
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, MS, URAD
 from counterflex.files.cell.robot import RobotTable
-from counterflex.plan.elastic_motion import AXES, matrices
+from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move
 from counterflex.plan.modes import modes
 from counterflex.robot.elasticity.axis_springs import rigid_axes
 from counterflex.robot.elasticity.chain import ElasticChain
-from counterflex.robot.model import catalog, drive_prior
-from counterflex.robot.model.class_prior import ClassPrior, arm_over_axis, class_prior
-from counterflex.robot.model.description import Robot
-from counterflex.robot.model.drive_prior import DrivePrior
+from counterflex.robot.model import catalog, class_prior
+from counterflex.robot.model.class_prior import AXES, ClassPrior, DrivePrior, arm_over_axis
+from counterflex.robot.model.description import Play, Robot
 
 _ABOUT_Z = 5
 _POSTURES = 32
@@ -53,43 +52,48 @@ class ClassDrives:
     prior: DrivePrior
 
     @property
-    def shown(self) -> dict[str, Any]:
-        """Plain values for a summary, shop units: medians, and the factors that nine of ten robots lie within."""
-        loops, lost = list(self.servo_axes), list(self.play_axes)
-        friction, gains = self.prior.friction_nm, self.prior.speed_gain_nm_s
+    def loops(self) -> dict[str, tuple[list[float], float]]:
+        """Values of keys of ``[[robot.servo]]`` by axis, and the factor that nine of ten robots lie within."""
+        rows = [self.prior.servo(axis) for axis in self.servo_axes]
         return {
-            "from": "the robot's class: medians of published robots, scaled by payload and reach",
-            "loop_axes": [axis + 1 for axis in loops],
-            "speed_gain_nm_s": [float(f"{value:.3g}") for value in gains[loops]],
-            "position_gain_per_s": round(self.prior.position_gain_per_s, 1) if loops else None,
-            "integral_time_ms": round(self.prior.integral_time_s / MS, 1) if loops else None,
-            "play_axes": [axis + 1 for axis in lost],
-            "dead_band_half_urad": round(drive_prior.HALF_BAND_RAD / URAD, 3),
-            "friction_nm": [float(f"{value:.3g}") for value in friction[sorted({*loops, *lost})]],
-            "factor_of_90_percent": {
-                "speed_gain_nm_s": drive_prior.SPEED_GAIN_FACTOR,
-                "position_gain_per_s": drive_prior.POSITION_GAIN_FACTOR,
-                "dead_band_half_urad": drive_prior.PLAY_FACTOR,
-                "friction_nm": drive_prior.FRICTION_FACTOR,
-            },
+            "speed_gain_nm_s": ([row.speed_gain_nm_s for row in rows], class_prior.SPEED_GAIN_FACTOR),
+            "position_gain_per_s": ([row.position_gain_per_s for row in rows], class_prior.POSITION_GAIN_FACTOR),
+            "integral_time_ms": ([row.integral_time_s / MS for row in rows], class_prior.POSITION_GAIN_FACTOR),
+            "friction_nm": ([row.friction_nm for row in rows], class_prior.FRICTION_FACTOR),
         }
 
-    def given_to(self, chain: ElasticChain, *, servo: bool = True, play: bool = True) -> ElasticChain:
-        """The chain with the medians where it has nothing.
+    @property
+    def lost(self) -> dict[str, tuple[list[float], float]]:
+        """The same of ``[[robot.play]]``."""
+        rows = [self._play(axis) for axis in self.play_axes]
+        return {
+            "dead_band_half_urad": ([row.half_band_rad / URAD for row in rows], class_prior.PLAY_FACTOR),
+            "friction_nm": ([row.friction_nm[0] for row in rows], class_prior.FRICTION_FACTOR),
+        }
 
-        Args:
-            servo: Give loop gains.
-            play: Give play and friction.
-        """
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Plain values for a summary, in the keys of the cell file."""
+        out: dict[str, Any] = {"from": "typical of the robot's class, scaled by lowest mode, payload and reach"}
+        for name, axes, values in (("servo", self.servo_axes, self.loops), ("play", self.play_axes, self.lost)):
+            shown = {key: [float(f"{one:.3g}") for one in value] for key, (value, _) in values.items()}
+            factors = {key: factor for key, (_, factor) in values.items()}
+            out[name] = {"axes": [axis + 1 for axis in axes], **shown, "factor_of_90_percent": factors} if axes else {}
+        return out
+
+    def given_to(self, chain: ElasticChain, *, servo: bool = True, play: bool = True) -> ElasticChain:
+        """The chain with typical loop gains (``servo``), play and friction (``play``) where it has none."""
         loops, lost = list(chain.servo or (None,) * 6), list(chain.play or (None,) * 6)
         for axis in self.servo_axes if servo else ():
             loops[axis] = self.prior.servo(axis)
         for axis in self.play_axes if play else ():
-            share = float(arm_over_axis()[axis]) if axis in self.whole_arm else 1.0
-            lost[axis] = self.prior.play(axis, share)
+            lost[axis] = self._play(axis)
         return replace(
             chain, servo=tuple(loops) if any(loops) else chain.servo, play=tuple(lost) if any(lost) else chain.play
         )
+
+    def _play(self, axis: int) -> Play:
+        return self.prior.play(axis, float(arm_over_axis()[axis]) if axis in self.whole_arm else 1.0)
 
 
 def drives_of_class(
@@ -98,14 +102,7 @@ def drives_of_class(
     """Return what the class of a robot says of drives and play that its cell file does not give; None: nothing.
 
     Loop gains make another lowest mode, and other damping, than a tap test measured of robot and drives together: the
-    class gives none beside one.
-
-    Args:
-        chain: With the loop gains and the play of the cell file.
-        robot: As :func:`prior_of` takes it.
-        table: Of the cell file.
-        stiffness: What the class gave of the stiffness.
-        tapped: The cell file states the lowest mode.
+    class gives none beside one (``tapped``).
     """
     loops, lost = (
         tuple(axis for axis in range(6) if known is None or known[axis] is None) for known in (chain.servo, chain.play)
@@ -129,7 +126,7 @@ def _held_mode(chain: ElasticChain, robot: Robot) -> tuple[float, float]:
     for q in np.random.default_rng(0).uniform(lower, upper, (_POSTURES, AXES)):
         M, stiffness = matrices(chain if can_move(chain) else assumed_masses(chain, q), q)[:2]
         free = modes(M, stiffness)
-        yields = free.strain[:AXES, 0] * stiffness[:AXES] / drive_prior.SPEED_GAIN_SHARE
+        yields = free.strain[:AXES, 0] * stiffness[:AXES] / class_prior.SPEED_GAIN_SHARE
         found.append((float(free.omega_rad_s[0]), float(np.sum(yields))))
     omega, nm = np.median(found, axis=0).tolist()
     return omega, nm
@@ -166,7 +163,7 @@ def prior_of(robot: Robot, table: RobotTable) -> ClassPrior:
     if table.catalog is not None:
         entry = catalog.entry(table.catalog)
         payload, reach_mm = payload or entry.payload_kg, entry.reach_mm
-    return class_prior(payload, _reach_m(robot) if reach_mm is None else reach_mm * MM)
+    return class_prior.class_prior(payload, _reach_m(robot) if reach_mm is None else reach_mm * MM)
 
 
 def _reach_m(robot: Robot) -> float:
