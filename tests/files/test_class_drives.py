@@ -10,7 +10,9 @@ import pytest
 
 from counterflex.app.compensation.cell_facts import drive_facts
 from counterflex.app.cost_of_unknown_stiffness import assumed
+from counterflex.app.cut_points import CutPoints
 from counterflex.app.inputs import setting_of
+from counterflex.app.unknowns import sources
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.elastic_motion import matrices
 from counterflex.plan.lowest_mode import assumed_masses, can_move, mode_of
@@ -139,6 +141,23 @@ def test_every_robot_of_the_catalogue_rings_as_modal_tests_find(tmp_path: Path, 
         assert chain.servo is not None
         ratios.append(lowest_mode(M, stiffness, 0.0, chain.servo).damping_ratio)  # of the drives alone
     assert 0.03 < np.median(ratios) < 0.1
+
+
+def test_without_stiffness_there_is_no_mode_that_loop_gains_could_follow() -> None:
+    file = FILE.with_name("irb6640_d16.toml")
+    for assume, servo in ((False, ()), (True, tuple(range(6)))):
+        given = read_cell(file, assume_class=assume).class_drives
+        assert given is not None
+        assert (given.servo_axes, given.play_axes) == (servo, tuple(range(6)))
+
+
+def test_unknowns_say_what_is_typical_of_the_class(tmp_path: Path) -> None:
+    cell = cell_with(tmp_path, PLAY.format(axis=2))
+    points = CutPoints(
+        np.full((1, 6), 0.3), np.ones((1, 6)), np.zeros((1, 3)), np.ones(1), "a test", np.zeros(1, dtype=np.int64)
+    )
+    said = {one.name: one.known_from for one in sources(cell, points)}
+    assert said["loop gains of the drives"] == said["play and friction of A1, A3, A4, A5, A6"] == "typical of the class"
 
 
 def test_a_robot_outside_every_class_keeps_rigid_drives() -> None:

@@ -53,6 +53,7 @@ _END_EFFECTOR_SEED: Final = 1004
 """Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
+_TYPICAL: Final = "typical of the class"
 _COUNT: Final = 20
 """Measurements that are proposed where a recipe asks for no number of its own."""
 
@@ -96,8 +97,10 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
     listed.append(_force(cell, points))
     listed += [*_play(cell, points), *_identified_play(cell, points)]
+    given = cell.class_drives
     if cell.chain.servo is None:
-        listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
+        known = _TYPICAL if given is not None and given.servo_axes else "nothing; shown by what moves"
+        listed.append(Source("loop gains of the drives", known, None, "servo"))
     if cell.tables.dynamics.mode_hz is None:
         known = "nothing; it needs the stiffness"
         if not cell.unknown_axes or cell.class_stiffness is not None:
@@ -244,7 +247,7 @@ def _play(cell: Cell, points: CutPoints) -> list[Source]:
     twist = most * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
     d = np.einsum("nda,ra->rnd", columns, twist)
     name = f"play and friction of {axis_names(tuple(axes))}"
-    return [Source(name, "nothing; that of other robots", d, _PLAY)]
+    return [Source(name, "nothing; that of other robots" if cell.class_drives is None else _TYPICAL, d, _PLAY)]
 
 
 def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:

@@ -120,14 +120,8 @@ def _lost(plan: Plan, cell: Cell) -> Float:
 
 def _play_compensation(plan: Plan, cell: Cell, delays: Delays) -> Float:
     lag = Mode(delays.natural_per_s, delays.damping)
-    return play_compensation(
-        setting_of(cell, chain=cell.chain, part_may_be_held=True),  # as the cell file knows it, nothing assumed
-        plan.path,
-        plan.q,
-        plan.w_tcp_part,
-        lag,
-        delays.dead_s,
-    )
+    known = setting_of(cell, chain=cell.chain, part_may_be_held=True)  # as the cell file says, nothing assumed
+    return play_compensation(known, plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:

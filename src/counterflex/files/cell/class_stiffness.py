@@ -97,38 +97,38 @@ class ClassDrives:
 
 
 def drives_of_class(
-    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None, *, tapped: bool
+    chain: ElasticChain, robot: Robot, table: RobotTable, stiffness: ClassStiffness | None, *, loops: bool
 ) -> ClassDrives | None:
     """Return what the class of a robot says of drives and play that its cell file does not give; None: nothing.
 
-    Loop gains make another lowest mode, and other damping, than a tap test measured of robot and drives together: the
-    class gives none beside one (``tapped``).
+    ``loops``: also loop gains. They follow the lowest mode, so the class gives none where stiffness is not known, and
+    none beside a tap test, which holds robot and drives together.
     """
-    loops, lost = (
+    servo, lost = (
         tuple(axis for axis in range(6) if known is None or known[axis] is None) for known in (chain.servo, chain.play)
     )
-    loops = () if tapped or not np.any(chain.compliance > 0.0) else loops
-    if not (loops or lost):
+    servo = servo if loops and np.any(chain.compliance > 0.0) else ()
+    if not (servo or lost):
         return None
     try:
         size = prior_of(robot, table)
     except InputError:
         return None
     whole = () if stiffness is None else stiffness.axes
-    held = _held_mode(chain, robot) if loops else ()
-    return ClassDrives(loops, lost, whole, DrivePrior(size.payload_kg, size.reach_m, *held))
+    held = _held_mode(chain, robot) if servo else ()
+    return ClassDrives(servo, lost, whole, DrivePrior(size.payload_kg, size.reach_m, *held))
 
 
 def _held_mode(chain: ElasticChain, robot: Robot) -> tuple[float, float]:
     """Lowest mode, rad/s, and how far its drives yield, N m/rad, of :class:`DrivePrior`: medians over postures."""
     lower, upper = np.clip(robot.joint_limits_rad, -np.pi, np.pi).T
-    found = []
+    pairs = []
     for q in np.random.default_rng(0).uniform(lower, upper, (_POSTURES, AXES)):
         M, stiffness = matrices(chain if can_move(chain) else assumed_masses(chain, q), q)[:2]
         free = modes(M, stiffness)
         yields = free.strain[:AXES, 0] * stiffness[:AXES] / class_prior.SPEED_GAIN_SHARE
-        found.append((float(free.omega_rad_s[0]), float(np.sum(yields))))
-    omega, nm = np.median(found, axis=0).tolist()
+        pairs.append((float(free.omega_rad_s[0]), float(np.sum(yields))))
+    omega, nm = np.median(pairs, axis=0).tolist()
     return omega, nm
 
 
