@@ -12,7 +12,7 @@ from counterflex.app import prediction_interval, unknowns
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.headline import worse_lines, worse_warnings
 from counterflex.app.compensation.prediction import figures
-from counterflex.app.cut_points import points_of_plan
+from counterflex.app.cut_points import CutPoints, points_of_plan
 from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.prediction_interval import (
@@ -30,6 +30,7 @@ from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.path.toolpath import FEED, RAPID
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan, across
+from counterflex.robot.model.class_prior import DrivePrior
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"
@@ -97,6 +98,7 @@ def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, mo
     for name in ("STRUCTURE", "DRIVES", "SWING"):
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
+    monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
     for name, deviation in (
         ("nominal", plan.deviation_nominal_part),
         ("compensated", plan.deviation_compensated_part),
@@ -108,6 +110,28 @@ def test_nothing_unknown_leaves_the_prediction_itself(cell: Cell, plan: Plan, mo
         of_length = np.quantile(size, 0.997, weights=length, method="inverted_cdf")
         assert width(one) < 1e-12
         assert one.median_m == pytest.approx(of_length, rel=0.05)
+
+
+@pytest.mark.parametrize("spread", [0.3, 0.6])
+def test_probability_of_worse_of_one_linear_unknown(
+    cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch, spread: float
+) -> None:
+    """All deflection off by one factor x: worse than none where x < 1/2."""
+    for name in ("STRUCTURE", "DRIVES", "SWING"):
+        monkeypatch.setattr(prediction_interval, name, 0.0)
+    monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
+    x = np.exp(spread * np.random.default_rng(8).standard_normal(1000))
+    exact = replace(
+        plan, deviation_nominal_part=plan.deflection_part[:, :3],
+        deviation_compensated_part=np.zeros_like(plan.deviation_compensated_part),
+    )  # fmt: skip
+
+    def scaling(_: Cell, points: CutPoints) -> list[unknowns.Source]:
+        d = plan.deflection_part[points.row, :3] @ cell.T_base_part[:3, :3].T
+        return [unknowns.Source("force", "test", (x - 1.0)[:, None, None] * d, "cutting")]
+
+    monkeypatch.setattr(prediction_interval, "sources", scaling)
+    assert found(exact, cell).worse_share == pytest.approx(np.mean(x < 0.5), abs=0.002)
 
 
 def test_a_larger_spread_is_a_wider_interval(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,6 +229,7 @@ def test_a_swing_is_drawn_larger_and_smaller_and_what_stays_is_not(
     for name in ("STRUCTURE", "DRIVES"):
         monkeypatch.setattr(prediction_interval, name, 0.0)
     monkeypatch.setattr(prediction_interval, "sources", lambda *_: [])
+    monkeypatch.setattr(DrivePrior, "yield_log_sigma", 0.0)
     hz, up = at_largest_force(cell, plan).mode.hz, np.array([0.0, 0.0, 1.0])
     swing = 0.2 * MM * np.sin(2.0 * np.pi * hz * plan.path.time_s)[:, None] * up
     one = intervals(replace(plan, deviation_compensated_part=swing), cell)["compensated"]

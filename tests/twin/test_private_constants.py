@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 
 from counterflex.core.units import URAD
+from counterflex.files.cell.cell import read_cell
 from counterflex.twin.truth import nominal
 
 ROOT = Path(__file__).parents[2]
@@ -71,3 +73,26 @@ def test_a_constant_is_found_to_three_digits_and_may_be_cited() -> None:
     assert found(table) == [".robot.servo[0].speed_gain_nm_s = 155500"]
     assert found(table + 'source = "load step on the standing axis, assumed"\n') != []
     assert found(table + 'source = "Haehn2020 table 1"\n') == []
+
+
+def test_no_median_of_the_class_is_a_constant_of_the_simulated_drives() -> None:
+    """What a planner assumes comes from published robots: of the robot that both describe, no value is the same."""
+    given, secret = read_cell(ROOT / "examples" / "cells" / "kr300_d16_small.toml").class_drives, private()
+    assert given is not None
+    prior = given.prior
+    servos, plays = [prior.servo(axis) for axis in range(6)], [prior.play(axis) for axis in range(6)]
+    assumed = {
+        "speed_gain_nm_s": [math.exp(0.5 * prior.yield_log_sigma**2) * one.speed_gain_nm_s for one in servos],
+        "position_gain_per_s": [one.position_gain_per_s for one in servos],
+        "integral_time_ms": [1000.0 * one.integral_time_s for one in servos],
+        "friction_nm": [
+            *prior.friction_nm,
+            *(one.friction_nm for one in servos),
+            *(one.friction_nm[0] for one in plays),
+        ],
+        "dead_band_half_urad": [one.half_band_rad / URAD for one in plays],
+        "slip_urad": [one.slip_rad[0] / URAD for one in plays],
+    }
+    for key, values in assumed.items():
+        for value in values:
+            assert all(abs(value - one) > 5e-3 * one for one in secret[key]), (key, value)

@@ -46,15 +46,18 @@ def cost_in_cut(job: Job, cell: Cell, progress: Progress = silent) -> Expected |
 
 
 def assumed(cell: Cell) -> dict[str, Any]:
-    """Return what a summary says of a stiffness that the robot's class gave; empty where it gave none."""
-    given = cell.class_stiffness
-    if given is None:
-        return {}
-    axes = list(given.axes)
-    out: dict[str, Any] = {
-        "axes": [axis + 1 for axis in axes],
-        "from": "the robot's class: median of published robots, scaled by payload and reach",
-        "median_nm_per_rad": [float(f"{value:.3g}") for value in given.prior.median_nm_per_rad[axes]],
-        "factor_of_90_percent": [round(float(value), 2) for value in given.prior.factor[axes]],
-    }
-    return {"assumed": {"stiffness": out}}
+    """Return what a summary says of stiffness and drives that the robot's class gave; empty where it gave none."""
+    given, drives = cell.class_stiffness, cell.class_drives
+    out: dict[str, Any] = {}
+    if given is not None:
+        axes = list(given.axes)
+        stiffness = {
+            "axes": [axis + 1 for axis in axes],
+            "from": "the robot's class: median of published robots, scaled by payload and reach",
+            "median_nm_per_rad": [float(f"{value:.3g}") for value in given.prior.median_nm_per_rad[axes]],
+            "factor_of_90_percent": [round(float(value), 2) for value in given.prior.factor[axes]],
+        }
+        out["assumed"] = {"stiffness": stiffness}
+    if drives is not None:
+        out["assumed_drives"] = drives.shown
+    return out

@@ -380,6 +380,8 @@ def setting_of(
 ) -> Setting:
     """The plan's setting for a cell; ``chain`` and ``law`` replace what the cell file says about robot and force.
 
+    Drives, friction and play that the file does not give are those of the robot's class (``Cell.planning_chain``).
+
     A ``job`` says which motions the controller makes by axes, and where external axes go.
 
     Raises:
@@ -390,7 +392,7 @@ def setting_of(
         require_stiffness(cell)
     tables = cell.tables
     return Setting(
-        chain=cell.chain if chain is None else chain,
+        chain=cell.planning_chain if chain is None else chain,
         controller_chain=cell.controller_chain,
         T_base_part=np.eye(4) if part_may_be_held and cell.holds_part else cell.T_base_part,
         T_base_tcp=cell.T_base_tcp,

@@ -70,16 +70,18 @@ def lowest_mode(cell: Cell, q: Float | None = None) -> Mode:
     return mode_of(cell.chain, posture_at_blank(cell) if q is None else q, None)
 
 
-def estimate(cell: Cell, q: Float) -> Estimate:
-    """The lowest mode that planning takes in a posture, with the spread of what it is computed from.
+def estimate(cell: Cell, q: Float, *, planned: bool = False) -> Estimate:
+    """The lowest mode in a posture, with the spread of what it is computed from.
 
     :data:`STATED` of a compliance, or what its identification left, :data:`COMMON` of that in common;
     :data:`MASS` of a mass, each by itself. That unknown drives yield, which makes every mode slower, is not in it.
 
     Args:
         q: (6,) rad.
+        planned: With the drives that planning takes, those of the robot's class where the file has none; otherwise
+            such drives stand still.
     """
-    chain, measured = cell.chain, cell.tables.dynamics.mode
+    chain, measured = cell.planning_chain if planned else cell.chain, cell.tables.dynamics.mode
     mode = mode_of(chain, q, measured)
     moves = can_move(chain)
     if measured is not None and not moves:
@@ -124,7 +126,7 @@ def swinging_chain(cell: Cell, q: Float) -> SwingingChain:
 
 def at_largest_force(cell: Cell, plan: Plan) -> Estimate:
     """The estimate in the posture that planning took: where the predicted force is largest."""
-    return estimate(cell, plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))])
+    return estimate(cell, plan.q[int(np.argmax(np.linalg.norm(plan.w_tcp_part[:, :3], axis=1)))], planned=True)
 
 
 def posture_at_blank(cell: Cell) -> Float:

@@ -5,8 +5,10 @@ The error of the tool at a point is what the plan predicts there and what each u
 errors of the form of the model, as isotropic parts of the deflection:
 
 - :data:`STRUCTURE` of it everywhere: Haehn and Weigold 2020 leave 6 % of the deflection after identification;
-- :data:`DRIVES` of it where the force changes, unless the loop gains of the drives are known: how far a motor yields
-  before its loop has answered.
+- :data:`DRIVES` of it where the force changes, where nothing says how far a motor yields before its loop has answered.
+
+Of loop gains that the robot's class gave, what they make the motors yield is drawn, with the spread of
+:mod:`counterflex.robot.model.class_prior`.
 
 What the predicted tool swings is larger or smaller by a factor of its own (:data:`SWING`): its damping is assumed.
 
@@ -21,12 +23,13 @@ the cell file say, a controller by rules of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
 from counterflex.app.cut_points import CutPoints, points_of_plan
+from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
 from counterflex.app.unknowns import sources
@@ -37,6 +40,7 @@ from counterflex.path.external_axes import ExternalPlaces
 from counterflex.path.toolpath import FEED
 from counterflex.plan.compensate import lasting
 from counterflex.plan.plan import Plan
+from counterflex.plan.sag_and_play import play_deviation
 from counterflex.robot.elasticity.compliance import shares
 
 STRUCTURE: Final = 0.06
@@ -80,8 +84,7 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     points = points_of_plan(plan, cell, "the program", places)
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
-    Ts_base_part = cell.T_base_part if places is None else places.Ts_base_part(plan.path.place[points.row])
-    off, R_base_part = _unknown_displacement(plan, cell, points), Ts_base_part[..., :3, :3]
+    off, R_base_part = _unknown_displacement(plan, cell, points, places), _part_axes(plan, cell, points, places)
     period_s, more = 1.0 / at_largest_force(cell, plan).mode.hz, _swings_more()
     sizes = []
     for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part):
@@ -154,15 +157,36 @@ def worse_text(share: float) -> str:
     return f"above {100.0 * (1.0 - least):g} %" if share > 1.0 - least else f"{100.0 * share:.2g} %"
 
 
-def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints) -> Float:
+def _part_axes(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces | None) -> Float:
+    """(3, 3) or (n, 3, 3) axes of the part at the points, base axes."""
+    out: Float = (cell.T_base_part if places is None else places.Ts_base_part(plan.path.place[points.row]))[..., :3, :3]
+    return out
+
+
+def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces | None = None) -> Float:
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
     out = _left_open(cell, points, bend, rng)
-    if cell.chain.servo is None:
+    given = cell.class_drives
+    if given is not None and given.servo_axes:
+        sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
+        softer = np.exp(sigma * rng.standard_normal((ROBOTS, 1, 1)) - 0.5 * sigma**2) - 1.0
+        R_base_part = _part_axes(plan, cell, points, places)
+        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell)[points.row])
+    elif cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
+
+
+def _drives_yield(plan: Plan, cell: Cell) -> Float:
+    """(n, 3) m, part axes: how far the motors yield whose loop gains the robot's class gave."""
+    given, chain = cell.class_drives, replace(cell.chain, servo=None, play=None)
+    chain = chain if given is None else given.given_to(chain, play=False)
+    relative = setting_of(cell, chain=chain, part_may_be_held=True).relative_motion(plan.path)
+    path, mode = plan.path, at_largest_force(cell, plan).mode
+    return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
 
 
 def _swings_more() -> Float:

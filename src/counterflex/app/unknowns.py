@@ -11,8 +11,8 @@ them. At rest and linear: what it is in motion, a plan says.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
-  the twist that dry friction holds in the gear: up to :data:`FRICTION_NM`, in proportion to payload times reach. Of an
-  identified axis, the standard deviations of dead band and slip angles.
+  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.class_prior`). Of an identified axis,
+  the standard deviations of dead band and slip angles.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.elasticity.chain import frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.model import end_effector_prior
-from counterflex.robot.model.class_prior import arm_over_axis
+from counterflex.robot.model.class_prior import DrivePrior, arm_over_axis
 
 HANDBOOK: Final = 0.3
 """Relative standard deviation of handbook constants: published sets of one alloy differ by up to 1.8."""
@@ -45,10 +45,6 @@ IDENTIFIED: Final = 0.05
 """The same of identified constants."""
 LOST_MOTION_RAD: Final = DEG / 60.0
 """What catalogues of precision gears (cycloidal, harmonic) allow: 1 arcmin."""
-FRICTION_NM: Final = (318.6, 420.7, 291.5, 93.6, 124.9, 87.7)
-"""Dry friction of the axes of a KR 300 R2500 ultra SE: identified level of github JonasWeigand/Robot_Identification
-(data_ref.mat; the larger of the two Coulomb terms for axes 1 to 3, their sum for the wrist)."""
-_FRICTION_SIZE: Final = 300.0 * 2.496
 _DRAWS: Final = ROBOTS
 _FORCE_SEED: Final = 1001
 _PLAY_SEED: Final = 1002
@@ -57,6 +53,7 @@ _END_EFFECTOR_SEED: Final = 1004
 """Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
+_TYPICAL: Final = "typical of the class"
 _COUNT: Final = 20
 """Measurements that are proposed where a recipe asks for no number of its own."""
 
@@ -100,8 +97,10 @@ def sources(cell: Cell, points: CutPoints) -> list[Source]:
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
     listed.append(_force(cell, points))
     listed += [*_play(cell, points), *_identified_play(cell, points)]
+    given = cell.class_drives
     if cell.chain.servo is None:
-        listed.append(Source("loop gains of the drives", "nothing; shown by what moves", None, "servo"))
+        known = _TYPICAL if given is not None and given.servo_axes else "nothing; shown by what moves"
+        listed.append(Source("loop gains of the drives", known, None, "servo"))
     if cell.tables.dynamics.mode_hz is None:
         known = "nothing; it needs the stiffness"
         if not cell.unknown_axes or cell.class_stiffness is not None:
@@ -248,7 +247,7 @@ def _play(cell: Cell, points: CutPoints) -> list[Source]:
     twist = most * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
     d = np.einsum("nda,ra->rnd", columns, twist)
     name = f"play and friction of {axis_names(tuple(axes))}"
-    return [Source(name, "nothing; that of other robots", d, _PLAY)]
+    return [Source(name, "nothing; that of other robots" if cell.class_drives is None else _TYPICAL, d, _PLAY)]
 
 
 def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
@@ -283,7 +282,7 @@ def _held_by_friction(cell: Cell) -> Float:
         about_x, about_y, about_z = cell.chain.compliance[i, 3:].tolist()
         if axis >= 0 and about_z > 0.0:  # a spring without tilting stands for the whole arm
             compliance[axis] = about_z * (share[axis] if about_x == about_y == 0.0 else 1.0)
-    out: Float = np.array(FRICTION_NM) * (prior.payload_kg * prior.reach_m / _FRICTION_SIZE) * compliance
+    out: Float = DrivePrior(prior.payload_kg, prior.reach_m).friction_nm * compliance
     return out
 
 

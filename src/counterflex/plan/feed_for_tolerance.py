@@ -91,7 +91,7 @@ def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Cal
     plan = make(path)
     time_s = float(plan.path.time_s[-1])
     first = error = _error(plan)
-    least, by_chip = _least(plan, wish)
+    least, by_chip = least_share(plan, wish)
     best, rounds = (plan, share, error), 0
     for _ in range(ROUNDS):
         outside = free & (error > wish.tolerance_m) & (share > least * (1.0 + 1e-9))
@@ -133,11 +133,17 @@ def _excess(error: Float, wish: FeedTolerance) -> float:
     return float(over.max(initial=0.0) + 0.1 * over.mean())
 
 
-def _least(plan: Plan, wish: FeedTolerance) -> tuple[Float, Bool]:
-    """(n,) least share of the feed, rounded up to steps, and where it comes from the chip."""
+def least_share(plan: Plan, wish: FeedTolerance) -> tuple[Float, Bool]:
+    """Return the (n,) least share of the feed, rounded up to steps, and where it comes from the chip.
+
+    Rows that cut again what springing back left have no chip of their own: theirs is that of the cut next to them.
+    """
     chip = plan.feed_per_tooth_m * np.sin(0.5 * (plan.entry_rad + plan.exit_rad))
     known = plan.cutting & np.isfinite(chip) & (chip > 0.0)
-    of_chip = np.where(known, wish.least_chip_m / np.where(known, chip, 1.0), 0.0)
+    of_chip: Float = np.where(known, wish.least_chip_m / np.where(known, chip, 1.0), 0.0)
+    again = np.flatnonzero(plan.judged & ~known)
+    if known.any() and len(again):
+        of_chip[again] = np.interp(again, np.flatnonzero(known), of_chip[known])
     least = np.maximum(wish.least, of_chip)
     out: Float = np.minimum(1.0, np.ceil(least / STEP - 1e-9) * STEP)
     return out, of_chip > wish.least

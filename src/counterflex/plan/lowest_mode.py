@@ -124,8 +124,14 @@ def mode_of(chain: ElasticChain, q: Float, measured: Mode | None) -> Mode:
 
 
 def damping_of(chain: ElasticChain, mode: Mode) -> float:
-    """Beta of the damping D = beta K, s: where nothing is known of drives, a mode's ratio has to stand for them."""
-    return DAMPING_S if chain.servo is not None else 2.0 * mode.damping_ratio / mode.omega_rad_s
+    """Beta of the damping D = beta K, s: where nothing is known of drives, a mode's ratio has to stand for them.
+
+    Beside drives the springs damp the mode by no more than :data:`ASSUMED_DAMPING`: :data:`DAMPING_S`, of robots of
+    8 Hz, would leave a stiff arm without a mode that rings.
+    """
+    if chain.servo is None:
+        return 2.0 * mode.damping_ratio / mode.omega_rad_s
+    return min(DAMPING_S, 2.0 * ASSUMED_DAMPING / mode.omega_rad_s)
 
 
 def assumed_masses(chain: ElasticChain, q: Float) -> ElasticChain:

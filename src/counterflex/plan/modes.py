@@ -65,7 +65,7 @@ Complex = NDArray[np.complex128]
 DRAWS: Final = 400
 """Robots that are drawn for an interval: its ends are then known to about a tenth of its width."""
 _OVERDAMPED = 0.7
-"""Poles with a larger damping ratio are no modes."""
+"""Poles with a larger damping ratio do not ring: they are no modes."""
 _STILL = 1e-12
 """Share of the largest 1/omega^2 below which a coordinate has no mass or does not yield."""
 
@@ -111,7 +111,8 @@ def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | 
 def driven_modes(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> list[Mode]:
     """Modes of a posture while the drives hold it, the lowest first.
 
-    Eigenvalues of the linear equations (no play, no friction) that are damped by less than :data:`_OVERDAMPED`. In
+    Eigenvalues of the linear equations (no play, no friction) that are damped by less than :data:`_OVERDAMPED`; where
+    none is, the lowest mode with drives that stand still, damped by that. In
     modal coordinates ``x = Phi y`` with ``G = Phi' K`` of the six axes and motor angles theta,
     ``y'' = -Omega^2 (y - G theta + beta (y' - G theta'))``; the gears load the motors with ``k Phi (y - G theta)``.
 
@@ -122,7 +123,7 @@ def driven_modes(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo |
         servo: Of the six axes; None for one that never yields.
 
     Raises:
-        ModelError: Nothing swings: the chain has no masses, or all is overdamped.
+        ModelError: Nothing swings: the chain has no masses.
     """
     free = modes(M, stiffness)
     n, square = len(free.omega_rad_s), free.omega_rad_s[:, None] ** 2
@@ -148,7 +149,7 @@ def driven_modes(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo |
     poles = poles[poles.imag > 1e-6 * np.abs(poles)]
     poles = poles[-poles.real < _OVERDAMPED * np.abs(poles)]
     if len(poles) == 0:
-        raise ModelError("every mode is overdamped", value=beta_s, hint="Check damping and loop gains")
+        return [Mode(float(free.omega_rad_s[0]), _OVERDAMPED)]
     poles = poles[np.argsort(np.abs(poles))]
     return [Mode(float(abs(pole)), float(-pole.real / abs(pole))) for pole in poles]
 

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from counterflex.app.compensation.compensate import Compensated, compensate
+from counterflex.app.compensation.languages import write
+from counterflex.app.inputs import read_job
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
-from counterflex.plan.feed_for_tolerance import FeedTolerance
+from counterflex.plan.feed_for_tolerance import FeedTolerance, least_share
 from counterflex.plan.feed_schedule import STEP
 from counterflex.plan.plan import across
 from counterflex.programs.gcode.read.reader import read_gcode
@@ -35,11 +37,20 @@ def cell(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return read_cell(file)
 
 
+@pytest.fixture(scope="module")
+def fast(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Compensated, Compensated]:
+    """The fast groove, compensated at its feed and at one for 70 % of what that leaves."""
+    file = tmp_path_factory.mktemp("fast") / "part.ngc"
+    file.write_text(FAST, encoding="ascii")
+    plain = compensate(file, cell)
+    return file, plain, compensate(file, cell, feed=FeedTolerance(0.7 * worst(plain)))
+
+
 def worst(found: Compensated) -> float:
     """Largest predicted error across the feed in the cut, m."""
     plan = found.plan
     size = np.linalg.norm(across(plan.deviation_compensated_part, plan.path.p_part_tcp), axis=1)
-    return float(size[plan.cutting].max())
+    return float(size[plan.judged].max())
 
 
 def share(found: Compensated, programmed: Compensated) -> np.ndarray:
@@ -57,12 +68,10 @@ def written_time(found: Compensated) -> float:
     )
 
 
-def test_lower_feed_where_it_is_needed_pair(cell: Cell, program: ProgramFile) -> None:
+def test_lower_feed_where_it_is_needed_pair(fast: tuple[Path, Compensated, Compensated]) -> None:
     """The same groove with and without: less error for more time, within the limits of the feed, and written so."""
-    file = program(FAST)
-    plain = compensate(file, cell)
+    _, plain, slow = fast
     wish = FeedTolerance(0.7 * worst(plain))
-    slow = compensate(file, cell, feed=wish)
     said = slow.summary["feed"]
     assert "feed" not in plain.summary
     assert worst(slow) < 0.85 * worst(plain)
@@ -87,18 +96,15 @@ def test_lower_feed_where_it_is_needed_pair(cell: Cell, program: ProgramFile) ->
         assert line["feed_percent"] == pytest.approx(100.0 * found[mine].min(), abs=0.06)
         for key, run in (("before_um", plain), ("after_um", slow)):
             error = np.linalg.norm(across(run.plan.deviation_compensated_part, run.plan.path.p_part_tcp), axis=1)
-            assert line[key] == pytest.approx(error[mine & run.plan.cutting].max() / UM, abs=0.06)
+            assert line[key] == pytest.approx(error[mine & run.plan.judged].max() / UM, abs=0.06)
 
 
-def test_robot_programs_carry_the_lower_speed(cell: Cell, program: ProgramFile) -> None:
-    file = program(FAST)
-    wish = FeedTolerance(0.7 * worst(compensate(file, cell)))
+def test_robot_programs_carry_the_lower_speed(cell: Cell, fast: tuple[Path, Compensated, Compensated]) -> None:
+    file, plain, slow = fast
+    job = read_job(file, cell)
     for language, pattern in (("krl", r"\$VEL\.CP=([0-9.]+)"), ("rapid", r"speeddata \w+:=\[([0-9.]+)")):
-        slow = compensate(file, cell, language=language, feed=wish)
-        plain = compensate(file, cell, language=language)
-        lowest = [
-            min(float(v) for text in found.files.values() for v in re.findall(pattern, text)) for found in (slow, plain)
-        ]
+        texts = [write(job, found.plan, cell, language)[0].values() for found in (slow, plain)]
+        lowest = [min(float(v) for text in files for v in re.findall(pattern, text)) for files in texts]
         least = min(line["feed_percent"] for line in slow.summary["feed"]["lines"]) / 100.0
         assert lowest[0] < 0.9 * lowest[1]
         assert lowest[0] > 0.7 * least * lowest[1]
@@ -126,6 +132,19 @@ def test_what_cannot_be_reached_is_said_line_by_line(cell: Cell, program: Progra
     assert whys <= {"least feed", "no gain"}
     assert whys
     assert not floor.summary["feed"]["reached"]
+
+
+def test_what_is_cut_again_keeps_the_least_chip(cell: Cell, program: ProgramFile) -> None:
+    """A row behind the cut has no chip of its own: a feed lowered there would rub where the cut beside it may not."""
+    plan = compensate(program(), cell).plan
+    again = plan.judged & ~plan.cutting
+    assert again.any()
+    free = FeedTolerance(5.0 * UM, least_chip_m=0.0)
+    held = FeedTolerance(5.0 * UM, least_chip_m=1000.0 * UM)
+    np.testing.assert_allclose(least_share(plan, free)[0][again], free.least)
+    least, by_chip = least_share(plan, held)
+    assert np.all(least[again] == 1.0)
+    assert np.all(by_chip[again])
 
 
 def test_an_arc_keeps_one_feed(cell: Cell, program: ProgramFile) -> None:

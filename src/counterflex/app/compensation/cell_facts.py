@@ -13,6 +13,7 @@ from counterflex.core.units import DEG, MM, N_PER_MM2
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.cutting.stock import HeightMap
 from counterflex.files.cell.cell import Cell
+from counterflex.files.cell.class_stiffness import axis_names
 from counterflex.files.cell.robot import PlayTable, ServoTable
 from counterflex.geometry import pose
 from counterflex.path.external_axes import ExternalPlaces
@@ -24,6 +25,7 @@ from counterflex.robot.model import catalog
 
 _UNKNOWN_BODY: Final = "ASSUMED: its stiffness is not known"
 _CLASS: Final = "ASSUMED: median of the robot's class, not measured"
+_DRIVES: Final = "ASSUMED: typical of the robot's class, not measured"
 
 
 def robot_name(cell: Cell) -> str:
@@ -77,8 +79,7 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
     how = "touched with the robot" if part.measured_with == "robot" else "measured from outside"
     facts += [
         Fact("Part frame", how, f"{len(part.datum_points_mm)} datum points"),
-        Fact("Play and friction of the axes", *_known(tables.robot.play)),
-        Fact("Loop gains of the drives", *_known(tables.robot.servo)),
+        *drive_facts(cell),
         Fact(
             "Shape of the correction",
             f"for the mode, {dynamics.correction_smoothing_ms:g} ms; sent {dynamics.correction_lead_ms:g} ms earlier",
@@ -96,6 +97,27 @@ def assumptions(cell: Cell, plan: Plan) -> tuple[Fact, ...]:
         ),
     ]
     return tuple(facts)
+
+
+def drive_facts(cell: Cell) -> list[Fact]:
+    """Play, friction and loop gains: of the cell file, and of the robot's class where that has none."""
+    tables, given = cell.tables.robot, cell.class_drives
+    names: tuple[tuple[str, Sequence[PlayTable | ServoTable]], ...] = (
+        ("Play and friction of the axes", tables.play),
+        ("Loop gains of the drives", tables.servo),
+    )
+    if given is None:
+        return [Fact(name, *_known(rows)) for name, rows in names]
+    facts = []
+    typical = ((given.play_axes, given.lost), (given.servo_axes, given.loops))
+    for (name, rows), (axes, values) in zip(names, typical, strict=True):
+        texts = [
+            f"{key} {', '.join(f'{one:.3g}' for one in value)} (nine of ten within a factor of {factor:g})"
+            for key, (value, factor) in values.items()
+        ]
+        facts += [Fact(name, *_known(rows))] if rows or not axes else []
+        facts += [Fact(f"{name}, {axis_names(axes)}", "; ".join(texts), _DRIVES)] if axes else []
+    return facts
 
 
 def _known(rows: Sequence[PlayTable | ServoTable]) -> tuple[str, str]:

@@ -58,8 +58,8 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
     ahead = Ahead(arm_share(cell.chain, plan.q, on_hand), modes, shaping)
     w, w_lost, cutting = plan.w_tcp_part, np.zeros_like(plan.w_tcp_part), plan.cutting.astype(np.float64)
     if not compensated and settings.pilot.lead_s is None:
-        if settings.force in (ForceMode.PILOT, ForceMode.SCALE) and not (designed or settings.axis_play):
-            w_lost = _lost(plan, cell)
+        if _loses(cell) and settings.force in (ForceMode.PILOT, ForceMode.SCALE):
+            w_lost = w_lost if designed or settings.axis_play else _lost(plan, cell)
         if settings.normal_only:
             w, w_lost, cutting = _late(plan, w, w_lost, cutting)
     return LoopPlan(
@@ -80,6 +80,11 @@ def loop_plan(plan: Plan, cell: Cell, *, compensated: bool) -> LoopPlan:
         w_lost_part=w_lost,
         ahead=ahead,
     )
+
+
+def _loses(cell: Cell) -> bool:
+    """Return whether play or loop gains of the drives are known: assumed ones move nothing online."""
+    return cell.chain.play is not None or cell.chain.servo is not None
 
 
 def _contained(plan: Plan, sent: Float, *, compensated: bool) -> Float:
@@ -114,9 +119,8 @@ def _lost(plan: Plan, cell: Cell) -> Float:
 
 def _play_compensation(plan: Plan, cell: Cell, delays: Delays) -> Float:
     lag = Mode(delays.natural_per_s, delays.damping)
-    return play_compensation(
-        setting_of(cell, part_may_be_held=True), plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s
-    )
+    known = setting_of(cell, chain=cell.chain, part_may_be_held=True)  # as the cell file says, nothing assumed
+    return play_compensation(known, plan.path, plan.q, plan.w_tcp_part, lag, delays.dead_s)
 
 
 def online_loop(cell: Cell, plan: LoopPlan | None, *, compensated: bool) -> Loop:

@@ -18,7 +18,14 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force_laws import ValidFor, built
 from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.cutting.tilted_stock import box_along_tool
-from counterflex.files.cell.class_stiffness import ClassStiffness, prior_of, unknown_axes, with_class_stiffness
+from counterflex.files.cell.class_stiffness import (
+    ClassDrives,
+    ClassStiffness,
+    drives_of_class,
+    prior_of,
+    unknown_axes,
+    with_class_stiffness,
+)
 from counterflex.files.cell.external_axes import moved
 from counterflex.files.cell.located import located
 from counterflex.files.cell.plausibility import require_units
@@ -162,6 +169,19 @@ class Cell:
         if not self.tables.robot.calibration:
             return self.chain
         return ElasticChain.build(self.nominal_robot, self.nominal_end_effector)
+
+    @cached_property
+    def class_drives(self) -> ClassDrives | None:
+        """What the robot's class gives axes without loop gains or play; None: nothing is missing, or no class."""
+        swings = not self.unknown_axes or self.class_stiffness is not None
+        loops = swings and self.tables.dynamics.mode is None
+        return drives_of_class(self.chain, self.nominal_robot, self.tables.robot, self.class_stiffness, loops=loops)
+
+    @cached_property
+    def planning_chain(self) -> ElasticChain:
+        """The chain that a plan is made with: drives, friction and play of the robot's class where it has none."""
+        given = self.class_drives
+        return self.chain if given is None else given.given_to(self.chain)
 
     @cached_property
     def calibration(self) -> dict[str, Float]:
