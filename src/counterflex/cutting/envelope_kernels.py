@@ -45,12 +45,12 @@ NODES: Final = 256
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1.0e-9)
-_FIRST = np.array([(i & -i).bit_length() - 1 if i else 0 for i in range(256)], np.uint8)
-_LAST = np.array([i.bit_length() - 1 if i else 0 for i in range(256)], np.uint8)
-"""Places of the lowest and of the highest bit set in a byte."""
+_FIRST = np.array([(i & -i).bit_length() - 1 if i else LANES for i in range(256)], np.int8)
+_LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.int8)
+"""Places of the lowest and of the highest bit set in a byte; beyond the other byte's where none is."""
 
 
-@kernel()
+@kernel(apart=True)
 def row_flat(
     row: Float32,
     lane: Float32,
@@ -85,7 +85,7 @@ def row_flat(
     return hit
 
 
-@kernel()
+@kernel(apart=True)
 def row_ball(
     row: Float32,
     lane: Float32,
@@ -120,7 +120,7 @@ def row_ball(
     return hit
 
 
-@kernel()
+@kernel(apart=True)
 def row_bull(
     row: Float32,
     lane: Float32,
@@ -164,12 +164,12 @@ def row_bull(
     return hit
 
 
-@kernel()
+@kernel(apart=True)
 def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
-    first = int(_FIRST[left]) if left != 0 else 8 + int(_FIRST[right])
-    last = 8 + int(_LAST[right]) if right != 0 else int(_LAST[left])
+    first = min(int(_FIRST[left]), 8 + int(_FIRST[right]))
+    last = max(int(_LAST[left]), 8 + int(_LAST[right]))
     # unsigned places need no look whether they count from the end, so that the loops run in vectors
     to, at = np.uint64(gathered), np.uint64(first)
     for k in range(LANES):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
 from counterflex.cutting.kernel_arrays import Scratch, StockGrid, Workspace
 from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.sweep_kernels import stamp_bands
+from counterflex.cutting.sweep_kernels import stamp_runs
 from counterflex.cutting.tilted_stock import require_upright_cuts
 from counterflex.path import FEED, RAPID, ToolPath
 
@@ -50,7 +51,17 @@ def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
     Args:
         longest: Segments of the longest run that is stamped as one.
     """
-    scratch = Scratch(
+    return Workspace(
+        scratch=_scratch(longest),
+        path=np.empty((2, 3)),
+        booked=np.empty((1, cutter.n_levels, BINS), np.int64),
+        totals=np.empty((1, 4), np.int64),
+        unit_width=unit_widths(),
+    )
+
+
+def _scratch(longest: int) -> Scratch:
+    return Scratch(
         lane=np.empty(2 * SIDE, np.float32),
         bit=np.empty(LANES, np.int32),
         sums=np.empty(LANES, np.int64),
@@ -59,13 +70,6 @@ def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
         stations=np.empty(longest + 1),
         event=np.empty((4, EVENTS), np.float32),
         code=np.empty((5, EVENTS), np.int32),
-    )
-    return Workspace(
-        scratch=scratch,
-        path=np.empty((2, 3)),
-        booked=np.empty((1, cutter.n_levels, BINS), np.int64),
-        totals=np.empty((1, 4), np.int64),
-        unit_width=unit_widths(),
     )
 
 
@@ -227,6 +231,7 @@ def remove_segments(
     booked = np.zeros((threads, room, levels if engagement else 0, BINS), np.int64)
     cell = np.empty(room * levels * BINS if engagement else 0, np.uint16)
     depth = np.empty(len(cell), np.float32)
+    scratch = [_scratch(int(runs[:, 1].max())) for _ in range(threads)]
     at = 0
     while at < len(runs):
         first = int(runs[at, 0])
@@ -236,7 +241,9 @@ def remove_segments(
         count = last - first
         chunk = runs[at:stop] - np.array([first, 0])
         totals = np.zeros((threads, count, 4), np.int64)
-        stamp_bands(grid, path[first : last + 1], chunk, shape, first > 0, book[first:last], booked, totals, threads)
+        part = (grid, path[first : last + 1], chunk, shape, first > 0, book[first:last])
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(lambda k, part=part, totals=totals: stamp_runs(*part, booked[k], totals[k], k, threads, scratch[k]), range(threads)))
         sums = totals.sum(axis=0)
         side = np.zeros(count, np.int64)
         booked_engagement = None

@@ -1,9 +1,8 @@
 """Kernels: drive the cutter along a path over the height map.
 
 The map is worked in blocks of 8 x 16 cells whose highest cell is known, so that blocks already below the cutter are
-skipped; the part of the cutter's footprint that an earlier segment has cut falls away by itself. Blocks are gathered
-in bands of 64 rows, which stay in the second-level cache while all segments of a stretch pass, and the bands are dealt
-to the threads.
+skipped; the part of the cutter's footprint that an earlier segment has cut falls away by itself. Rows of blocks are
+dealt to the workers in turn, so that each has its share of every segment.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import prange
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
@@ -31,8 +29,6 @@ from counterflex.cutting.booking_kernels import (
 )
 from counterflex.cutting.envelope_kernels import (
     LANES,
-    NODES,
-    OUT,
     PEAK,
     SIDE,
     fill_minimiser,
@@ -42,11 +38,9 @@ from counterflex.cutting.envelope_kernels import (
     row_bull,
     row_flat,
 )
-from counterflex.cutting.kernel_arrays import GRID, Scratch, StockGrid, Workspace
+from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
 ROWS: Final = 8
-BAND_BLOCKS: Final = 8
-"""Blocks of rows in a band: 64 rows."""
 
 _HALF = np.float32(0.5)
 _SCALE = np.float32(2.0**30)
@@ -57,8 +51,8 @@ _STEEP: Final = 1.0e6
 @kernel()
 def stamp_rows(
     grid: StockGrid,
-    block_first: int,
-    block_last: int,
+    worker: int,
+    workers: int,
     path: Float,
     first: int,
     count: int,
@@ -69,7 +63,7 @@ def stamp_rows(
     totals: Int,
     scratch: Scratch,
 ) -> None:
-    """Cut a run of ``count`` collinear segments within block rows [block_first, block_last).
+    """Cut a run of ``count`` collinear segments within every ``workers``-th row of blocks.
 
     path is (n + 1, 3); the run goes from point ``first`` to ``first + count``. Row i of booked and totals belongs to
     segment first + i.
@@ -117,8 +111,9 @@ def stamp_rows(
     f_len, f_za, f_slope = np.float32(length), np.float32(start), np.float32(slope)
     f_floor = np.float32(floor)
     f_rad, f_cor, f_sin = np.float32(radius), np.float32(corner), np.float32(sin_theta)
-    row_low = max(block_first, math.floor((y_low - radius - y0) / cell / ROWS))
-    row_high = min(block_last, math.floor((y_high + radius - y0) / cell / ROWS) + 1)
+    row_low = max(0, math.floor((y_low - radius - y0) / cell / ROWS))
+    row_low += (worker - row_low) % workers
+    row_high = min(tops.shape[0], math.floor((y_high + radius - y0) / cell / ROWS) + 1)
     gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
     tally = mode == COUNT and count == 1
@@ -126,7 +121,7 @@ def stamp_rows(
     diagonal = math.hypot(half_x, half_y)
     reach = half_x * abs(ux) + half_y * abs(uy)
     width = half_x * abs(uy) + half_y * abs(ux)
-    for block_row in range(row_low, row_high):
+    for block_row in range(row_low, row_high, workers):
         j_low = block_row * ROWS
         j_high = min(j_low + ROWS, ny)
         y_mid = y0 + cell * (j_low + 0.5 * (ROWS - 1))
@@ -256,13 +251,14 @@ def stamp_rows(
 
 
 @kernel(
-    "void(Grid, float64[:, ::1], int64[:, ::1], float64[::1], boolean, boolean[::1], int64[:, :, :, "
-    "::1], int64[:, :, ::1], int64)",
-    parallel=True,
+    "void(Grid, float64[:, ::1], int64[:, ::1], float64[::1], boolean, boolean[::1], int64[:, :, ::1], int64[:, ::1], "
+    "int64, int64, Scratch)",
+    waits=True,
     entry=True,
     Grid=GRID,
+    Scratch=SCRATCH,
 )
-def stamp_bands(
+def stamp_runs(
     grid: StockGrid,
     path: Float,
     runs: Int,
@@ -271,53 +267,21 @@ def stamp_bands(
     book: Bool,
     booked: Int,
     totals: Int,
+    worker: int,
     workers: int,
+    scratch: Scratch,
 ) -> None:
-    """Cut a stretch of path in bands of 64 rows dealt to workers.
+    """Cut a stretch of path in the rows of blocks that are dealt to a worker.
 
-    path (n + 1, 3); runs (n_runs, 2) first segment and count; book (n,) flag; booked (workers, n, levels, bins)
-    int64 and totals (workers, n, 4) int64 are added to.
+    path (n + 1, 3); runs (n_runs, 2) first segment and count; book (n,) flag; booked (n, levels, bins) and totals
+    (n, 4) of this worker are added to.
     """
-    y0, cell = grid.y0, grid.cell
-    bands = (grid.tops.shape[0] + BAND_BLOCKS - 1) // BAND_BLOCKS
-    radius = shape[0]
-    longest = runs[:, 1].max()
-    for worker in prange(workers):
-        scratch = Scratch(
-            np.empty(2 * SIDE, np.float32),
-            np.empty(LANES, np.int32),
-            np.empty(LANES, np.int64),
-            np.zeros(OUT, np.float32),
-            np.empty(NODES + 2, np.float32),
-            np.empty(longest + 1, np.float64),
-            np.empty((4, EVENTS), np.float32),
-            np.empty((5, EVENTS), np.int32),
-        )
-        for band in range(worker, bands, workers):
-            first_block = band * BAND_BLOCKS
-            last_block = min(first_block + BAND_BLOCKS, grid.tops.shape[0])
-            band_low = y0 + cell * (first_block * ROWS - 1) - radius
-            band_high = y0 + cell * (last_block * ROWS) + radius
-            for run in range(runs.shape[0]):
-                a = runs[run, 0]
-                n = runs[run, 1]
-                ya, yb = path[a, 1], path[a + n, 1]
-                if max(ya, yb) < band_low or min(ya, yb) > band_high:
-                    continue
-                stamp_rows(
-                    grid,
-                    first_block,
-                    last_block,
-                    path,
-                    a,
-                    n,
-                    shape,
-                    continued or a > 0,
-                    book[a],
-                    booked[worker, a : a + n],
-                    totals[worker, a : a + n],
-                    scratch,
-                )
+    for run in range(runs.shape[0]):
+        a, n = runs[run, 0], runs[run, 1]
+        stamp_rows(
+            grid, worker, workers, path, a, n, shape, continued or a > 0, book[a], booked[a : a + n], totals[a : a + n],
+            scratch,
+        )  # fmt: skip
 
 
 @kernel()
@@ -364,7 +328,7 @@ def stamp_segment(
     path[1, 0], path[1, 1], path[1, 2] = xb, yb, zb
     booked[:] = 0
     totals[:] = 0
-    stamp_rows(grid, 0, grid.tops.shape[0], path, 0, 1, shape, continued, True, booked, totals, workspace.scratch)
+    stamp_rows(grid, 0, 1, path, 0, 1, shape, continued, True, booked, totals, workspace.scratch)
     unit = QUANTUM_M * grid.cell * grid.cell
     length = math.hypot(xb - xa, yb - ya)
     levels = booked.shape[1]
