@@ -194,15 +194,19 @@ def _code_ball(
     sin_theta: Real,
     cos_theta: Real,
     levels: Whole,
-) -> None:
-    """Level and bin of each removed column under a ball, or -1 where it is so tall that it must be split exactly."""
+) -> Whole:
+    """Place and quanta of each removed column under a ball, twice; returns the quanta that the end face removed.
+
+    The place is -1 where the column is so tall that it must be split exactly.
+    """
     # The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip,
     # hence the level, and with `q = s - t` the angle `phi = atan2(q, w)`. What reaches over the level's border goes to
     # the neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a
     # share.
     d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
-    place_of, next_of = code[0, :gathered], code[2, :gathered]
+    place_of, quanta_of, next_of = code[0, :gathered], code[1, :gathered], code[2, :gathered]
     side_of, over_of = code[3, :gathered], code[4, :gathered]
+    bottom = np.int64(0)
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
@@ -237,8 +241,14 @@ def _code_ball(
         share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
         place_of[i] = np.int32(-_ONE if tall else level * bins + spot)
         next_of[i] = np.int32(max(other, _ZERO) * bins + spot)
-        side_of[i] = np.int32((cut - beyond) * share * _SCALE + _HALF)
-        over_of[i] = np.int32(beyond * share * _SCALE + _HALF)
+        quanta = np.int32(0) if tall else quanta_of[i]
+        over = min(np.int32(beyond * share * _SCALE + _HALF), quanta)
+        side = quanta - over
+        side = min(np.int32((cut - beyond) * share * _SCALE + _HALF), side) if falls else side
+        over_of[i] = over
+        side_of[i] = side
+        bottom += np.int64(quanta - over - side)
+    return bottom
 
 
 @kernel()
@@ -318,44 +328,20 @@ def settle(
     else:
         if ball:
             cosine = 1.0 / math.sqrt(1.0 + slope * slope)
-            _code_ball(
-                event,
-                code,
-                gathered,
-                f_rad,
-                f_za,
-                f_slope,
-                f_len,
-                np.float32(slope * cosine),
-                np.float32(cosine),
+            bottom += _code_ball(
+                event, code, gathered, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine),
                 levels,
-            )
+            )  # fmt: skip
+        place_of, next_of = code[0, :gathered], code[2, :gathered]
+        side_of, over_of = code[3, :gathered], code[4, :gathered]
         for i in range(gathered):
-            quanta = quanta_of[i]
-            if ball and code[0, i] >= 0:
-                over = code[4, i]
-                if over > 0:
-                    over = min(over, quanta)
-                    books[np.uint32(code[2, i])] += np.int64(over)
-                side = quanta - over
-                if slope < 0.0:
-                    side = min(code[3, i], side)
-                    bottom += np.int64(quanta - over - side)
-                books[np.uint32(code[0, i])] += np.int64(side)
-            elif quanta > 0:
-                new = float(event[1, i])
+            if ball and place_of[i] >= 0:
+                books[np.uint32(place_of[i])] += np.int64(side_of[i])
+                books[np.uint32(next_of[i])] += np.int64(over_of[i])
+            elif quanta_of[i] > 0:
+                quanta, new = np.int64(quanta_of[i]), float(event[1, i])
                 bottom += _book_column(
-                    booked,
-                    0,
-                    np.int64(quanta),
-                    new + quanta * QUANTUM_M,
-                    new,
-                    float(event[2, i]),
-                    float(event[3, i]),
-                    length,
-                    za,
-                    slope,
-                    minimiser,
-                    shape,
-                )
+                    booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, i]), float(event[3, i]), length,
+                    za, slope, minimiser, shape,
+                )  # fmt: skip
     totals[0, BOTTOM] += bottom

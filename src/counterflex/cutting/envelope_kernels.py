@@ -33,10 +33,14 @@ Int32: TypeAlias = npt.NDArray[np.int32]
 
 LANES: Final = 16
 """Cells of a row worked on at once."""
-PEAK: Final = 32
-NEW: Final = 48
-OUT: Final = 80
-"""Places in the row results: removed heights from 0, running maximum, new heights; padded for reads of 16 anywhere."""
+ROWS: Final = 8
+"""Rows of a block."""
+S: Final = 32
+W: Final = 64
+OUT: Final = 96
+"""Places in the row results: removed heights from 0, then s and w; padded for reads of 16 from any lane on."""
+FRESH: Final = (ROWS + 1) * LANES
+"""New heights of a block, row by row, padded likewise."""
 SIDE: Final = 32
 """Place of the lanes' steps in w behind those in s."""
 NODES: Final = 256
@@ -56,6 +60,7 @@ def row_flat(
     lane: Float32,
     bit: Int32,
     out: Float32,
+    fresh: Float32,
     s0: Real,
     w0: Real,
     length: Real,
@@ -64,7 +69,7 @@ def row_flat(
     floor: Real,
     radius: Real,
 ) -> Whole:
-    """Lower 16 cells under a flat end mill; out receives what was removed. Returns the lowered lanes as bits."""
+    """Lower 16 cells under a flat end mill; out and fresh receive the results. Returns the lowered lanes as bits."""
     hit = np.int32(0)
     r2 = radius * radius
     for k in range(LANES):
@@ -78,9 +83,10 @@ def row_flat(
         old = row[k]
         new = low if (a >= _ZERO) & (t_in <= t_out) & (low < old) else old
         row[k] = new
+        fresh[k] = new
         out[k] = old - new
-        out[NEW + k] = new
-        out[PEAK + k] = max(out[PEAK + k], new)
+        out[S + k] = s
+        out[W + k] = w
         hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
     return hit
 
@@ -91,6 +97,7 @@ def row_ball(
     lane: Float32,
     bit: Int32,
     out: Float32,
+    fresh: Float32,
     s0: Real,
     w0: Real,
     length: Real,
@@ -113,9 +120,10 @@ def row_ball(
         old = row[k]
         new = low if (rest >= _ZERO) & (low < old) else old
         row[k] = new
+        fresh[k] = new
         out[k] = old - new
-        out[NEW + k] = new
-        out[PEAK + k] = max(out[PEAK + k], new)
+        out[S + k] = s
+        out[W + k] = w
         hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
     return hit
 
@@ -126,6 +134,7 @@ def row_bull(
     lane: Float32,
     bit: Int32,
     out: Float32,
+    fresh: Float32,
     s0: Real,
     w0: Real,
     length: Real,
@@ -157,30 +166,47 @@ def row_bull(
         old = row[k]
         new = low if (rest >= _ZERO) & (low < old) else old
         row[k] = new
+        fresh[k] = new
         out[k] = old - new
-        out[NEW + k] = new
-        out[PEAK + k] = max(out[PEAK + k], new)
+        out[S + k] = s
+        out[W + k] = w
         hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
     return hit
 
 
 @kernel(apart=True)
-def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, lane: Float32, s_row: Real, w_row: Real) -> int:
+def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, fresh: Float32) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
     first = min(int(_FIRST[left]), 8 + int(_FIRST[right]))
     last = max(int(_LAST[left]), 8 + int(_LAST[right]))
-    # unsigned places need no look whether they count from the end, so that the loops run in vectors
+    # Loops that do nothing but copy become one move of sixteen; unsigned places need no look whether they count from
+    # the end.
     to, at = np.uint64(gathered), np.uint64(first)
     for k in range(LANES):
         event[0, to + np.uint64(k)] = out[at + np.uint64(k)]
     for k in range(LANES):
-        event[1, to + np.uint64(k)] = out[at + np.uint64(NEW + k)]
+        event[1, to + np.uint64(k)] = fresh[at + np.uint64(k)]
     for k in range(LANES):
-        event[2, to + np.uint64(k)] = s_row + lane[at + np.uint64(k)]
+        event[2, to + np.uint64(k)] = out[at + np.uint64(S + k)]
     for k in range(LANES):
-        event[3, to + np.uint64(k)] = w_row + lane[at + np.uint64(SIDE + k)]
+        event[3, to + np.uint64(k)] = out[at + np.uint64(W + k)]
     return last + 1 - first
+
+
+@kernel(apart=True)
+def highest(fresh: Float32, peak: Float32) -> Real:
+    """Highest of the new heights of a block."""
+    for k in range(LANES):
+        top = fresh[k]
+        for row in range(1, ROWS):
+            top = max(top, fresh[row * LANES + k])
+        peak[k] = top
+    for k in range(8):
+        peak[k] = max(peak[k], peak[8 + k])
+    for k in range(4):
+        peak[k] = max(peak[k], peak[4 + k])
+    return max(max(peak[0], peak[1]), max(peak[2], peak[3]))
 
 
 @kernel()

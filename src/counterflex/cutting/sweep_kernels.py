@@ -29,21 +29,18 @@ from counterflex.cutting.booking_kernels import (
 )
 from counterflex.cutting.envelope_kernels import (
     LANES,
-    PEAK,
+    ROWS,
     SIDE,
     fill_minimiser,
     gather,
     height_under,
+    highest,
     row_ball,
     row_bull,
     row_flat,
 )
 from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
-ROWS: Final = 8
-
-_HALF = np.float32(0.5)
-_SCALE = np.float32(2.0**30)
 _LOWEST = np.float32(-3.0e38)
 _STEEP: Final = 1.0e6
 
@@ -70,7 +67,7 @@ def stamp_rows(
     """
     z, tops, x0, y0, cell, floor = grid.z, grid.tops, grid.x0, grid.y0, grid.cell, grid.floor
     lane, out, minimiser, stations = scratch.lane, scratch.out, scratch.minimiser, scratch.stations
-    event, code, bit, sums = scratch.event, scratch.code, scratch.bit, scratch.sums
+    event, code, bit, fresh = scratch.event, scratch.code, scratch.bit, scratch.fresh
     ny, nx = z.shape
     radius, corner = shape[0], shape[1]
     xa, ya, za = path[first, 0], path[first, 1], path[first, 2]
@@ -97,7 +94,6 @@ def stamp_rows(
         fill_minimiser(minimiser, radius, corner, slope)
     for k in range(LANES):
         bit[k] = np.int32(1 << k)
-        sums[k] = 0
     for k in range(SIDE):
         lane[k] = np.float32(k * cell * ux)
         lane[SIDE + k] = np.float32(-k * cell * uy)
@@ -116,7 +112,6 @@ def stamp_rows(
     row_high = min(tops.shape[0], math.floor((y_high + radius - y0) / cell / ROWS) + 1)
     gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
-    tally = mode == COUNT and count == 1
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
     diagonal = math.hypot(half_x, half_y)
     reach = half_x * abs(ux) + half_y * abs(uy)
@@ -154,100 +149,38 @@ def stamp_rows(
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
             changed = False
-            for k in range(LANES):
-                out[PEAK + k] = _LOWEST
             totals[0, VISITED] += (j_high - j_low) * LANES
             for j in range(j_low, j_high):
-                s_row = s_first + (j - j_low) * cell * uy
-                w_row = w_first + (j - j_low) * cell * ux
-                row = z[j, i_low : i_low + LANES]
+                at = (j - j_low) * LANES
+                s_row = np.float32(s_first + (j - j_low) * cell * uy)
+                w_row = np.float32(w_first + (j - j_low) * cell * ux)
+                row, new = z[j, i_low : i_low + LANES], fresh[at : at + 2 * LANES]
                 if flat:
-                    hit = row_flat(
-                        row, lane, bit, out, np.float32(s_row), np.float32(w_row), f_len, f_za, f_slope, f_floor, f_rad
-                    )
+                    hit = row_flat(row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad)
                 elif ball:
-                    hit = row_ball(
-                        row,
-                        lane,
-                        bit,
-                        out,
-                        np.float32(s_row),
-                        np.float32(w_row),
-                        f_len,
-                        f_za,
-                        f_slope,
-                        f_floor,
-                        f_rad,
-                        f_sin,
-                    )
+                    hit = row_ball(row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad, f_sin)
                 else:
                     hit = row_bull(
-                        row,
-                        lane,
-                        bit,
-                        out,
-                        np.float32(s_row),
-                        np.float32(w_row),
-                        f_len,
-                        f_za,
-                        f_slope,
-                        f_floor,
-                        f_rad,
-                        f_cor,
-                        minimiser,
+                        row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad, f_cor, minimiser
                     )
-                if hit == 0:
-                    continue
-                changed = True
-                if tally:
-                    for k in range(LANES):
-                        sums[k] += np.int64(np.int32(out[k] * _SCALE + _HALF))
-                    continue
-                gathered += gather(event, gathered, hit, out, lane, np.float32(s_row), np.float32(w_row))
+                if hit != 0:
+                    changed = True
+                    gathered += gather(event, gathered, hit, out, new)
+            if changed:
+                for k in range((j_high - j_low) * LANES, ROWS * LANES):
+                    fresh[k] = _LOWEST
+                tops[block_row, block] = highest(fresh, out)
             if gathered > EVENTS - (ROWS + 1) * LANES:
                 settle(
-                    event,
-                    code,
-                    gathered,
-                    booked,
-                    totals,
-                    count,
-                    stations,
-                    length,
-                    start,
-                    slope,
-                    descending,
-                    mode,
-                    continued,
-                    minimiser,
-                    shape,
-                )
+                    event, code, gathered, booked, totals, count, stations, length, start, slope, descending, mode,
+                    continued, minimiser, shape,
+                )  # fmt: skip
                 gathered = 0
-            if changed:
-                highest = out[PEAK]
-                for k in range(1, LANES):
-                    highest = max(highest, out[PEAK + k])
-                tops[block_row, block] = highest
-    if tally:
-        totals[0, VOLUME] += sums.sum()
     if gathered > 0:
         settle(
-            event,
-            code,
-            gathered,
-            booked,
-            totals,
-            count,
-            stations,
-            length,
-            start,
-            slope,
-            descending,
-            mode,
-            continued,
-            minimiser,
-            shape,
-        )
+            event, code, gathered, booked, totals, count, stations, length, start, slope, descending, mode, continued,
+            minimiser, shape,
+        )  # fmt: skip
 
 
 @kernel(
