@@ -35,17 +35,18 @@ LANES: Final = 16
 """Cells of a row worked on at once."""
 ROWS: Final = 8
 """Rows of a block."""
-S: Final = 32
-W: Final = 64
-OUT: Final = 96
-"""Places in the row results: removed heights from 0, then s and w; padded for reads of 16 from any lane on."""
-FRESH: Final = (ROWS + 1) * LANES
-"""New heights of a block, row by row, padded likewise."""
+NEW: Final = (ROWS + 1) * LANES
+S: Final = 2 * NEW
+W: Final = 3 * NEW
+OUT: Final = 4 * NEW
+"""Places in the results of a block, row by row: removed heights from 0, new ones, s, w; padded for reads of 16 from any
+lane on."""
 SIDE: Final = 32
 """Place of the lanes' steps in w behind those in s."""
 NODES: Final = 256
 """Intervals of the table of a bull nose's minimiser; even in ``1 - sqrt(1 - |w|/R)``, as u ends in a square root."""
 
+_LOWEST = np.float32(-3.0e38)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1.0e-9)
@@ -55,51 +56,70 @@ _LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.i
 
 
 @kernel(apart=True)
-def row_flat(
-    row: Float32,
+def block_flat(
+    z: Float32,
+    j_low: Whole,
+    j_high: Whole,
+    i_low: Whole,
     lane: Float32,
     bit: Int32,
     out: Float32,
-    fresh: Float32,
-    s0: Real,
-    w0: Real,
+    hits: Int32,
+    s_first: Real,
+    w_first: Real,
+    step: Real,
+    ux: Real,
+    uy: Real,
     length: Real,
     za: Real,
     slope: Real,
     floor: Real,
     radius: Real,
 ) -> Whole:
-    """Lower 16 cells under a flat end mill; out and fresh receive the results. Returns the lowered lanes as bits."""
-    hit = np.int32(0)
+    """Lower a block under a flat end mill; returns the lowered lanes as bits, and those of each row in hits."""
+    found = np.int32(0)
     r2 = radius * radius
-    for k in range(LANES):
-        s = s0 + lane[k]
-        w = w0 + lane[SIDE + k]
-        a = r2 - w * w
-        q = math.sqrt(max(a, _ZERO))
-        t_in = max(s - q, _ZERO)
-        t_out = min(s + q, length)
-        low = max(za + slope * (t_in if slope > _ZERO else t_out), floor)
-        old = row[k]
-        new = low if (a >= _ZERO) & (t_in <= t_out) & (low < old) else old
-        row[k] = new
-        fresh[k] = new
-        out[k] = old - new
-        out[S + k] = s
-        out[W + k] = w
-        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
-    return hit
+    for j in range(j_low, j_high):
+        row, at = z[j, i_low : i_low + LANES], np.uint64((j - j_low) * LANES)
+        s0, w0 = np.float32(s_first + (j - j_low) * step * uy), np.float32(w_first + (j - j_low) * step * ux)
+        hit = np.int32(0)
+        for k in range(LANES):
+            s = s0 + lane[k]
+            w = w0 + lane[SIDE + k]
+            a = r2 - w * w
+            q = math.sqrt(max(a, _ZERO))
+            t_in = max(s - q, _ZERO)
+            t_out = min(s + q, length)
+            low = max(za + slope * (t_in if slope > _ZERO else t_out), floor)
+            old = row[k]
+            new = low if (a >= _ZERO) & (t_in <= t_out) & (low < old) else old
+            row[k] = new
+            place = at + np.uint64(k)
+            out[place] = old - new
+            out[place + np.uint64(NEW)] = new
+            out[place + np.uint64(S)] = s
+            out[place + np.uint64(W)] = w
+            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+        hits[j - j_low] = hit
+        found |= hit
+    return found
 
 
 @kernel(apart=True)
-def row_ball(
-    row: Float32,
+def block_ball(
+    z: Float32,
+    j_low: Whole,
+    j_high: Whole,
+    i_low: Whole,
     lane: Float32,
     bit: Int32,
     out: Float32,
-    fresh: Float32,
-    s0: Real,
-    w0: Real,
+    hits: Int32,
+    s_first: Real,
+    w_first: Real,
+    step: Real,
+    ux: Real,
+    uy: Real,
     length: Real,
     za: Real,
     slope: Real,
@@ -107,36 +127,49 @@ def row_ball(
     radius: Real,
     sin_theta: Real,
 ) -> Whole:
-    """Lower 16 cells under a ball end mill; see :func:`row_flat`."""
-    hit = np.int32(0)
+    """Lower a block under a ball end mill; see :func:`block_flat`."""
+    found = np.int32(0)
     r2 = radius * radius
-    for k in range(LANES):
-        s = s0 + lane[k]
-        w = w0 + lane[SIDE + k]
-        a = r2 - w * w
-        t = min(max(s - sin_theta * math.sqrt(max(a, _ZERO)), _ZERO), length)
-        rest = a - (s - t) * (s - t)
-        low = max(za + slope * t + radius - math.sqrt(max(rest, _ZERO)), floor)
-        old = row[k]
-        new = low if (rest >= _ZERO) & (low < old) else old
-        row[k] = new
-        fresh[k] = new
-        out[k] = old - new
-        out[S + k] = s
-        out[W + k] = w
-        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
-    return hit
+    for j in range(j_low, j_high):
+        row, at = z[j, i_low : i_low + LANES], np.uint64((j - j_low) * LANES)
+        s0, w0 = np.float32(s_first + (j - j_low) * step * uy), np.float32(w_first + (j - j_low) * step * ux)
+        hit = np.int32(0)
+        for k in range(LANES):
+            s = s0 + lane[k]
+            w = w0 + lane[SIDE + k]
+            a = r2 - w * w
+            t = min(max(s - sin_theta * math.sqrt(max(a, _ZERO)), _ZERO), length)
+            rest = a - (s - t) * (s - t)
+            low = max(za + slope * t + radius - math.sqrt(max(rest, _ZERO)), floor)
+            old = row[k]
+            new = low if (rest >= _ZERO) & (low < old) else old
+            row[k] = new
+            place = at + np.uint64(k)
+            out[place] = old - new
+            out[place + np.uint64(NEW)] = new
+            out[place + np.uint64(S)] = s
+            out[place + np.uint64(W)] = w
+            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+        hits[j - j_low] = hit
+        found |= hit
+    return found
 
 
 @kernel(apart=True)
-def row_bull(
-    row: Float32,
+def block_bull(
+    z: Float32,
+    j_low: Whole,
+    j_high: Whole,
+    i_low: Whole,
     lane: Float32,
     bit: Int32,
     out: Float32,
-    fresh: Float32,
-    s0: Real,
-    w0: Real,
+    hits: Int32,
+    s_first: Real,
+    w_first: Real,
+    step: Real,
+    ux: Real,
+    uy: Real,
     length: Real,
     za: Real,
     slope: Real,
@@ -145,48 +178,55 @@ def row_bull(
     corner: Real,
     minimiser: Float32,
 ) -> Whole:
-    """Lower 16 cells under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
-    hit = np.int32(0)
+    """Lower a block under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
+    found = np.int32(0)
     inner = radius - corner
     r2 = corner * corner
     per = _ONE / radius
     nodes = np.float32(NODES)
-    for k in range(LANES):
-        s = s0 + lane[k]
-        w = w0 + lane[SIDE + k]
-        u = _ZERO
-        if slope != _ZERO:
-            x = nodes * (_ONE - math.sqrt(max(_ONE - abs(w) * per, _TINY)))
-            i = np.int32(x)
-            u = minimiser[i] + (x - np.float32(i)) * (minimiser[i + 1] - minimiser[i])
-        t = min(max(s + u, _ZERO), length)
-        v = max(math.sqrt(w * w + (s - t) * (s - t)) - inner, _ZERO)
-        rest = r2 - v * v
-        low = max(za + slope * t + corner - math.sqrt(max(rest, _ZERO)), floor)
-        old = row[k]
-        new = low if (rest >= _ZERO) & (low < old) else old
-        row[k] = new
-        fresh[k] = new
-        out[k] = old - new
-        out[S + k] = s
-        out[W + k] = w
-        hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
-    return hit
+    for j in range(j_low, j_high):
+        row, at = z[j, i_low : i_low + LANES], np.uint64((j - j_low) * LANES)
+        s0, w0 = np.float32(s_first + (j - j_low) * step * uy), np.float32(w_first + (j - j_low) * step * ux)
+        hit = np.int32(0)
+        for k in range(LANES):
+            s = s0 + lane[k]
+            w = w0 + lane[SIDE + k]
+            u = _ZERO
+            if slope != _ZERO:
+                x = nodes * (_ONE - math.sqrt(max(_ONE - abs(w) * per, _TINY)))
+                i = np.int32(x)
+                u = minimiser[i] + (x - np.float32(i)) * (minimiser[i + 1] - minimiser[i])
+            t = min(max(s + u, _ZERO), length)
+            v = max(math.sqrt(w * w + (s - t) * (s - t)) - inner, _ZERO)
+            rest = r2 - v * v
+            low = max(za + slope * t + corner - math.sqrt(max(rest, _ZERO)), floor)
+            old = row[k]
+            new = low if (rest >= _ZERO) & (low < old) else old
+            row[k] = new
+            place = at + np.uint64(k)
+            out[place] = old - new
+            out[place + np.uint64(NEW)] = new
+            out[place + np.uint64(S)] = s
+            out[place + np.uint64(W)] = w
+            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+        hits[j - j_low] = hit
+        found |= hit
+    return found
 
 
 @kernel(apart=True)
-def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, fresh: Float32) -> int:
+def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, row: Whole) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
     first = min(int(_FIRST[left]), 8 + int(_FIRST[right]))
     last = max(int(_LAST[left]), 8 + int(_LAST[right]))
-    # Loops that do nothing but copy become one move of sixteen; unsigned places need no look whether they count from
-    # the end.
-    to, at = np.uint64(gathered), np.uint64(first)
+    # A loop that does nothing but copy becomes one move of sixteen; unsigned places need no look whether they count
+    # from the end.
+    to, at = np.uint64(gathered), np.uint64(row * LANES + first)
     for k in range(LANES):
         event[0, to + np.uint64(k)] = out[at + np.uint64(k)]
     for k in range(LANES):
-        event[1, to + np.uint64(k)] = fresh[at + np.uint64(k)]
+        event[1, to + np.uint64(k)] = out[at + np.uint64(NEW + k)]
     for k in range(LANES):
         event[2, to + np.uint64(k)] = out[at + np.uint64(S + k)]
     for k in range(LANES):
@@ -194,19 +234,21 @@ def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, fresh: Flo
     return last + 1 - first
 
 
-@kernel(apart=True)
-def highest(fresh: Float32, peak: Float32) -> Real:
-    """Highest of the new heights of a block."""
+@kernel()
+def highest(out: Float32, rows: Whole) -> Real:
+    """Highest of the new heights of a block; out is overwritten from its beginning."""
+    for k in range(rows * LANES, ROWS * LANES):
+        out[NEW + k] = _LOWEST
     for k in range(LANES):
-        top = fresh[k]
+        top = out[NEW + k]
         for row in range(1, ROWS):
-            top = max(top, fresh[row * LANES + k])
-        peak[k] = top
+            top = max(top, out[NEW + row * LANES + k])
+        out[k] = top
     for k in range(8):
-        peak[k] = max(peak[k], peak[8 + k])
+        out[k] = max(out[k], out[8 + k])
     for k in range(4):
-        peak[k] = max(peak[k], peak[4 + k])
-    return max(max(peak[0], peak[1]), max(peak[2], peak[3]))
+        out[k] = max(out[k], out[4 + k])
+    return max(max(out[0], out[1]), max(out[2], out[3]))
 
 
 @kernel()

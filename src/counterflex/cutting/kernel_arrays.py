@@ -25,8 +25,8 @@ class Scratch(NamedTuple):
 
     lane: Annotated[Float32, "float32[::1]"]
     bit: Annotated[Int32, "int32[::1]"]
+    hits: Annotated[Int32, "int32[::1]"]
     out: Annotated[Float32, "float32[::1]"]
-    fresh: Annotated[Float32, "float32[::1]"]
     minimiser: Annotated[Float32, "float32[::1]"]
     stations: Float1
     event: Annotated[Float32, "float32[:, ::1]"]

@@ -15,7 +15,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.envelope_kernels import FRESH, LANES, NODES, OUT, SIDE
+from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, ROWS, SIDE
 from counterflex.cutting.kernel_arrays import Scratch, StockGrid, Workspace
 from counterflex.cutting.stock import HeightMap
 from counterflex.cutting.sweep_kernels import stamp_runs
@@ -64,8 +64,8 @@ def _scratch(longest: int) -> Scratch:
     return Scratch(
         lane=np.empty(2 * SIDE, np.float32),
         bit=np.empty(LANES, np.int32),
+        hits=np.empty(ROWS, np.int32),
         out=np.zeros(OUT, np.float32),
-        fresh=np.zeros(FRESH, np.float32),
         minimiser=np.empty(NODES + 2, np.float32),
         stations=np.empty(longest + 1),
         event=np.empty((4, EVENTS), np.float32),

@@ -31,17 +31,16 @@ from counterflex.cutting.envelope_kernels import (
     LANES,
     ROWS,
     SIDE,
+    block_ball,
+    block_bull,
+    block_flat,
     fill_minimiser,
     gather,
     height_under,
     highest,
-    row_ball,
-    row_bull,
-    row_flat,
 )
 from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
-_LOWEST = np.float32(-3.0e38)
 _STEEP: Final = 1.0e6
 
 
@@ -67,7 +66,7 @@ def stamp_rows(
     """
     z, tops, x0, y0, cell, floor = grid.z, grid.tops, grid.x0, grid.y0, grid.cell, grid.floor
     lane, out, minimiser, stations = scratch.lane, scratch.out, scratch.minimiser, scratch.stations
-    event, code, bit, fresh = scratch.event, scratch.code, scratch.bit, scratch.fresh
+    event, code, bit, hits = scratch.event, scratch.code, scratch.bit, scratch.hits
     ny, nx = z.shape
     radius, corner = shape[0], shape[1]
     xa, ya, za = path[first, 0], path[first, 1], path[first, 2]
@@ -148,28 +147,28 @@ def stamp_rows(
                 continue
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
-            changed = False
             totals[0, VISITED] += (j_high - j_low) * LANES
-            for j in range(j_low, j_high):
-                at = (j - j_low) * LANES
-                s_row = np.float32(s_first + (j - j_low) * cell * uy)
-                w_row = np.float32(w_first + (j - j_low) * cell * ux)
-                row, new = z[j, i_low : i_low + LANES], fresh[at : at + 2 * LANES]
-                if flat:
-                    hit = row_flat(row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad)
-                elif ball:
-                    hit = row_ball(row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad, f_sin)
-                else:
-                    hit = row_bull(
-                        row, lane, bit, out, new, s_row, w_row, f_len, f_za, f_slope, f_floor, f_rad, f_cor, minimiser
-                    )
-                if hit != 0:
-                    changed = True
-                    gathered += gather(event, gathered, hit, out, new)
-            if changed:
-                for k in range((j_high - j_low) * LANES, ROWS * LANES):
-                    fresh[k] = _LOWEST
-                tops[block_row, block] = highest(fresh, out)
+            if flat:
+                found = block_flat(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad,
+                )  # fmt: skip
+            elif ball:
+                found = block_ball(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad, f_sin,
+                )  # fmt: skip
+            else:
+                found = block_bull(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad, f_cor, minimiser,
+                )  # fmt: skip
+            if found == 0:
+                continue
+            for row in range(j_high - j_low):
+                if hits[row] != 0:
+                    gathered += gather(event, gathered, hits[row], out, row)
+            tops[block_row, block] = highest(out, j_high - j_low)
             if gathered > EVENTS - (ROWS + 1) * LANES:
                 settle(
                     event, code, gathered, booked, totals, count, stations, length, start, slope, descending, mode,
