@@ -42,13 +42,7 @@ _HALF_PI = np.float32(0.5 * math.pi)
 _SCALE = np.float32(2.0**30)
 _BINS_PER_RAD = np.float32(BINS / math.pi)
 _LAST = np.float32(BINS - 0.5)
-
-
-@kernel()
-def phi_bin(ratio: Real) -> Whole:
-    """Bin of phi = acos(ratio)."""
-    phi = math.acos(min(1.0, max(-1.0, ratio)))
-    return min(int(phi * (BINS / math.pi)), BINS - 1)
+_COSINES = np.cos(np.linspace(0.0, math.pi, BINS + 1))
 
 
 @kernel()
@@ -62,6 +56,18 @@ def bin_of(q: Real, w: Real) -> Real:
     phi = phi if q < aside else _HALF_PI - phi
     phi = phi if w >= _ZERO else _PI - phi
     return min(phi * _BINS_PER_RAD, _LAST)
+
+
+@kernel()
+def phi_bin(ratio: Real) -> Whole:
+    """Bin of phi = acos(ratio): the estimate of :func:`bin_of`, corrected by the cosines of the edges of the bins."""
+    x = min(1.0, max(-1.0, ratio))
+    j = int(bin_of(np.float32(math.sqrt(1.0 - x * x)), np.float32(x)))
+    while x > _COSINES[j]:
+        j -= 1
+    while j < BINS - 1 and x <= _COSINES[j + 1]:
+        j += 1
+    return j
 
 
 @kernel()
@@ -197,7 +203,7 @@ def _code_ball(
 ) -> Whole:
     """Place and quanta of each removed column under a ball, twice; returns the quanta that the end face removed.
 
-    The place is -1 where the column is so tall that it must be split exactly.
+    Left in the quanta is what so tall columns had that they must be split exactly.
     """
     # The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip,
     # hence the level, and with `q = s - t` the angle `phi = atan2(q, w)`. What reaches over the level's border goes to
@@ -239,9 +245,10 @@ def _code_ball(
         tall = (beyond > _ZERO) & (cut > width + width)
         other = level + (_ONE if above > below else -_ONE)
         share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
-        place_of[i] = np.int32(-_ONE if tall else level * bins + spot)
+        place_of[i] = np.int32(level * bins + spot)
         next_of[i] = np.int32(max(other, _ZERO) * bins + spot)
         quanta = np.int32(0) if tall else quanta_of[i]
+        quanta_of[i] -= quanta
         over = min(np.int32(beyond * share * _SCALE + _HALF), quanta)
         side = quanta - over
         side = min(np.int32((cut - beyond) * share * _SCALE + _HALF), side) if falls else side
@@ -249,6 +256,20 @@ def _code_ball(
         side_of[i] = side
         bottom += np.int64(quanta - over - side)
     return bottom
+
+
+@kernel()
+def _book_pairs(code: Int32, gathered: Whole, books: Int) -> None:
+    """Add the quanta of both places of each column, from both halves in turn: neighbours often share a place."""
+    place_of, next_of, side_of, over_of = code[0], code[2], code[3], code[4]
+    half = (gathered + 1) // 2
+    place_of[gathered] = next_of[gathered] = side_of[gathered] = over_of[gathered] = np.int32(0)
+    for i in range(half):
+        one, two = np.uint64(i), np.uint64(i + half)
+        books[np.uint32(place_of[one])] += np.int64(side_of[one])
+        books[np.uint32(place_of[two])] += np.int64(side_of[two])
+        books[np.uint32(next_of[one])] += np.int64(over_of[one])
+        books[np.uint32(next_of[two])] += np.int64(over_of[two])
 
 
 @kernel()
@@ -332,16 +353,16 @@ def settle(
                 event, code, gathered, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine),
                 levels,
             )  # fmt: skip
-        place_of, next_of = code[0, :gathered], code[2, :gathered]
-        side_of, over_of = code[3, :gathered], code[4, :gathered]
+            _book_pairs(code, gathered, books)
+        single_of, singles = code[5], np.uint64(0)
         for i in range(gathered):
-            if ball and place_of[i] >= 0:
-                books[np.uint32(place_of[i])] += np.int64(side_of[i])
-                books[np.uint32(next_of[i])] += np.int64(over_of[i])
-            elif quanta_of[i] > 0:
-                quanta, new = np.int64(quanta_of[i]), float(event[1, i])
-                bottom += _book_column(
-                    booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, i]), float(event[3, i]), length,
-                    za, slope, minimiser, shape,
-                )  # fmt: skip
+            single_of[singles] = np.int32(i)
+            singles += np.uint64(quanta_of[i] > 0)
+        for k in range(np.int64(singles)):
+            i = np.uint32(single_of[k])
+            quanta, new = np.int64(quanta_of[i]), float(event[1, i])
+            bottom += _book_column(
+                booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, i]), float(event[3, i]), length, za,
+                slope, minimiser, shape,
+            )  # fmt: skip
     totals[0, BOTTOM] += bottom

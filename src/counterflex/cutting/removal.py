@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -69,7 +70,7 @@ def _scratch(longest: int) -> Scratch:
         minimiser=np.empty(NODES + 2, np.float32),
         stations=np.empty(longest + 1),
         event=np.empty((4, EVENTS), np.float32),
-        code=np.empty((5, EVENTS), np.int32),
+        code=np.empty((6, EVENTS), np.int32),
     )
 
 
@@ -242,8 +243,12 @@ def remove_segments(
         chunk = runs[at:stop] - np.array([first, 0])
         totals = np.zeros((threads, count, 4), np.int64)
         part = (grid, path[first : last + 1], chunk, shape, first > 0, book[first:last])
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(lambda k, part=part, totals=totals: stamp_runs(*part, booked[k], totals[k], k, threads, scratch[k]), range(threads)))
+        if threads == 1:
+            stamp_runs(*part, booked[0], totals[0], 0, 1, scratch[0])
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                every = range(threads), itertools.repeat(threads), scratch
+                list(pool.map(stamp_runs, *(itertools.repeat(one) for one in part), booked, totals, *every))
         sums = totals.sum(axis=0)
         side = np.zeros(count, np.int64)
         booked_engagement = None
