@@ -252,8 +252,8 @@ def kernel(
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
         inline: Let Numba inline the function into its callers.
-        apart: No two of its arrays share memory: its loops run in vectors without a look at addresses, and its code is
-            put into its callers.
+        apart: No two of its arrays share memory, and it makes none: its loops run in vectors without a look at
+            addresses, and its code is put into its callers.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
         entry: Python calls it where no call may wait: :func:`compile_stated` is to make it ready. It states its
             signatures.
@@ -275,7 +275,7 @@ def kernel(
     if inline:
         options["inline"] = "always"
     if apart:
-        options["forceinline"] = options["noalias"] = True
+        options.update(forceinline=True, noalias=True, _nrt=False)
 
     def decorate(function: F) -> F:
         if not COMPILES:

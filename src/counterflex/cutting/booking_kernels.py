@@ -42,7 +42,12 @@ _HALF_PI = np.float32(0.5 * math.pi)
 _SCALE = np.float32(2.0**30)
 _BINS_PER_RAD = np.float32(BINS / math.pi)
 _LAST = np.float32(BINS - 0.5)
-_COSINES = np.cos(np.linspace(0.0, math.pi, BINS + 1))
+_COSINES = np.append(np.cos(np.linspace(0.0, math.pi, BINS + 1)[:-1]), -2.0)
+"""Cosines of the lower edges of the bins; no ratio is below the last entry."""
+_PER_RATIO: Final = 2048.0
+"""Steps of the table per unit of ratio: so fine that no step holds two edges."""
+_LOWEST_BIN = np.searchsorted(-_COSINES, -(np.arange(1, 4098) / _PER_RATIO - 1.0), "right").clip(1).astype(np.int8) - np.int8(1)
+"""Bin of the largest ratio of each step."""
 
 
 @kernel()
@@ -60,14 +65,10 @@ def bin_of(q: Real, w: Real) -> Real:
 
 @kernel()
 def phi_bin(ratio: Real) -> Whole:
-    """Bin of phi = acos(ratio): the estimate of :func:`bin_of`, corrected by the cosines of the edges of the bins."""
+    """Bin of phi = acos(ratio)."""
     x = min(1.0, max(-1.0, ratio))
-    j = int(bin_of(np.float32(math.sqrt(1.0 - x * x)), np.float32(x)))
-    while x > _COSINES[j]:
-        j -= 1
-    while j < BINS - 1 and x <= _COSINES[j + 1]:
-        j += 1
-    return j
+    j = np.int64(_LOWEST_BIN[np.uint32((1.0 + x) * _PER_RATIO)])
+    return j + np.int64(x <= _COSINES[np.uint32(j + 1)])
 
 
 @kernel()
@@ -211,8 +212,7 @@ def _code_ball(
     # share.
     d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
     place_of, quanta_of, next_of = code[0, :gathered], code[1, :gathered], code[2, :gathered]
-    side_of, over_of = code[3, :gathered], code[4, :gathered]
-    bottom = np.int64(0)
+    side_of, over_of, end_of = code[3, :gathered], code[4, :gathered], code[5, :gathered]
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
@@ -254,7 +254,10 @@ def _code_ball(
         side = min(np.int32((cut - beyond) * share * _SCALE + _HALF), side) if falls else side
         over_of[i] = over
         side_of[i] = side
-        bottom += np.int64(quanta - over - side)
+        end_of[i] = quanta - over - side
+    bottom = np.int64(0)
+    for i in range(gathered if falls else 0):
+        bottom += np.int64(end_of[i])
     return bottom
 
 
