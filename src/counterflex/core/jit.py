@@ -251,9 +251,9 @@ def kernel(
             must state them, and are compiled before it starts (:func:`compile_stated`).
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
-        inline: Let Numba inline the function into its callers.
+        inline: Put the function into its callers: Numba does, or LLVM where it is ``apart``.
         apart: No two of its arrays share memory, and it makes none: its loops run in vectors without a look at
-            addresses, and its code is put into its callers.
+            addresses, and nothing is counted.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
         entry: Python calls it where no call may wait: :func:`compile_stated` is to make it ready. It states its
             signatures.
@@ -272,10 +272,10 @@ def kernel(
         "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},
     }
-    if inline:
-        options["inline"] = "always"
     if apart:
-        options.update(forceinline=True, noalias=True, _nrt=False)
+        options.update(forceinline=inline, noalias=True, _nrt=False)
+    elif inline:
+        options["inline"] = "always"
 
     def decorate(function: F) -> F:
         if not COMPILES:

@@ -71,7 +71,7 @@ def phi_bin(ratio: Real) -> Whole:
     return j + np.int64(x <= _COSINES[np.uint32(j + 1)])
 
 
-@kernel()
+@kernel(apart=True)
 def _book_column(
     booked: Int,
     sub: Whole,

@@ -55,7 +55,7 @@ _LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.i
 """Places of the lowest and of the highest bit set in a byte; beyond the other byte's where none is."""
 
 
-@kernel(apart=True)
+@kernel(inline=True, apart=True)
 def block_flat(
     z: Float32,
     j_low: Whole,
@@ -105,7 +105,7 @@ def block_flat(
     return found
 
 
-@kernel(apart=True)
+@kernel(inline=True, apart=True)
 def block_ball(
     z: Float32,
     j_low: Whole,
@@ -155,7 +155,7 @@ def block_ball(
     return found
 
 
-@kernel(apart=True)
+@kernel(inline=True, apart=True)
 def block_bull(
     z: Float32,
     j_low: Whole,
@@ -214,7 +214,7 @@ def block_bull(
     return found
 
 
-@kernel(apart=True)
+@kernel(inline=True, apart=True)
 def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, row: Whole) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
@@ -234,7 +234,7 @@ def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, row: Whole
     return last + 1 - first
 
 
-@kernel()
+@kernel(apart=True)
 def highest(out: Float32, rows: Whole) -> Real:
     """Highest of the new heights of a block; out is overwritten from its beginning."""
     for k in range(rows * LANES, ROWS * LANES):
