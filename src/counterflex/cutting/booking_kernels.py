@@ -119,10 +119,15 @@ def _book_column(
     h_new = max(0.0, new - tip)
     upper = old
     h_up = 1.0e9
+    # the tool was nowhere lower than here; a level that begins above the column at its lowest has no part in it
+    lowest = za + min(0.0, slope * length) - 1.0e-12
     for level in range(levels, -1, -1):
         if remaining <= 0:
             break
         h = shape[3 + level]
+        if h > h_new and level > 0 and lowest + h >= upper:
+            h_up = h
+            continue
         lower = new
         if h > h_new and level > 0:
             r = radius_over(h, radius, corner)
