@@ -2,7 +2,7 @@
 
 What a removed column cost is booked to the cutter's element that first met it: the circle at height h above the tip,
 of radius r(h), meets a column with its front at t = s - sqrt(r(h)^2 - w^2), at the immersion angle
-``phi = acos(w / r(h))``. What the end face removes (descending moves, plunges) is booked apart.
+``phi = acos(w / r(h))``. What the end face removes (descending moves, plunges) is booked disjoint.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _COSINES = np.append(np.cos(np.linspace(0.0, math.pi, BINS + 1)[:-1]), -2.0)
 """Cosines of the lower edges of the bins; no ratio is below the last entry."""
 _PER_RATIO: Final = 2048.0
 """Steps of the table per unit of ratio: so fine that no step holds two edges."""
-_LOWEST_BIN = np.searchsorted(-_COSINES, -(np.arange(1, 4098) / _PER_RATIO - 1.0), "right").clip(1).astype(np.int8) - np.int8(1)
+_LOWEST_BIN = (np.searchsorted(-_COSINES, 1.0 - np.arange(1, 4098) / _PER_RATIO, "right") - 1).clip(0).astype(np.int8)
 """Bin of the largest ratio of each step."""
 
 
@@ -71,7 +71,7 @@ def phi_bin(ratio: Real) -> Whole:
     return j + np.int64(x <= _COSINES[np.uint32(j + 1)])
 
 
-@kernel(apart=True)
+@kernel(disjoint=True)
 def _book_column(
     booked: Int,
     sub: Whole,

@@ -55,29 +55,12 @@ _LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.i
 """Places of the lowest and of the highest bit set in a byte; beyond the other byte's where none is."""
 
 
-@kernel(inline=True, apart=True)
-def block_flat(
-    z: Float32,
-    j_low: Whole,
-    j_high: Whole,
-    i_low: Whole,
-    lane: Float32,
-    bit: Int32,
-    out: Float32,
-    hits: Int32,
-    s_first: Real,
-    w_first: Real,
-    step: Real,
-    ux: Real,
-    uy: Real,
-    length: Real,
-    za: Real,
-    slope: Real,
-    floor: Real,
-    radius: Real,
-) -> Whole:
+@kernel(inline=True, disjoint=True)
+def block_flat(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Float32, bit: Int32, out: Float32,
+               hits: Int32, s_first: Real, w_first: Real, step: Real, ux: Real, uy: Real, length: Real, za: Real,
+               slope: Real, floor: Real, radius: Real) -> Whole:  # fmt: skip
     """Lower a block under a flat end mill; returns the lowered lanes as bits, and those of each row in hits."""
-    found = np.int32(0)
+    lowered = np.int32(0)
     r2 = radius * radius
     for j in range(j_low, j_high):
         row, at = z[j, i_low : i_low + LANES], np.uint64((j - j_low) * LANES)
@@ -101,34 +84,16 @@ def block_flat(
             out[place + np.uint64(W)] = w
             hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
         hits[j - j_low] = hit
-        found |= hit
-    return found
+        lowered |= hit
+    return lowered
 
 
-@kernel(inline=True, apart=True)
-def block_ball(
-    z: Float32,
-    j_low: Whole,
-    j_high: Whole,
-    i_low: Whole,
-    lane: Float32,
-    bit: Int32,
-    out: Float32,
-    hits: Int32,
-    s_first: Real,
-    w_first: Real,
-    step: Real,
-    ux: Real,
-    uy: Real,
-    length: Real,
-    za: Real,
-    slope: Real,
-    floor: Real,
-    radius: Real,
-    sin_theta: Real,
-) -> Whole:
+@kernel(inline=True, disjoint=True)
+def block_ball(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Float32, bit: Int32, out: Float32,
+               hits: Int32, s_first: Real, w_first: Real, step: Real, ux: Real, uy: Real, length: Real, za: Real,
+               slope: Real, floor: Real, radius: Real, sin_theta: Real) -> Whole:  # fmt: skip
     """Lower a block under a ball end mill; see :func:`block_flat`."""
-    found = np.int32(0)
+    lowered = np.int32(0)
     r2 = radius * radius
     for j in range(j_low, j_high):
         row, at = z[j, i_low : i_low + LANES], np.uint64((j - j_low) * LANES)
@@ -151,35 +116,16 @@ def block_ball(
             out[place + np.uint64(W)] = w
             hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
         hits[j - j_low] = hit
-        found |= hit
-    return found
+        lowered |= hit
+    return lowered
 
 
-@kernel(inline=True, apart=True)
-def block_bull(
-    z: Float32,
-    j_low: Whole,
-    j_high: Whole,
-    i_low: Whole,
-    lane: Float32,
-    bit: Int32,
-    out: Float32,
-    hits: Int32,
-    s_first: Real,
-    w_first: Real,
-    step: Real,
-    ux: Real,
-    uy: Real,
-    length: Real,
-    za: Real,
-    slope: Real,
-    floor: Real,
-    radius: Real,
-    corner: Real,
-    minimiser: Float32,
-) -> Whole:
+@kernel(inline=True, disjoint=True)
+def block_bull(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Float32, bit: Int32, out: Float32,
+               hits: Int32, s_first: Real, w_first: Real, step: Real, ux: Real, uy: Real, length: Real, za: Real,
+               slope: Real, floor: Real, radius: Real, corner: Real, minimiser: Float32) -> Whole:  # fmt: skip
     """Lower a block under a bull nose; minimiser is the table of u over |w| (ignored on the level)."""
-    found = np.int32(0)
+    lowered = np.int32(0)
     inner = radius - corner
     r2 = corner * corner
     per = _ONE / radius
@@ -210,11 +156,11 @@ def block_bull(
             out[place + np.uint64(W)] = w
             hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
         hits[j - j_low] = hit
-        found |= hit
-    return found
+        lowered |= hit
+    return lowered
 
 
-@kernel(inline=True, apart=True)
+@kernel(inline=True, disjoint=True)
 def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, row: Whole) -> int:
     """Append the row's columns from the first to the last that was lowered; returns how many."""
     left, right = hit & 255, (hit >> 8) & 255
@@ -234,7 +180,7 @@ def gather(event: Float32, gathered: Whole, hit: Whole, out: Float32, row: Whole
     return last + 1 - first
 
 
-@kernel(apart=True)
+@kernel(disjoint=True)
 def highest(out: Float32, rows: Whole) -> Real:
     """Highest of the new heights of a block; out is overwritten from its beginning."""
     for k in range(rows * LANES, ROWS * LANES):

@@ -149,21 +149,21 @@ def stamp_rows(
             w_first = w_mid + half_x * uy - half_y * ux
             totals[0, VISITED] += (j_high - j_low) * LANES
             if flat:
-                found = block_flat(
+                lowered = block_flat(
                     z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
                     f_floor, f_rad,
                 )  # fmt: skip
             elif ball:
-                found = block_ball(
+                lowered = block_ball(
                     z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
                     f_floor, f_rad, f_sin,
                 )  # fmt: skip
             else:
-                found = block_bull(
+                lowered = block_bull(
                     z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
                     f_floor, f_rad, f_cor, minimiser,
                 )  # fmt: skip
-            if found == 0:
+            if lowered == 0:
                 continue
             for row in range(j_high - j_low):
                 if hits[row] != 0:
