@@ -367,10 +367,10 @@ def settle(
             single_of[singles] = np.int32(i)
             singles += np.uint64(quanta_of[i] > 0)
         for k in range(np.int64(singles)):
-            i = np.uint32(single_of[k])
-            quanta, new = np.int64(quanta_of[i]), float(event[1, i])
+            at = np.uint32(single_of[k])
+            quanta, new = np.int64(quanta_of[at]), float(event[1, at])
             bottom += _book_column(
-                booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, i]), float(event[3, i]), length, za,
+                booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, at]), float(event[3, at]), length, za,
                 slope, minimiser, shape,
             )  # fmt: skip
     totals[0, BOTTOM] += bottom

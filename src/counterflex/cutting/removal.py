@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from counterflex.core.arrays import Float, Float32, Int, as_float
+from counterflex.core.arrays import Bool, Float, Float32, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
@@ -191,7 +191,11 @@ def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     return np.stack([first, np.diff(np.append(first, n))], axis=1).astype(np.int64)
 
 
-def _stamp(part: tuple[Any, ...], booked: Int, totals: Int, scratch: list[Scratch]) -> None:
+_Part: TypeAlias = tuple[StockGrid, Float, Int, Float, bool, Bool]
+"""The first arguments of :func:`stamp_runs`, the same for all workers."""
+
+
+def _stamp(part: _Part, booked: Int, totals: Int, scratch: list[Scratch]) -> None:
     """Let each worker, one thread with scratch arrays of its own, cut its share of every segment."""
     # No prange: its threads spin between two calls, which took a quarter of the processor time of a ball's path.
     workers = len(scratch)
