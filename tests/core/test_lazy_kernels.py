@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
@@ -255,3 +256,14 @@ def test_what_python_calls_is_an_entry_point() -> None:
     marked = {pair for pair in called if any(k.arg == "entry" for k in kernels[pair[0]][pair[1]].keywords)}
     assert len(called) > 100
     assert called == marked
+
+
+@pytest.mark.parametrize("disjoint", [False, True])
+def test_a_disjoint_kernel_says_so_of_its_arrays(disjoint: bool) -> None:
+    def nothing() -> None:
+        pass
+
+    made: Any = kernel(disjoint=disjoint)(nothing)
+    made()
+    flags = made._compiler._customize_flags(numba.core.compiler.Flags())
+    assert bool(flags.noalias) is disjoint

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 
 import manifold3d
 import numpy as np
@@ -12,7 +13,10 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError, ModelError
+from counterflex.core.jit import kernel
+from counterflex.cutting.booking_kernels import BINS, phi_bin
 from counterflex.cutting.cutter import Cutter
+from counterflex.cutting.envelope_kernels import NODES, fill_minimiser
 from counterflex.cutting.removal import (
     RemovalResult,
     grid_of,
@@ -183,6 +187,51 @@ def test_every_number_of_threads_gives_the_same_bits(cutter: Cutter) -> None:
         assert reference[1].engagement is not None
         assert np.array_equal(result.engagement.depth_m, reference[1].engagement.depth_m)
         assert np.array_equal(result.engagement.cell, reference[1].engagement.cell)
+
+
+def test_no_thread_spins_beside_the_one_that_cuts() -> None:
+    points = _wander(8, 300)
+    _cut(_box(), points, BALL)
+    whole, own = time.process_time(), time.thread_time()
+    for _ in range(8):
+        _cut(_box(), points, BALL)
+    whole, own = time.process_time() - whole, time.thread_time() - own
+    assert whole <= 1.2 * own
+
+
+@pytest.mark.parametrize("corner", [2e-4, 3e-3, 7.9e-3])
+@pytest.mark.parametrize("slope", [1e-4, -0.02, 0.3, -5.0])
+def test_minimiser_of_a_bull_nose_is_the_root_of_its_equation(corner: float, slope: float) -> None:
+    radius, table = 8e-3, np.empty(NODES + 2, np.float32)
+    fill_minimiser(table, radius, corner, slope)
+    inner = radius - corner
+    for i in range(NODES + 1):
+        w = radius * (1.0 - (1.0 - i / NODES) ** 2)
+        low, high = math.asin(min(1.0, max(0.0, (w - inner) / corner))), 0.5 * math.pi
+        for _ in range(60):
+            psi = 0.5 * (low + high)
+            rho = inner + corner * math.sin(psi)
+            below = math.tan(psi) * math.sqrt(max(0.0, 1.0 - (w / rho) ** 2)) < abs(slope)
+            low, high = (psi, high) if below else (low, psi)
+        u = math.sqrt(max(0.0, (inner + corner * math.sin(0.5 * (low + high))) ** 2 - w * w))
+        assert abs(table[i]) == pytest.approx(u, abs=1e-6 * radius)
+        assert table[i] * slope <= 0.0
+
+
+@kernel()
+def _bins(ratio: Float) -> Int:
+    out = np.empty(ratio.size, np.int64)
+    for k in range(ratio.size):
+        out[k] = phi_bin(ratio[k])
+    return out
+
+
+def test_bin_of_a_ratio_is_that_of_its_arc_cosine() -> None:
+    steps = np.arange(-2048, 2049) / 2048.0
+    drawn = np.random.default_rng(4).uniform(-1.01, 1.01, 100_000)
+    ratio = np.concatenate([drawn, steps, np.nextafter(steps, 2.0), np.nextafter(steps, -2.0)])
+    expected = np.minimum((np.arccos(np.clip(ratio, -1.0, 1.0)) * (BINS / np.pi)).astype(np.int64), BINS - 1)
+    assert np.array_equal(_bins(ratio), expected)
 
 
 @KINDS

@@ -270,6 +270,11 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
         return super()._reduce_states()
 
 
+def _set_disjoint(flags: Any) -> Any:
+    flags.noalias = True
+    return flags
+
+
 def dispatcher(
     function: Callable[..., Any],
     options: dict[str, Any],
@@ -284,7 +289,10 @@ def dispatcher(
         signatures: The only ones that it will have, or None.
         records: Types by the names that signatures give them.
     """
+    disjoint = options.pop("noalias", False)
     compiled = Dispatcher(function, targetoptions=options)
+    if disjoint:  # Numba sets this flag for its own parallel loops only and has no option for it
+        compiled._compiler._customize_flags = _set_disjoint
     compiled.keep(folder, in_package)
     if signatures is not None:
         compiled.state(signatures, records)

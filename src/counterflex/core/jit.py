@@ -268,6 +268,7 @@ def kernel(
     parallel: bool = False,
     fast: bool = False,
     inline: bool = False,
+    disjoint: bool = False,
     waits: bool = False,
     entry: bool = False,
     **records: Any,
@@ -280,7 +281,9 @@ def kernel(
             must state them, and are compiled before it starts (:func:`compile_stated`).
         parallel: Allow ``prange``. Never for kernels called by the online process.
         fast: Allow re-association of sums (``fastmath={'reassoc','contract','nsz','arcp'}``), never NaN tricks.
-        inline: Let Numba inline the function into its callers.
+        inline: Put the function into its callers: Numba does, or LLVM where it is ``disjoint``.
+        disjoint: No two of its arrays share memory, and it makes none: its loops run in vectors without a look at
+            addresses, and nothing is counted.
         waits: Called from Python it may wait long: other threads of the process run meanwhile.
         entry: Python calls it where no call may wait: :func:`compile_stated` is to make it ready. It states its
             signatures.
@@ -299,7 +302,9 @@ def kernel(
         "error_model": "numpy",
         "fastmath": {"reassoc", "contract", "nsz", "arcp"} if fast else {"contract"},
     }
-    if inline:
+    if disjoint:
+        options.update(forceinline=inline, noalias=True, _nrt=False)
+    elif inline:
         options["inline"] = "always"
 
     def decorate(function: F) -> F:

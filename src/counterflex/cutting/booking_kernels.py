@@ -2,7 +2,7 @@
 
 What a removed column cost is booked to the cutter's element that first met it: the circle at height h above the tip,
 of radius r(h), meets a column with its front at t = s - sqrt(r(h)^2 - w^2), at the immersion angle
-``phi = acos(w / r(h))``. What the end face removes (descending moves, plunges) is booked apart.
+``phi = acos(w / r(h))``. What the end face removes (descending moves, plunges) is booked disjoint.
 """
 
 from __future__ import annotations
@@ -42,13 +42,12 @@ _HALF_PI = np.float32(0.5 * math.pi)
 _SCALE = np.float32(2.0**30)
 _BINS_PER_RAD = np.float32(BINS / math.pi)
 _LAST = np.float32(BINS - 0.5)
-
-
-@kernel()
-def phi_bin(ratio: Real) -> Whole:
-    """Bin of phi = acos(ratio)."""
-    phi = math.acos(min(1.0, max(-1.0, ratio)))
-    return min(int(phi * (BINS / math.pi)), BINS - 1)
+_COSINES = np.append(np.cos(np.linspace(0.0, math.pi, BINS + 1)[:-1]), -2.0)
+"""Cosines of the lower edges of the bins; no ratio is below the last entry."""
+_PER_RATIO: Final = 2048.0
+"""Steps of the table per unit of ratio: so fine that no step holds two edges."""
+_LOWEST_BIN = (np.searchsorted(-_COSINES, 1.0 - np.arange(1, 4098) / _PER_RATIO, "right") - 1).clip(0).astype(np.int8)
+"""Bin of the largest ratio of each step."""
 
 
 @kernel()
@@ -65,6 +64,14 @@ def bin_of(q: Real, w: Real) -> Real:
 
 
 @kernel()
+def phi_bin(ratio: Real) -> Whole:
+    """Bin of phi = acos(ratio)."""
+    x = min(1.0, max(-1.0, ratio))
+    j = np.int64(_LOWEST_BIN[np.uint32((1.0 + x) * _PER_RATIO)])
+    return j + np.int64(x <= _COSINES[np.uint32(j + 1)])
+
+
+@kernel(disjoint=True)
 def _book_column(
     booked: Int,
     sub: Whole,
@@ -112,10 +119,15 @@ def _book_column(
     h_new = max(0.0, new - tip)
     upper = old
     h_up = 1.0e9
+    # the tool was nowhere lower than here; a level that begins above the column at its lowest has no part in it
+    lowest = za + min(0.0, slope * length) - 1.0e-12
     for level in range(levels, -1, -1):
         if remaining <= 0:
             break
         h = shape[3 + level]
+        if h > h_new and level > 0 and lowest + h >= upper:
+            h_up = h
+            continue
         lower = new
         if h > h_new and level > 0:
             r = radius_over(h, radius, corner)
@@ -194,15 +206,18 @@ def _code_ball(
     sin_theta: Real,
     cos_theta: Real,
     levels: Whole,
-) -> None:
-    """Level and bin of each removed column under a ball, or -1 where it is so tall that it must be split exactly."""
+) -> Whole:
+    """Place and quanta of each removed column under a ball, twice; returns the quanta that the end face removed.
+
+    Left in the quanta is what so tall columns had that they must be split exactly.
+    """
     # The sphere, entered along the feed, meets the middle of the column at t; that gives the height above the tip,
     # hence the level, and with `q = s - t` the angle `phi = atan2(q, w)`. What reaches over the level's border goes to
     # the neighbour. On a descent the part below the ball's lowest line belongs to the end face, and of the rest a
     # share.
     d_of, new_of, s_of, w_of = event[0, :gathered], event[1, :gathered], event[2, :gathered], event[3, :gathered]
-    place_of, next_of = code[0, :gathered], code[2, :gathered]
-    side_of, over_of = code[3, :gathered], code[4, :gathered]
+    place_of, quanta_of, next_of = code[0, :gathered], code[1, :gathered], code[2, :gathered]
+    side_of, over_of, end_of = code[3, :gathered], code[4, :gathered], code[5, :gathered]
     r2 = radius * radius
     per = _ONE / radius
     top, bins = np.float32(levels), np.float32(BINS)
@@ -235,10 +250,34 @@ def _code_ball(
         tall = (beyond > _ZERO) & (cut > width + width)
         other = level + (_ONE if above > below else -_ONE)
         share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
-        place_of[i] = np.int32(-_ONE if tall else level * bins + spot)
+        place_of[i] = np.int32(level * bins + spot)
         next_of[i] = np.int32(max(other, _ZERO) * bins + spot)
-        side_of[i] = np.int32((cut - beyond) * share * _SCALE + _HALF)
-        over_of[i] = np.int32(beyond * share * _SCALE + _HALF)
+        quanta = np.int32(0) if tall else quanta_of[i]
+        quanta_of[i] -= quanta
+        over = min(np.int32(beyond * share * _SCALE + _HALF), quanta)
+        side = quanta - over
+        side = min(np.int32((cut - beyond) * share * _SCALE + _HALF), side) if falls else side
+        over_of[i] = over
+        side_of[i] = side
+        end_of[i] = quanta - over - side
+    bottom = np.int64(0)
+    for i in range(gathered if falls else 0):
+        bottom += np.int64(end_of[i])
+    return bottom
+
+
+@kernel()
+def _book_pairs(code: Int32, gathered: Whole, books: Int) -> None:
+    """Add the quanta of both places of each column, from both halves in turn: neighbours often share a place."""
+    place_of, next_of, side_of, over_of = code[0], code[2], code[3], code[4]
+    half = (gathered + 1) // 2
+    place_of[gathered] = next_of[gathered] = side_of[gathered] = over_of[gathered] = np.int32(0)
+    for i in range(half):
+        one, two = np.uint64(i), np.uint64(i + half)
+        books[np.uint32(place_of[one])] += np.int64(side_of[one])
+        books[np.uint32(place_of[two])] += np.int64(side_of[two])
+        books[np.uint32(next_of[one])] += np.int64(over_of[one])
+        books[np.uint32(next_of[two])] += np.int64(over_of[two])
 
 
 @kernel()
@@ -318,44 +357,20 @@ def settle(
     else:
         if ball:
             cosine = 1.0 / math.sqrt(1.0 + slope * slope)
-            _code_ball(
-                event,
-                code,
-                gathered,
-                f_rad,
-                f_za,
-                f_slope,
-                f_len,
-                np.float32(slope * cosine),
-                np.float32(cosine),
+            bottom += _code_ball(
+                event, code, gathered, f_rad, f_za, f_slope, f_len, np.float32(slope * cosine), np.float32(cosine),
                 levels,
-            )
+            )  # fmt: skip
+            _book_pairs(code, gathered, books)
+        single_of, singles = code[5], np.uint64(0)
         for i in range(gathered):
-            quanta = quanta_of[i]
-            if ball and code[0, i] >= 0:
-                over = code[4, i]
-                if over > 0:
-                    over = min(over, quanta)
-                    books[np.uint32(code[2, i])] += np.int64(over)
-                side = quanta - over
-                if slope < 0.0:
-                    side = min(code[3, i], side)
-                    bottom += np.int64(quanta - over - side)
-                books[np.uint32(code[0, i])] += np.int64(side)
-            elif quanta > 0:
-                new = float(event[1, i])
-                bottom += _book_column(
-                    booked,
-                    0,
-                    np.int64(quanta),
-                    new + quanta * QUANTUM_M,
-                    new,
-                    float(event[2, i]),
-                    float(event[3, i]),
-                    length,
-                    za,
-                    slope,
-                    minimiser,
-                    shape,
-                )
+            single_of[singles] = np.int32(i)
+            singles += np.uint64(quanta_of[i] > 0)
+        for k in range(np.int64(singles)):
+            at = np.uint32(single_of[k])
+            quanta, new = np.int64(quanta_of[at]), float(event[1, at])
+            bottom += _book_column(
+                booked, 0, quanta, new + quanta * QUANTUM_M, new, float(event[2, at]), float(event[3, at]), length, za,
+                slope, minimiser, shape,
+            )  # fmt: skip
     totals[0, BOTTOM] += bottom

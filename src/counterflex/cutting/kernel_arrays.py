@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Final, NamedTuple
 
-from counterflex.core.arrays import Float1, Float2, Float32, Int1, Int2, Int3
+from counterflex.core.arrays import Float1, Float2, Float32, Int2, Int3
 from counterflex.core.jit import bundle
 from counterflex.cutting.envelope_kernels import Int32
 
@@ -25,7 +25,7 @@ class Scratch(NamedTuple):
 
     lane: Annotated[Float32, "float32[::1]"]
     bit: Annotated[Int32, "int32[::1]"]
-    sums: Int1
+    hits: Annotated[Int32, "int32[::1]"]
     out: Annotated[Float32, "float32[::1]"]
     minimiser: Annotated[Float32, "float32[::1]"]
     stations: Float1

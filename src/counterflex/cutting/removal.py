@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from counterflex.core.arrays import Float, Float32, Int, as_float
+from counterflex.core.arrays import Bool, Float, Float32, Int, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.jit import kernel
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.booking_kernels import AREA, BINS, BOTTOM, EVENTS, QUANTUM_M, VISITED, VOLUME
 from counterflex.cutting.cutter import Cutter
-from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, SIDE
+from counterflex.cutting.envelope_kernels import LANES, NODES, OUT, ROWS, SIDE
 from counterflex.cutting.kernel_arrays import Scratch, StockGrid, Workspace
 from counterflex.cutting.stock import HeightMap
-from counterflex.cutting.sweep_kernels import stamp_bands
+from counterflex.cutting.sweep_kernels import stamp_runs
 from counterflex.cutting.tilted_stock import require_upright_cuts
 from counterflex.path import FEED, RAPID, ToolPath
 
@@ -50,22 +52,25 @@ def stamp_workspace(cutter: Cutter, longest: int = 1) -> Workspace:
     Args:
         longest: Segments of the longest run that is stamped as one.
     """
-    scratch = Scratch(
-        lane=np.empty(2 * SIDE, np.float32),
-        bit=np.empty(LANES, np.int32),
-        sums=np.empty(LANES, np.int64),
-        out=np.zeros(OUT, np.float32),
-        minimiser=np.empty(NODES + 2, np.float32),
-        stations=np.empty(longest + 1),
-        event=np.empty((4, EVENTS), np.float32),
-        code=np.empty((5, EVENTS), np.int32),
-    )
     return Workspace(
-        scratch=scratch,
+        scratch=_scratch(longest),
         path=np.empty((2, 3)),
         booked=np.empty((1, cutter.n_levels, BINS), np.int64),
         totals=np.empty((1, 4), np.int64),
         unit_width=unit_widths(),
+    )
+
+
+def _scratch(longest: int) -> Scratch:
+    return Scratch(
+        lane=np.empty(2 * SIDE, np.float32),
+        bit=np.empty(LANES, np.int32),
+        hits=np.empty(ROWS, np.int32),
+        out=np.zeros(OUT, np.float32),
+        minimiser=np.empty(NODES + 2, np.float32),
+        stations=np.empty(longest + 1),
+        event=np.empty((4, EVENTS), np.float32),
+        code=np.empty((6, EVENTS), np.int32),
     )
 
 
@@ -186,6 +191,23 @@ def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     return np.stack([first, np.diff(np.append(first, n))], axis=1).astype(np.int64)
 
 
+_Part: TypeAlias = tuple[StockGrid, Float, Int, Float, bool, Bool]
+"""The first arguments of :func:`stamp_runs`, the same for all workers."""
+
+
+def _stamp(part: _Part, booked: Int, totals: Int, scratch: list[Scratch]) -> None:
+    """Let each worker, one thread with scratch arrays of its own, cut its share of every segment."""
+    # No prange: its threads spin between two calls, which took a quarter of the processor time of a ball's path.
+    workers = len(scratch)
+    if workers == 1:
+        stamp_runs(*part, booked[0], totals[0], 0, 1, scratch[0])
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        jobs = [pool.submit(stamp_runs, *part, booked[k], totals[k], k, workers, scratch[k]) for k in range(workers)]
+        for job in jobs:
+            job.result()
+
+
 def remove_segments(
     stock: HeightMap,
     p_part_tcp: Float,
@@ -227,6 +249,7 @@ def remove_segments(
     booked = np.zeros((threads, room, levels if engagement else 0, BINS), np.int64)
     cell = np.empty(room * levels * BINS if engagement else 0, np.uint16)
     depth = np.empty(len(cell), np.float32)
+    scratch = [_scratch(int(runs[:, 1].max())) for _ in range(threads)]
     at = 0
     while at < len(runs):
         first = int(runs[at, 0])
@@ -236,7 +259,8 @@ def remove_segments(
         count = last - first
         chunk = runs[at:stop] - np.array([first, 0])
         totals = np.zeros((threads, count, 4), np.int64)
-        stamp_bands(grid, path[first : last + 1], chunk, shape, first > 0, book[first:last], booked, totals, threads)
+        part = grid, path[first : last + 1], chunk, shape, first > 0, book[first:last]
+        _stamp(part, booked, totals, scratch)
         sums = totals.sum(axis=0)
         side = np.zeros(count, np.int64)
         booked_engagement = None

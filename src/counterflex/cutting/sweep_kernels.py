@@ -1,9 +1,8 @@
 """Kernels: drive the cutter along a path over the height map.
 
 The map is worked in blocks of 8 x 16 cells whose highest cell is known, so that blocks already below the cutter are
-skipped; the part of the cutter's footprint that an earlier segment has cut falls away by itself. Blocks are gathered
-in bands of 64 rows, which stay in the second-level cache while all segments of a stretch pass, and the bands are dealt
-to the threads.
+skipped; the part of the cutter's footprint that an earlier segment has cut falls away by itself. Rows of blocks are
+dealt to the workers in turn, so that each has its share of every segment.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import prange
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.jit import kernel
@@ -31,34 +29,26 @@ from counterflex.cutting.booking_kernels import (
 )
 from counterflex.cutting.envelope_kernels import (
     LANES,
-    NODES,
-    OUT,
-    PEAK,
+    ROWS,
     SIDE,
+    block_ball,
+    block_bull,
+    block_flat,
     fill_minimiser,
     gather,
     height_under,
-    row_ball,
-    row_bull,
-    row_flat,
+    highest,
 )
-from counterflex.cutting.kernel_arrays import GRID, Scratch, StockGrid, Workspace
+from counterflex.cutting.kernel_arrays import GRID, SCRATCH, Scratch, StockGrid, Workspace
 
-ROWS: Final = 8
-BAND_BLOCKS: Final = 8
-"""Blocks of rows in a band: 64 rows."""
-
-_HALF = np.float32(0.5)
-_SCALE = np.float32(2.0**30)
-_LOWEST = np.float32(-3.0e38)
 _STEEP: Final = 1.0e6
 
 
 @kernel()
 def stamp_rows(
     grid: StockGrid,
-    block_first: int,
-    block_last: int,
+    worker: int,
+    workers: int,
     path: Float,
     first: int,
     count: int,
@@ -69,14 +59,14 @@ def stamp_rows(
     totals: Int,
     scratch: Scratch,
 ) -> None:
-    """Cut a run of ``count`` collinear segments within block rows [block_first, block_last).
+    """Cut a run of ``count`` collinear segments within every ``workers``-th row of blocks.
 
     path is (n + 1, 3); the run goes from point ``first`` to ``first + count``. Row i of booked and totals belongs to
     segment first + i.
     """
     z, tops, x0, y0, cell, floor = grid.z, grid.tops, grid.x0, grid.y0, grid.cell, grid.floor
     lane, out, minimiser, stations = scratch.lane, scratch.out, scratch.minimiser, scratch.stations
-    event, code, bit, sums = scratch.event, scratch.code, scratch.bit, scratch.sums
+    event, code, bit, hits = scratch.event, scratch.code, scratch.bit, scratch.hits
     ny, nx = z.shape
     radius, corner = shape[0], shape[1]
     xa, ya, za = path[first, 0], path[first, 1], path[first, 2]
@@ -103,7 +93,6 @@ def stamp_rows(
         fill_minimiser(minimiser, radius, corner, slope)
     for k in range(LANES):
         bit[k] = np.int32(1 << k)
-        sums[k] = 0
     for k in range(SIDE):
         lane[k] = np.float32(k * cell * ux)
         lane[SIDE + k] = np.float32(-k * cell * uy)
@@ -117,16 +106,16 @@ def stamp_rows(
     f_len, f_za, f_slope = np.float32(length), np.float32(start), np.float32(slope)
     f_floor = np.float32(floor)
     f_rad, f_cor, f_sin = np.float32(radius), np.float32(corner), np.float32(sin_theta)
-    row_low = max(block_first, math.floor((y_low - radius - y0) / cell / ROWS))
-    row_high = min(block_last, math.floor((y_high + radius - y0) / cell / ROWS) + 1)
+    row_low = max(0, math.floor((y_low - radius - y0) / cell / ROWS))
+    row_low += (worker - row_low) % workers
+    row_high = min(tops.shape[0], math.floor((y_high + radius - y0) / cell / ROWS) + 1)
     gathered = 0
     mode = END_FACE if plunge else (BOOK if book else COUNT)
-    tally = mode == COUNT and count == 1
     half_x, half_y = 0.5 * (LANES - 1) * cell, 0.5 * (ROWS - 1) * cell
     diagonal = math.hypot(half_x, half_y)
     reach = half_x * abs(ux) + half_y * abs(uy)
     width = half_x * abs(uy) + half_y * abs(ux)
-    for block_row in range(row_low, row_high):
+    for block_row in range(row_low, row_high, workers):
         j_low = block_row * ROWS
         j_high = min(j_low + ROWS, ny)
         y_mid = y0 + cell * (j_low + 0.5 * (ROWS - 1))
@@ -158,111 +147,50 @@ def stamp_rows(
                 continue
             s_first = s_mid - half_x * ux - half_y * uy
             w_first = w_mid + half_x * uy - half_y * ux
-            changed = False
-            for k in range(LANES):
-                out[PEAK + k] = _LOWEST
             totals[0, VISITED] += (j_high - j_low) * LANES
-            for j in range(j_low, j_high):
-                s_row = s_first + (j - j_low) * cell * uy
-                w_row = w_first + (j - j_low) * cell * ux
-                row = z[j, i_low : i_low + LANES]
-                if flat:
-                    hit = row_flat(
-                        row, lane, bit, out, np.float32(s_row), np.float32(w_row), f_len, f_za, f_slope, f_floor, f_rad
-                    )
-                elif ball:
-                    hit = row_ball(
-                        row,
-                        lane,
-                        bit,
-                        out,
-                        np.float32(s_row),
-                        np.float32(w_row),
-                        f_len,
-                        f_za,
-                        f_slope,
-                        f_floor,
-                        f_rad,
-                        f_sin,
-                    )
-                else:
-                    hit = row_bull(
-                        row,
-                        lane,
-                        bit,
-                        out,
-                        np.float32(s_row),
-                        np.float32(w_row),
-                        f_len,
-                        f_za,
-                        f_slope,
-                        f_floor,
-                        f_rad,
-                        f_cor,
-                        minimiser,
-                    )
-                if hit == 0:
-                    continue
-                changed = True
-                if tally:
-                    for k in range(LANES):
-                        sums[k] += np.int64(np.int32(out[k] * _SCALE + _HALF))
-                    continue
-                gathered += gather(event, gathered, hit, out, lane, np.float32(s_row), np.float32(w_row))
+            if flat:
+                lowered = block_flat(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad,
+                )  # fmt: skip
+            elif ball:
+                lowered = block_ball(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad, f_sin,
+                )  # fmt: skip
+            else:
+                lowered = block_bull(
+                    z, j_low, j_high, i_low, lane, bit, out, hits, s_first, w_first, cell, ux, uy, f_len, f_za, f_slope,
+                    f_floor, f_rad, f_cor, minimiser,
+                )  # fmt: skip
+            if lowered == 0:
+                continue
+            for row in range(j_high - j_low):
+                if hits[row] != 0:
+                    gathered += gather(event, gathered, hits[row], out, row)
+            tops[block_row, block] = highest(out, j_high - j_low)
             if gathered > EVENTS - (ROWS + 1) * LANES:
                 settle(
-                    event,
-                    code,
-                    gathered,
-                    booked,
-                    totals,
-                    count,
-                    stations,
-                    length,
-                    start,
-                    slope,
-                    descending,
-                    mode,
-                    continued,
-                    minimiser,
-                    shape,
-                )
+                    event, code, gathered, booked, totals, count, stations, length, start, slope, descending, mode,
+                    continued, minimiser, shape,
+                )  # fmt: skip
                 gathered = 0
-            if changed:
-                highest = out[PEAK]
-                for k in range(1, LANES):
-                    highest = max(highest, out[PEAK + k])
-                tops[block_row, block] = highest
-    if tally:
-        totals[0, VOLUME] += sums.sum()
     if gathered > 0:
         settle(
-            event,
-            code,
-            gathered,
-            booked,
-            totals,
-            count,
-            stations,
-            length,
-            start,
-            slope,
-            descending,
-            mode,
-            continued,
-            minimiser,
-            shape,
-        )
+            event, code, gathered, booked, totals, count, stations, length, start, slope, descending, mode, continued,
+            minimiser, shape,
+        )  # fmt: skip
 
 
 @kernel(
-    "void(Grid, float64[:, ::1], int64[:, ::1], float64[::1], boolean, boolean[::1], int64[:, :, :, "
-    "::1], int64[:, :, ::1], int64)",
-    parallel=True,
+    "void(Grid, float64[:, ::1], int64[:, ::1], float64[::1], boolean, boolean[::1], int64[:, :, ::1], int64[:, ::1], "
+    "int64, int64, Scratch)",
+    waits=True,
     entry=True,
     Grid=GRID,
+    Scratch=SCRATCH,
 )
-def stamp_bands(
+def stamp_runs(
     grid: StockGrid,
     path: Float,
     runs: Int,
@@ -271,53 +199,21 @@ def stamp_bands(
     book: Bool,
     booked: Int,
     totals: Int,
+    worker: int,
     workers: int,
+    scratch: Scratch,
 ) -> None:
-    """Cut a stretch of path in bands of 64 rows dealt to workers.
+    """Cut a stretch of path in the rows of blocks that are dealt to a worker.
 
-    path (n + 1, 3); runs (n_runs, 2) first segment and count; book (n,) flag; booked (workers, n, levels, bins)
-    int64 and totals (workers, n, 4) int64 are added to.
+    path (n + 1, 3); runs (n_runs, 2) first segment and count; book (n,) flag; booked (n, levels, bins) and totals
+    (n, 4) of this worker are added to.
     """
-    y0, cell = grid.y0, grid.cell
-    bands = (grid.tops.shape[0] + BAND_BLOCKS - 1) // BAND_BLOCKS
-    radius = shape[0]
-    longest = runs[:, 1].max()
-    for worker in prange(workers):
-        scratch = Scratch(
-            np.empty(2 * SIDE, np.float32),
-            np.empty(LANES, np.int32),
-            np.empty(LANES, np.int64),
-            np.zeros(OUT, np.float32),
-            np.empty(NODES + 2, np.float32),
-            np.empty(longest + 1, np.float64),
-            np.empty((4, EVENTS), np.float32),
-            np.empty((5, EVENTS), np.int32),
-        )
-        for band in range(worker, bands, workers):
-            first_block = band * BAND_BLOCKS
-            last_block = min(first_block + BAND_BLOCKS, grid.tops.shape[0])
-            band_low = y0 + cell * (first_block * ROWS - 1) - radius
-            band_high = y0 + cell * (last_block * ROWS) + radius
-            for run in range(runs.shape[0]):
-                a = runs[run, 0]
-                n = runs[run, 1]
-                ya, yb = path[a, 1], path[a + n, 1]
-                if max(ya, yb) < band_low or min(ya, yb) > band_high:
-                    continue
-                stamp_rows(
-                    grid,
-                    first_block,
-                    last_block,
-                    path,
-                    a,
-                    n,
-                    shape,
-                    continued or a > 0,
-                    book[a],
-                    booked[worker, a : a + n],
-                    totals[worker, a : a + n],
-                    scratch,
-                )
+    for run in range(runs.shape[0]):
+        a, n = runs[run, 0], runs[run, 1]
+        stamp_rows(
+            grid, worker, workers, path, a, n, shape, continued or a > 0, book[a], booked[a : a + n], totals[a : a + n],
+            scratch,
+        )  # fmt: skip
 
 
 @kernel()
@@ -360,7 +256,7 @@ def stamp_segment(
     path[1, 0], path[1, 1], path[1, 2] = xb, yb, zb
     booked[:] = 0
     totals[:] = 0
-    stamp_rows(grid, 0, grid.tops.shape[0], path, 0, 1, shape, continued, True, booked, totals, workspace.scratch)
+    stamp_rows(grid, 0, 1, path, 0, 1, shape, continued, True, booked, totals, workspace.scratch)
     unit = QUANTUM_M * grid.cell * grid.cell
     length = math.hypot(xb - xa, yb - ya)
     levels = booked.shape[1]

@@ -337,7 +337,7 @@ def cut_motions(
         follows = continued or k > 0
         if count > 0 and free(columns, path, row, count, tool[0], tool[2]):
             stamp_rows(
-                grid, 0, columns.tops.shape[0], path, row, count, corners, follows, book[row],
+                grid, 0, 1, path, row, count, corners, follows, book[row],
                 booked[row : row + count], totals[row : row + count], scratch,
             )  # fmt: skip
             if min(path[row, 2], path[row + count, 2]) <= columns.floor + 1.0e-6:
