@@ -1,7 +1,9 @@
-"""A CAD mesh as what was to be made: exact signed distances to its triangles."""
+"""A CAD mesh or solid as what was to be made: exact signed distances to its triangles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,6 +14,8 @@ from counterflex.evaluate.inspection.mesh_kernel import count_cubes, list_cubes,
 
 _SIDE_M: Final = 1.0 * MM
 _MOST_CUBES: Final = 8_000_000
+_SAME: Final = 0.98
+"""Cosine of 11 deg: neighbouring triangles of a curved face differ by less."""
 
 
 class MeshShape:
@@ -28,8 +32,9 @@ class MeshShape:
         corners = np.ascontiguousarray(vertices[faces], np.float64)
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double = np.linalg.norm(across, axis=1)
-        self._corners = np.ascontiguousarray(corners[double > 0.0])
-        self._normals = np.ascontiguousarray(across[double > 0.0] / double[double > 0.0, None])
+        self._kept: Int = np.flatnonzero(double > 0.0)
+        self._corners = np.ascontiguousarray(corners[self._kept])
+        self._normals = np.ascontiguousarray(across[self._kept] / double[self._kept, None])
         self._reach = reach_m
         self._low: Float = corners.min(axis=(0, 1))
         size: Float = corners.max(axis=(0, 1)) - self._low
@@ -43,7 +48,11 @@ class MeshShape:
 
     def distance(self, points_part: Float) -> Float:
         """(n,) m, signed distance of points (n, 3), part frame: positive in the material, nan beyond reach."""
-        out = np.empty(len(points_part))
+        return self.nearest(points_part)[0]
+
+    def nearest(self, points_part: Float) -> tuple[Float, Int]:
+        """As :meth:`distance`, and the nearest triangle of each point (n,), of those that have an area."""
+        out, triangle = np.empty(len(points_part)), np.empty(len(points_part), np.int64)
         signed_distances(
             np.ascontiguousarray(points_part, np.float64),
             self._corners,
@@ -55,5 +64,38 @@ class MeshShape:
             self._member,
             self._reach,
             out,
+            triangle,
         )
-        return out
+        return out, triangle
+
+
+@dataclass(frozen=True, eq=False)
+class CadFace:
+    """A face of a solid, by its CAD file."""
+
+    name: str  # its own; else kind and number in the file
+    kind: str  # plane, cylinder, cone, sphere, torus, or free form
+    point: Float  # (3,) m, on the plane, or on the axis; part frame
+    axis: Float  # (3,) unit vector: of a plane its outward normal
+    radius_m: float  # of a cylinder
+    # by quantity: nominal value, m (None: that of the geometry), and +- tolerance, m, as the file states them
+    limits: dict[str, tuple[float | None, float]]
+
+
+class CadSolid(MeshShape):
+    """A closed solid, meshed, whose triangles know their faces."""
+
+    def __init__(self, vertices: Float, triangles: Int, owner: Int, faces: Sequence[CadFace], reach_m: float) -> None:
+        """Prepare a solid; ``owner`` (t,) is the face of each triangle, the rest as in :class:`MeshShape`."""
+        super().__init__(vertices, triangles, reach_m)
+        self.vertices, self.triangles, self.owner, self.faces = vertices, triangles, owner, tuple(faces)
+
+    def face_of(self, points_part: Float, normals: Float) -> Int:
+        """(n,) face that points (n, 3) on the surface lie on; -1 where it looks another way than ``normals`` (n, 3).
+
+        Beyond a wall that was cut too far out, the nearest place of the nominal part is the edge at its foot: such a
+        point is of the wall, and not of the floor that ends there too.
+        """
+        triangle = self.nearest(points_part)[1]
+        same = np.einsum("nk,nk->n", self._normals[triangle], normals) > _SAME
+        return np.where(same, self.owner[self._kept[triangle]], -1)
