@@ -47,6 +47,7 @@ def centre(face: Any) -> tuple[float, float, float]:
     return place.X(), place.Y(), place.Z()
 
 
+_WITH_DATUM = ("Parallelism", "Perpendicularity", "Angularity")
 Named = Callable[[tuple[float, float, float]], str]
 """Name of a face by its centre, mm; empty: none."""
 
@@ -95,6 +96,15 @@ def write_step(
         one.SetValue(width)
         occ("XCAFDoc_GeomTolerance").Set_s(label).SetObject(one)
         table.SetGeomTolerance(labels[face], label)
+        if kind in _WITH_DATUM:
+            datum, place = occ("XCAFDimTolObjects_DatumObject")(), table.AddDatum()
+            datum.SetName(occ("TCollection_HAsciiString")("A"))
+            datum.SetPosition(1)
+            occ("XCAFDoc_Datum").Set_s(place).SetObject(datum)
+            some = import_module("OCP.collections").Sequence_TDF_Label()
+            some.Append(labels[face])
+            table.SetDatum(some, place)
+            table.SetDatumToGeomTol(place, label)
     for face, value, up, low in diameters:
         one, label = occ("XCAFDimTolObjects_DimensionObject")(), table.AddDimension()
         one.SetType(occ("XCAFDimTolObjects_DimensionType_Size_Diameter"))

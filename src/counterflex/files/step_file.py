@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -73,14 +73,13 @@ def read_step(path: Path, choose: Callable[[list[StepSolid]], StepSolid], reach_
         solids = list(_solids(shapes))
     if not solids:
         raise FileFormatError(
-            "the STEP file holds no solid",
+            "the STEP file holds no closed solid",
             where=str(path),
-            value="surfaces, curves, or a mesh alone",
-            hint="Export the part as a solid (manifold_solid_brep)",
+            value="open shells, surfaces, curves, or a mesh alone",
+            hint="Repair the part in the CAD system and export it as a solid (manifold_solid_brep)",
         )
     solid = choose(solids)
     with readable(path, "a STEP file", "Export it again, as AP214 or AP242"):
-        _require_closed(solid, path)
         table, names = _Faces(solid.shape), _occ("XCAFDoc_ShapeTool")
         own = {table.number(names.GetShape_s(label)): text for label, text in _sub_labels(shapes)}
         faces = [_face(table.shapes[k], k, own.get(k, "")) for k in range(len(table.shapes))]
@@ -173,16 +172,6 @@ def _solids(shapes: Any) -> Iterator[StepSolid]:
             yield StepSolid(f"{_name(label) or 'solid'} ({k + 1})", low, high, solid)
 
 
-def _require_closed(solid: StepSolid, path: Path) -> None:
-    tool = _occ("BRep_Tool")
-    if not all(tool.IsClosed_s(shell) for shell in _explored(solid.shape, "SHELL")):
-        raise FileFormatError(
-            "the solid is not closed",
-            where=f"{path}: {solid.name}",
-            hint="Repair it in the CAD system, or export again",
-        )
-
-
 class _Faces:
     """Faces of a solid in the order of the file, found again wherever an assembly places them."""
 
@@ -222,7 +211,7 @@ def _distinguish(faces: list[CadFace]) -> None:
     names = [face.name for face in faces]
     for k, face in enumerate(faces):
         if names.count(face.name) > 1:
-            faces[k] = CadFace(f"{face.name} (face {k + 1})", face.kind, face.point, face.axis, face.radius_m, face.limits)
+            faces[k] = replace(face, name=f"{face.name} (face {k + 1})")
 
 
 def _mesh(solid: Any, table: _Faces, path: Path) -> tuple[Float, Int, Int]:

@@ -116,14 +116,13 @@ class CadFeatures:
         if face.kind == "cylinder":
             points, normals, turn = _ring(face, corners)
             return _Places(face, members, points, normals, turn, _is_bore(face, corners))
-        pitch = max(PITCH_M, float(np.sqrt(_sizes(corners)[1].sum() / _MOST)))
-        points, normals = _spread(corners, pitch)
+        points, normals = even_points(corners)
         steep = float(np.median(np.abs(normals[:, 2]))) < STEEP
         scale = np.array([1.0, 1.0, 1.0 / UP if steep else 1.0])
         off = scipy.spatial.cKDTree(_edges(solid.vertices, triangles) * scale).query(points * scale)[0]
         inner = off >= min(_EDGE_M, _MIDDLE * float(off.max()))
         points, normals = points[inner], normals[inner]
-        _, first = np.unique(np.floor(points * scale / pitch).astype(np.int64), axis=0, return_index=True)
+        _, first = np.unique(np.floor(points * scale / pitch_of(corners)).astype(np.int64), axis=0, return_index=True)
         return _Places(face, members, points[first], normals[first])
 
 
@@ -147,14 +146,19 @@ def _sizes(corners: Float) -> tuple[Float, Float]:
     return across / np.maximum(double, 1e-300)[:, None], 0.5 * double
 
 
-def _spread(corners: Float, pitch: float) -> tuple[Float, Float]:
-    """Points evenly all over triangles, about ten to a square of a pitch, and their normals.
+def pitch_of(corners: Float) -> float:
+    """Distance of places on a face from its triangles (t, 3, 3), m: some thousands on a large one."""
+    return max(PITCH_M, float(np.sqrt(_sizes(corners)[1].sum() / _MOST)))
+
+
+def even_points(corners: Float) -> tuple[Float, Float]:
+    """Points (n, 3) m evenly all over triangles (t, 3, 3), about ten to a square of a pitch, and their normals.
 
     Source: Roberts 2018, "The unreasonable effectiveness of quasirandom sequences", for the place in a triangle.
     """
     normals, area = _sizes(corners)
     total = np.cumsum(area)
-    k = np.arange(max(200, int(10.0 * total[-1] / pitch**2)))
+    k = np.arange(max(200, int(10.0 * total[-1] / pitch_of(corners) ** 2)))
     owner = np.minimum(np.searchsorted(total, (k + 0.5) / len(k) * total[-1]), len(area) - 1)
     u, v = (0.7548776662466927 * k) % 1.0, (0.5698402909980532 * k) % 1.0
     folded = u + v > 1.0
