@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ import pytest
 import step_parts
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM, UM
+from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.files import step_file
-from counterflex.files.step_file import StepPart, read_step
+from counterflex.files.step_file import read_step
 
 BORE = "bore H9"
 
@@ -27,19 +29,20 @@ def block() -> Any:
     )
 
 
-def named(centre: tuple[float, float, float]) -> str:
+def named(face: Any) -> str:
+    centre = step_parts.centre(face)
     places = {(30, 15, 34): "groove floor", (30, 42, 35): BORE, (30, 23, 37): "wall"}
     return places.get((round(centre[0]), round(centre[1]), round(centre[2])), "")
 
 
-def read(path: Path) -> StepPart:
+def read(path: Path) -> CadSolid:
     return read_step(path, lambda solids: solids[0], 5.0 * MM)
 
 
 @pytest.mark.parametrize("unit", ["MM", "INCH", "M"])
 def test_size_names_and_kinds_do_not_depend_on_the_unit(tmp_path: Path, unit: str) -> None:
     step_parts.write_step(tmp_path / "a.step", [block()], named, unit=unit)
-    solid = read(tmp_path / "a.step").solid
+    solid = read(tmp_path / "a.step")
     faces = {face.name: face for face in solid.faces}
     np.testing.assert_allclose(np.ptp(solid.vertices, axis=0) / MM, [60.0, 60.0, 40.0], atol=1e-6)
     assert faces["groove floor"].kind == "plane"
@@ -55,7 +58,7 @@ def test_size_names_and_kinds_do_not_depend_on_the_unit(tmp_path: Path, unit: st
 
 def test_triangles_are_within_a_micrometre_and_know_their_face(tmp_path: Path) -> None:
     step_parts.write_step(tmp_path / "a.step", [block()], named)
-    solid = read(tmp_path / "a.step").solid
+    solid = read(tmp_path / "a.step")
     angle = np.linspace(0.0, 2.0 * np.pi, 1000)
     on = np.column_stack([30.0 + 10.0 * np.cos(angle), 42.0 + 10.0 * np.sin(angle), np.full(1000, 34.0)]) * MM
     away = np.column_stack([-np.cos(angle), -np.sin(angle), np.zeros(1000)])
@@ -80,7 +83,7 @@ def test_tolerances_come_back_and_others_are_named(tmp_path: Path) -> None:
         diameters=[(BORE, 20.0, 0.03, 0.01)],
     )
     part = read(tmp_path / "a.step")
-    limits = {face.name: face.limits for face in part.solid.faces if face.limits}
+    limits = {face.name: face.limits for face in part.faces if face.limits}
     um = {
         (name, quantity): (None if value is None else round(value / UM, 3), round(tolerance / UM, 3))
         for name, one in limits.items()
@@ -101,13 +104,15 @@ def test_limits_on_one_side_of_the_nominal_size_are_not_taken_for_limits_about_i
     """+0.03 +0.01: Open CASCADE reads 0.01 without its sign."""
     step_parts.write_step(tmp_path / "a.step", [block()], named, diameters=[(BORE, 20.0, 0.03, -0.01)])
     part = read(tmp_path / "a.step")
-    assert not any(face.limits for face in part.solid.faces)
+    assert not any(face.limits for face in part.faces)
     assert part.not_measured == (f"Size Diameter 20 mm with both limits on one side of {BORE}",)
 
 
 def test_faces_of_one_name_are_numbered(tmp_path: Path) -> None:
-    step_parts.write_step(tmp_path / "a.step", [block()], lambda centre: "side" if centre[2] < 30 else "")
-    names = [face.name for face in read(tmp_path / "a.step").solid.faces]
+    step_parts.write_step(
+        tmp_path / "a.step", [block()], lambda face: "side" if step_parts.centre(face)[2] < 30 else ""
+    )
+    names = [face.name for face in read(tmp_path / "a.step").faces]
     assert len(set(names)) == len(names)
     assert any(name.startswith("side (face ") for name in names)
 
@@ -126,7 +131,7 @@ def damaged(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:3000])
 
 
-BAD = {
+BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "no STEP": (lambda path: path.write_text("solid a\nendsolid"), "not a STEP file"),
     "surface": (surface_only, "holds no closed solid"),
     "open": (open_solid, "holds no closed solid"),

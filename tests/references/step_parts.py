@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -47,9 +47,18 @@ def centre(face: Any) -> tuple[float, float, float]:
     return place.X(), place.Y(), place.Z()
 
 
+def thickness(face: Any, axis: int) -> float:
+    """Extent of a face along an axis of the part."""
+    bounds = occ("Bnd_Box")()
+    occ("BRepBndLib").AddOptimal_s(face, bounds, False, False)
+    low, high = bounds.CornerMin(), bounds.CornerMax()
+    return float([high.X() - low.X(), high.Y() - low.Y(), high.Z() - low.Z()][axis])
+
+
+_METRES = {"MM": 1e-3, "INCH": 25.4e-3, "M": 1.0}
 _WITH_DATUM = ("Parallelism", "Perpendicularity", "Angularity")
-Named = Callable[[tuple[float, float, float]], str]
-"""Name of a face by its centre, mm; empty: none."""
+Named = Callable[[Any], str]
+"""Name of a face; empty: none."""
 
 
 def write_step(
@@ -59,7 +68,7 @@ def write_step(
     *,
     unit: str = "MM",
     zones: Iterable[tuple[str, str, float]] = (),
-    diameters: Iterable[tuple[str, float, float, float]] = (),
+    diameters: Collection[tuple[str, float, float, float]] = (),
 ) -> None:
     """Write solids (mm) as AP242.
 
@@ -84,7 +93,7 @@ def write_step(
         label = parts.AddShape(shape, False)
         name.Set_s(label, text("block"))
         for face in faces(shape):
-            own = named(centre(face))
+            own = named(face)
             if own:
                 labels[own] = parts.AddSubShape(label, face)
                 name.Set_s(labels[own], text(own))
@@ -93,7 +102,8 @@ def write_step(
         one.SetType(occ(f"XCAFDimTolObjects_GeomToleranceType_{kind}"))
         if kind == "Position":
             one.SetTypeOfValue(occ("XCAFDimTolObjects_GeomToleranceTypeValue_Diameter"))
-        one.SetValue(width)
+        # the writer states zones in m where the file has no dimension
+        one.SetValue(width if diameters else width * _METRES[unit])
         occ("XCAFDoc_GeomTolerance").Set_s(label).SetObject(one)
         table.SetGeomTolerance(labels[face], label)
         if kind in _WITH_DATUM:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +10,7 @@ import numpy as np
 from counterflex.app.inputs import Job
 from counterflex.app.inspection.judging import nominal_of
 from counterflex.app.proof.cut_logs import log_of_path, top_of
-from counterflex.core.arrays import Bool, Float
+from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, PERCENT, UM
 from counterflex.evaluate.inspection.cad_rows import even_points
@@ -21,7 +20,7 @@ from counterflex.evaluate.measured_values import height_at
 from counterflex.files.cell.cell import Cell
 from counterflex.files.step_file import ENDINGS
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, Row, Verdict
 from counterflex.twin.plant.simulate import mounted_tools
 
 CHECK: Final = "nominal geometry"
@@ -32,25 +31,8 @@ _DEEPEST_M: Final = 5.0 * MM
 """Distances to what was cut are known up to this."""
 
 
-@dataclass(frozen=True, eq=False)
-class _OffFace:
-    name: str
-    limit_m: float
-    points: Float  # (n, 3) m
-    left_m: Float  # (n,) m, material over the face; negative: missing under it
-
-    @property
-    def worst(self) -> int:
-        return int(np.argmax(np.abs(self.left_m)))
-
-    @property
-    def over(self) -> Bool:
-        out: Bool = np.abs(self.left_m) > self.limit_m
-        return out
-
-
 def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:
-    """One row for each face off by more than its limit, and one for all others.
+    """One row for each face that is off by more than its limit, the worst first, and one for all others.
 
     Args:
         cad: STEP file, part frame.
@@ -66,27 +48,35 @@ def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:
         what = "the tool turns" if cell.tool_turns else "the program works in another plane than XY"
         return [Row(CHECK, NOT_LOOKED_AT, what=f"{what}: faces are compared where the tool stays along part z")]
     part = nominal_of(job, cell, cad)
-    faces = _off_faces(part, job, cell)
-    bad = sorted((face for face in faces if face.over.any()), key=lambda face: -abs(face.left_m[face.worst]))
-    rows = [_row(face, path, cell) for face in bad[:_MOST_ROWS]]
-    good = [abs(face.left_m[face.worst]) for face in faces if not face.over.any()]
-    more = f"; {len(bad) - _MOST_ROWS} more are off" if len(bad) > _MOST_ROWS else ""
-    what = f"{len(good)} of {len(faces)} faces of {cad.name} as the program makes them{more}"
-    worst = max(good, default=0.0)
-    return [*rows, Row(CHECK, "fail" if more else "ok", worst, LIMIT_M, "m", what=what)]
-
-
-def _off_faces(part: NominalPart, job: Job, cell: Cell) -> list[_OffFace]:
     solid = part.shape
     assert isinstance(solid, CadSolid)
     log = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
-    out = []
+    off, largest = [], 0.0
     for k, face in enumerate(solid.faces):
         triangles = solid.triangles[solid.owner == k]
         points = np.concatenate([even_points(solid.vertices[triangles])[0], solid.vertices[np.unique(triangles)]])
-        limits = [face.limits[name][1] for name in ("profile", "position") if name in face.limits]
-        out.append(_OffFace(face.name, min(limits, default=LIMIT_M), points, _left(points, part, log.distance(points))))
-    return out
+        left = _left(points, part, log.distance(points))
+        limit = min((face.limits[name][1] for name in ("profile", "position") if name in face.limits), default=LIMIT_M)
+        worst = int(np.argmax(np.abs(left)))
+        if abs(left[worst]) > limit:
+            share = float(np.mean(np.abs(left) > limit)) / PERCENT
+            point = _nearest(points[worst], path, cell)
+            off.append(_row(face.name, left[worst], limit, points[worst], share, point))
+        else:
+            largest = max(largest, abs(float(left[worst])))
+    off.sort(key=lambda row: -(row.value or 0.0))
+    more = f"; {len(off) - _MOST_ROWS} more are off" if len(off) > _MOST_ROWS else ""
+    what = f"{len(solid.faces) - len(off)} of {len(solid.faces)} faces of {cad.name} as the program makes them{more}"
+    return [*off[:_MOST_ROWS], Row(CHECK, "fail" if more else "ok", largest, LIMIT_M, "m", what=what)]
+
+
+def _row(name: str, left: float, limit: float, place: Float, share: float, point: int) -> Row:
+    at = ", ".join(f"{value / MM:.2f}" for value in place)
+    word = "material left" if left > 0.0 else "gouged" if left > -_DEEPEST_M else "gouged by more than that,"
+    what = f"{word} at {at} mm; {share:.0f} % of the face is off"
+    advice = "Check program, zero and tool; a corner sharper than the tool keeps material"
+    verdict: Verdict = "fail" if left < 0.0 else "warning"
+    return Row(f"{CHECK}: {name}", verdict, abs(float(left)), limit, "m", point, what, advice=advice)
 
 
 def _left(points: Float, part: NominalPart, inside_uncut: Float) -> Float:
@@ -102,25 +92,8 @@ def _left(points: Float, part: NominalPart, inside_uncut: Float) -> Float:
     cut = height_at(part.surface.nominal, inset) < points[:, 2] - part.surface.nominal.cell_m
     far = np.where(cut, -np.inf, np.inf)  # further from every sweep than distances are known
     deep = np.where(np.isnan(inside_uncut), far, inside_uncut)
-    return np.clip(np.minimum(deep, blank), -_DEEPEST_M, None)
-
-
-def _row(face: _OffFace, path: ToolPath, cell: Cell) -> Row:
-    worst = face.worst
-    left, place = float(face.left_m[worst]), face.points[worst]
-    at = ", ".join(f"{value / MM:.2f}" for value in place)
-    word = "material left" if left > 0.0 else "gouged" if left > -_DEEPEST_M else "gouged by more than that,"
-    share = np.mean(face.over) / PERCENT
-    return Row(
-        f"{CHECK}: {face.name}",
-        "fail" if left < 0.0 else "warning",
-        abs(left),
-        face.limit_m,
-        "m",
-        _nearest(place, path, cell),
-        f"{word} at {at} mm; {share:.0f} % of the face is off",
-        advice="Check program, zero and tool; a corner sharper than the tool keeps material",
-    )
+    out: Float = np.clip(np.minimum(deep, blank), -_DEEPEST_M, None)
+    return out
 
 
 def _nearest(place: Float, path: ToolPath, cell: Cell) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
@@ -36,25 +37,11 @@ _MEASURED: Final[dict[str, dict[str, tuple[str, float]]]] = {
 }
 
 
-@dataclass(frozen=True)
-class StepSolid:
-    """One solid of a file before it is meshed."""
-
-    name: str
-    low: Float  # (3,) m, corners of its box
-    high: Float
-    shape: Any  # TopoDS_Shape
+StepSolid = tuple[str, Float, Float, Any]
+"""Name, lower and upper corner of its box, m, and the shape (TopoDS_Shape) of one solid of a file."""
 
 
-@dataclass(frozen=True)
-class StepPart:
-    """The solid of a file, and the tolerances of the file that are not measured."""
-
-    solid: CadSolid
-    not_measured: tuple[str, ...]
-
-
-def read_step(path: Path, choose: Callable[[list[StepSolid]], StepSolid], reach_m: float) -> StepPart:
+def read_step(path: Path, choose: Callable[[list[StepSolid]], StepSolid], reach_m: float) -> CadSolid:
     """Read one solid of a STEP file in m; the file states its unit.
 
     Args:
@@ -78,14 +65,18 @@ def read_step(path: Path, choose: Callable[[list[StepSolid]], StepSolid], reach_
             value="open shells, surfaces, curves, or a mesh alone",
             hint="Repair the part in the CAD system and export it as a solid (manifold_solid_brep)",
         )
-    solid = choose(solids)
+    shape = choose(solids)[3]
     with readable(path, "a STEP file", "Export it again, as AP214 or AP242"):
-        table, names = _Faces(solid.shape), _occ("XCAFDoc_ShapeTool")
+        table, names = _Faces(shape), _occ("XCAFDoc_ShapeTool")
         own = {table.number(names.GetShape_s(label)): text for label, text in _sub_labels(shapes)}
-        faces = [_face(table.shapes[k], k, own.get(k, "")) for k in range(len(table.shapes))]
-        _distinguish(faces)
+        faces = [_face(face, k, own.get(k, "")) for k, face in enumerate(table.shapes)]
+        same = Counter(face.name for face in faces)
+        faces = [
+            replace(face, name=f"{face.name} (face {k + 1})") if same[face.name] > 1 else face
+            for k, face in enumerate(faces)
+        ]
         not_measured = _tolerances(tolerances, table, faces, _above_nominal(reader))
-    return StepPart(CadSolid(*_mesh(solid.shape, table, path), faces, reach_m), tuple(not_measured))
+    return CadSolid(*_mesh(shape, table, path), faces, reach_m, tuple(not_measured))
 
 
 def _occ(name: str) -> Any:
@@ -144,8 +135,8 @@ def _labels(fill: Callable[..., Any], *before: Any) -> Iterator[Any]:
 
 def _name(label: Any) -> str:
     attribute = _occ("TDataStd_Name")()
-    found = label.FindAttribute(_occ("TDataStd_Name").GetID_s(), attribute)
-    return attribute.Get().ToExtString().strip() if found else ""
+    is_named = label.FindAttribute(_occ("TDataStd_Name").GetID_s(), attribute)
+    return attribute.Get().ToExtString().strip() if is_named else ""
 
 
 def _sub_labels(shapes: Any) -> Iterator[tuple[Any, str]]:
@@ -157,19 +148,22 @@ def _sub_labels(shapes: Any) -> Iterator[tuple[Any, str]]:
 
 def _explored(shape: Any, kind: str) -> list[Any]:
     """Parts of a shape, each once."""
-    found = import_module("OCP.collections").IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher()
-    _occ("TopExp").MapShapes_s(shape, getattr(_occ("TopAbs_ShapeEnum"), f"TopAbs_{kind}"), found)
-    return [found.FindKey(k + 1) for k in range(found.Extent())]
+    parts = _shape_map()
+    _occ("TopExp").MapShapes_s(shape, getattr(_occ("TopAbs_ShapeEnum"), f"TopAbs_{kind}"), parts)
+    return [parts.FindKey(k + 1) for k in range(parts.Extent())]
+
+
+def _shape_map() -> Any:
+    return import_module("OCP.collections").IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher()
 
 
 def _solids(shapes: Any) -> Iterator[StepSolid]:
-    for label in _labels(shapes.GetFreeShapes):
-        shape = _occ("XCAFDoc_ShapeTool").GetShape_s(label)
-        for k, solid in enumerate(_explored(shape, "SOLID")):
-            box = _occ("Bnd_Box")()
-            _occ("BRepBndLib").AddOptimal_s(solid, box, False, False)
-            low, high = (np.array([p.X(), p.Y(), p.Z()]) * MM for p in (box.CornerMin(), box.CornerMax()))
-            yield StepSolid(f"{_name(label) or 'solid'} ({k + 1})", low, high, solid)
+    labels = [(label, _occ("XCAFDoc_ShapeTool").GetShape_s(label)) for label in _labels(shapes.GetFreeShapes)]
+    for k, (label, solid) in enumerate((label, one) for label, shape in labels for one in _explored(shape, "SOLID")):
+        box = _occ("Bnd_Box")()
+        _occ("BRepBndLib").AddOptimal_s(solid, box, False, False)
+        low, high = (np.array([p.X(), p.Y(), p.Z()]) * MM for p in (box.CornerMin(), box.CornerMax()))
+        yield f"{_name(label) or 'solid'} ({k + 1})", low, high, solid
 
 
 class _Faces:
@@ -177,7 +171,7 @@ class _Faces:
 
     def __init__(self, solid: Any) -> None:
         self.shapes: list[Any] = _explored(solid, "FACE")
-        self._map = import_module("OCP.collections").IndexedMap_TopoDS_Shape_TopTools_ShapeMapHasher()
+        self._map = _shape_map()
         for face in self.shapes:
             self._map.Add(self._unplaced(face))
 
@@ -204,14 +198,6 @@ def _face(shape: Any, number: int, own: str) -> CadFace:
         if kind == "plane" and (shape.Orientation().name == "TopAbs_REVERSED") == geometry.Direct():
             axis = -axis
     return CadFace(own or f"face {number + 1} ({kind})", kind, point, axis, radius, {})
-
-
-def _distinguish(faces: list[CadFace]) -> None:
-    """Number the faces that share a name."""
-    names = [face.name for face in faces]
-    for k, face in enumerate(faces):
-        if names.count(face.name) > 1:
-            faces[k] = replace(face, name=f"{face.name} (face {k + 1})")
 
 
 def _mesh(solid: Any, table: _Faces, path: Path) -> tuple[Float, Int, Int]:
@@ -309,21 +295,26 @@ def _zone(one: Any, faces: list[CadFace]) -> str:
     return ""
 
 
+def _limits_of(one: Any) -> tuple[float, float, float] | None:
+    """Size, upper and lower deviation, mm; None: it has no tolerance."""
+    if one.IsDimWithRange():
+        return one.GetLowerBound(), one.GetUpperBound() - one.GetLowerBound(), 0.0
+    if one.IsDimWithPlusMinusTolerance():
+        return one.GetValue(), one.GetUpperTolValue(), one.GetLowerTolValue()
+    return (one.GetValue(), 0.0, 0.0) if one.IsDimWithClassOfTolerance() else None
+
+
 def _size(one: Any, faces: list[CadFace], above: set[float]) -> str:
     """Put the limits of a diameter on its faces; returns the name of a size that is not measured."""
-    kind, value = one.GetType().name.rpartition("Type_")[2].replace("_", " "), one.GetValue()
+    limits, kind = _limits_of(one), one.GetType().name.rpartition("Type_")[2].replace("_", " ")
+    if limits is None:
+        return ""
+    value, up, low = limits
     scale = {"Size Diameter": 1.0, "Size Radius": 2.0}.get(kind)
-    up = low = 0.0
-    if one.IsDimWithRange():
-        value, up, low = one.GetLowerBound(), one.GetUpperBound() - one.GetLowerBound(), 0.0
-    elif one.IsDimWithPlusMinusTolerance():
-        up, low = one.GetUpperTolValue(), one.GetLowerTolValue()
-    elif not one.IsDimWithClassOfTolerance():
-        return ""  # a size without a tolerance
-    text = f"{kind} {value:g} mm"
     one_sided = up > 0.0 and round(low / up, 9) in above
-    if scale is None or up + low <= 0.0 or one_sided or not faces or any(face.kind != "cylinder" for face in faces):
-        return text + (" with both limits on one side" if one_sided else "")
+    round_faces = bool(faces) and all(face.kind == "cylinder" for face in faces)
+    if scale is None or up + low <= 0.0 or one_sided or not round_faces:
+        return f"{kind} {value:g} mm" + (" with both limits on one side" if one_sided else "")
     for face in faces:
         face.limits["diameter"] = (scale * (value + 0.5 * (up - low)) * MM, scale * 0.5 * (up + low) * MM)
     return ""

@@ -36,27 +36,27 @@ def read_shape(path: Path, surface: NominalSurface) -> MeshShape | CadSolid:
         vertices, faces = read_stl(path)
         _require_fit(surface, vertices.min(axis=0), vertices.max(axis=0), path, "in mm, ")
         return MeshShape(vertices, faces, reach)
-    part = read_step(path, lambda solids: _choose(solids, surface, path), reach)
-    _require_fit(surface, part.solid.vertices.min(axis=0), part.solid.vertices.max(axis=0), path)
-    for name in part.not_measured:
+    solid = read_step(path, lambda solids: _choose(solids, surface, path), reach)
+    _require_fit(surface, solid.vertices.min(axis=0), solid.vertices.max(axis=0), path)
+    for name in solid.not_measured:
         remark(f"{path.name}: tolerance not looked at: {name}")
-    return part.solid
+    return solid
 
 
 def _choose(solids: list[StepSolid], surface: NominalSurface, path: Path) -> StepSolid:
-    off = [_off(surface, solid.low, solid.high) for solid in solids]
-    best = int(np.argmin(off))
-    if len(solids) == 1:
-        return solids[0]
-    if sum(value <= _FITS_M for value in off) > 1:
+    off = {name: _off(surface, low, high) for name, low, high, _ in solids}
+    best = min(solids, key=lambda solid: off[solid[0]])
+    fitting = [name for name, value in off.items() if value <= _FITS_M]
+    if len(fitting) > 1:
         raise InputError(
             "several solids lie where the blank is",
             where=f"--nominal {path}",
-            value=", ".join(solid.name for solid, value in zip(solids, off, strict=True) if value <= _FITS_M),
+            value=", ".join(fitting),
             hint="Export the part alone",
         )
-    remark(f"{path.name}: of {len(solids)} solids {solids[best].name} lies where the blank is and is the part")
-    return solids[best]
+    if len(solids) > 1:
+        remark(f"{path.name}: of {len(solids)} solids {best[0]} lies where the blank is and is the part")
+    return best
 
 
 def _boxes(surface: NominalSurface) -> tuple[Float, Float]:

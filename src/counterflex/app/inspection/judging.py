@@ -107,8 +107,7 @@ def inspect(
     candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
     scales = {name: one.scale for name, one in parts.items() if isinstance(one, Inspected)}
     features = inspected_features(candidates, named, tolerances_m, scales)
-    if isinstance(part.shape, CadSolid) and nominal is not None:
-        features += _of_faces(part.shape, nominal.name, named, tolerances_m, scales)
+    features += _of_faces(part.shape, nominal, named, tolerances_m, scales)
     _require_used(tolerances_m or {}, features)
     covered = {name: coverage(one, candidates) for name, one in named.items()}
     summary = {
@@ -125,18 +124,20 @@ def inspect(
 
 
 def _of_faces(
-    solid: CadSolid,
-    source: str,
+    shape: Shape,
+    cad: Path | None,
     parts: Mapping[str, Any],
     tolerances_m: Mapping[tuple[str, str], float] | None,
     scales: Mapping[str, ScaleEstimate],
 ) -> tuple[FeatureRow, ...]:
     """Rows of the faces of a CAD solid; none of a tool's path, which shows no surface."""
+    if cad is None or not isinstance(shape, CadSolid):
+        return ()
     scanned = {name: one for name, one in parts.items() if isinstance(one, ScannedPart)}
     if not scanned:
-        remark(f"{source}: its faces are not looked at: a log of the tool measures no surface")
+        remark(f"{cad.name}: its faces are not looked at: a log of the tool measures no surface")
         return ()
-    measure = CadFeatures(solid, source, tolerances_m)
+    measure = CadFeatures(shape, cad.name, tolerances_m)
     return with_uncertainty(measure, scanned, scales, measure.place_sigma_m)
 
 

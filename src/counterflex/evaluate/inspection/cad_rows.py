@@ -47,6 +47,26 @@ class _Places:
     turn: float = 0.0  # share of a turn that a cylinder has
     bore: bool = False  # the material lies about the cylinder
 
+    def rows(self, values: Mapping[str, Float]) -> list[Row]:
+        """Rows by the deviations (m,) of the places, by part."""
+        face, points = self.face, self.points
+        shares = {name: float(np.isfinite(value).mean()) for name, value in values.items()}
+        side = float(np.ptp(points, axis=0).max())
+        rows: list[Row] = []
+        if face.kind == "plane":
+            at = float(face.axis @ face.point)
+            rows.append(values_row("position", at, abs(at), {name: at + value for name, value in values.items()}))
+            flat = {name: _flatness(face, points, value) for name, value in values.items() if _enough(value)}
+            rows.append(values_row("flatness", 0.0, side, flat, shares))
+            if "orientation" in face.limits:
+                zone = {name: np.array([np.nanmax(value) - np.nanmin(value)]) for name, value in values.items()}
+                rows.append(values_row("orientation", 0.0, side, zone, shares))
+        elif face.kind == "cylinder" and self.turn >= _ROUND:
+            rows += _circle(self, values, shares)
+        if "profile" in face.limits or not rows:
+            rows.append(values_row("profile", 0.0, side, values))
+        return rows
+
 
 class CadFeatures:
     """Faces of a solid as features of parts: a measurement that :func:`.with_uncertainty` repeats."""
@@ -74,7 +94,7 @@ class CadFeatures:
                 if fit is not None:
                     values[name] = fit[1].values(part.rows.deviation_m[fit[0]])
             if values:
-                out += [self._row(places, row) for row in _measured(places, values) if row[3]]
+                out += [self._row(places, row) for row in places.rows(values) if row[3]]
         return tuple(out)
 
     def place_sigma_m(self, part: ScannedPart, feature: str) -> float:
@@ -120,7 +140,11 @@ class CadFeatures:
         steep = float(np.median(np.abs(normals[:, 2]))) < STEEP
         scale = np.array([1.0, 1.0, 1.0 / UP if steep else 1.0])
         off = scipy.spatial.cKDTree(_edges(solid.vertices, triangles) * scale).query(points * scale)[0]
-        inner = off >= min(_EDGE_M, _MIDDLE * float(off.max()))
+        # a wall is as narrow as it is high at a place
+        column = np.unique(np.floor(points[:, :2] / PITCH_M), axis=0, return_inverse=True)[1].ravel() * steep
+        most = np.zeros(len(off))
+        np.maximum.at(most, column, off)
+        inner = off >= np.minimum(_EDGE_M, _MIDDLE * most[column])
         points, normals = points[inner], normals[inner]
         _, first = np.unique(np.floor(points * scale / pitch_of(corners)).astype(np.int64), axis=0, return_index=True)
         return _Places(face, members, points[first], normals[first])
@@ -178,16 +202,9 @@ def _edges(vertices: Float, triangles: Int) -> Float:
     return out
 
 
-def _frame(axis: Float) -> Float:
-    """Columns: two directions across an axis, and the axis."""
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
-
-
 def _ring(face: CadFace, corners: Float) -> tuple[Float, Float, float]:
     """Places on a cylinder half way along it, every 2 deg, their normals, and the share of a turn."""
-    R = _frame(face.axis)
+    R = face.frame
     local = (corners - face.point) @ R
     angle = np.arctan2(local[..., 1], local[..., 0])
     from_first = (angle - angle[:, :1] + np.pi) % (2.0 * np.pi) - np.pi
@@ -218,11 +235,11 @@ def _fit(places: _Places, rows: Int, owner: Int, part: ScannedPart) -> tuple[Int
         return None
     points, face = part.rows.points[own], places.face
     if face.kind != "cylinder" and float(np.median(places.normals[:, 2])) > STEEP:
-        R = _frame(face.axis)[:, :2] if face.kind == "plane" else np.eye(3)[:, :2]
+        R = face.frame[:, :2] if face.kind == "plane" else np.eye(3)[:, :2]
         fit = floor_fit(points @ R, places.points @ R, part.pitch_m)
     else:
         # a wall: along the feed it may bend, along the tool windows are longer
-        R = _frame(face.axis) if face.kind == "cylinder" else np.eye(3)
+        R = face.frame if face.kind == "cylinder" else np.eye(3)
         narrow = np.array([1.0, 1.0, 1.0 / UP])
         normal = places.normals @ R
         along = np.column_stack([-normal[:, 1], normal[:, 0], np.zeros(len(normal))])
@@ -230,27 +247,6 @@ def _fit(places: _Places, rows: Int, owner: Int, part: ScannedPart) -> tuple[Int
         across = np.stack([along, np.cross(normal, along)], axis=2)
         fit = local_fit(points @ R * narrow, places.points @ R * narrow, 0.75 * part.window_m, across, curved=True)
     return (own, fit) if int(fit.known.sum()) >= _LEAST else None
-
-
-def _measured(places: _Places, values: Mapping[str, Float]) -> list[Row]:
-    """Rows of one face by the deviations (m,) of its places, by part."""
-    face, points = places.face, places.points
-    shares = {name: float(np.isfinite(value).mean()) for name, value in values.items()}
-    side = float(np.ptp(points, axis=0).max())
-    rows: list[Row] = []
-    if face.kind == "plane":
-        at = float(face.axis @ face.point)
-        rows.append(values_row("position", at, abs(at), {name: at + value for name, value in values.items()}))
-        flat = {name: _flatness(face, points, value) for name, value in values.items() if _enough(value)}
-        rows.append(values_row("flatness", 0.0, side, flat, shares))
-        if "orientation" in face.limits:
-            zone = {name: np.array([np.nanmax(value) - np.nanmin(value)]) for name, value in values.items()}
-            rows.append(values_row("orientation", 0.0, side, zone, shares))
-    elif face.kind == "cylinder" and places.turn >= _ROUND:
-        rows += _circle(places, values, shares)
-    if "profile" in face.limits or not rows:
-        rows.append(values_row("profile", 0.0, side, values))
-    return rows
 
 
 def _enough(value: Float) -> bool:
@@ -261,14 +257,14 @@ def _enough(value: Float) -> bool:
 def _flatness(face: CadFace, points: Float, value: Float) -> Float:
     """Zone of the deviations after their best plane is taken out, (1,) m."""
     known = np.isfinite(value)
-    A = np.column_stack([((points - points.mean(axis=0)) @ _frame(face.axis)[:, :2])[known], np.ones(known.sum())])
+    A = np.column_stack([((points - points.mean(axis=0)) @ face.frame[:, :2])[known], np.ones(known.sum())])
     left = value[known] - A @ np.linalg.lstsq(A, value[known], rcond=None)[0]
     return np.array([float(np.ptp(left))])
 
 
 def _circle(places: _Places, values: Mapping[str, Float], shares: Mapping[str, float]) -> list[Row]:
     """Diameter, roundness and centre of a cylinder half way along it."""
-    face, R = places.face, _frame(places.face.axis)
+    face, R = places.face, places.face.frame
     diameter, roundness, centre = {}, {}, {}
     for name, value in values.items():
         known = np.isfinite(value)

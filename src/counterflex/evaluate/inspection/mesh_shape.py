@@ -33,18 +33,18 @@ class MeshShape:
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double = np.linalg.norm(across, axis=1)
         self._kept: Int = np.flatnonzero(double > 0.0)
-        self._corners = np.ascontiguousarray(corners[self._kept])
+        corners = np.ascontiguousarray(corners[self._kept])
         self._normals = np.ascontiguousarray(across[self._kept] / double[self._kept, None])
-        self._reach = reach_m
-        self._low: Float = corners.min(axis=(0, 1))
-        size: Float = corners.max(axis=(0, 1)) - self._low
-        self._side = max(_SIDE_M, float(np.cbrt(np.prod(size + _SIDE_M) / _MOST_CUBES)))
-        self._shape: Int = (np.floor(size / self._side) + 1).astype(np.int64)
-        first = np.zeros(int(np.prod(self._shape)) + 1, np.int64)
-        count_cubes(self._corners, self._low, self._side, self._shape, first)
-        self._first: Int = np.cumsum(first)
-        self._member: Int = np.zeros(int(self._first[-1]), np.int64)
-        list_cubes(self._corners, self._low, self._side, self._shape, self._first[:-1].copy(), self._member)
+        low: Float = corners.min(axis=(0, 1))
+        size: Float = corners.max(axis=(0, 1)) - low
+        side = max(_SIDE_M, float(np.cbrt(np.prod(size + _SIDE_M) / _MOST_CUBES)))
+        shape: Int = (np.floor(size / side) + 1).astype(np.int64)
+        count = np.zeros(int(np.prod(shape)) + 1, np.int64)
+        count_cubes(corners, low, side, shape, count)
+        first: Int = np.cumsum(count)
+        member: Int = np.zeros(int(first[-1]), np.int64)
+        list_cubes(corners, low, side, shape, first[:-1].copy(), member)
+        self._grid = (corners, self._normals, low, side, shape, first, member, reach_m)
 
     def distance(self, points_part: Float) -> Float:
         """(n,) m, signed distance of points (n, 3), part frame: positive in the material, nan beyond reach."""
@@ -53,19 +53,7 @@ class MeshShape:
     def nearest(self, points_part: Float) -> tuple[Float, Int]:
         """As :meth:`distance`, and the nearest triangle of each point (n,), of those that have an area."""
         out, triangle = np.empty(len(points_part)), np.empty(len(points_part), np.int64)
-        signed_distances(
-            np.ascontiguousarray(points_part, np.float64),
-            self._corners,
-            self._normals,
-            self._low,
-            self._side,
-            self._shape,
-            self._first,
-            self._member,
-            self._reach,
-            out,
-            triangle,
-        )
+        signed_distances(np.ascontiguousarray(points_part, np.float64), *self._grid, out, triangle)
         return out, triangle
 
 
@@ -81,14 +69,35 @@ class CadFace:
     # by quantity: nominal value, m (None: that of the geometry), and +- tolerance, m, as the file states them
     limits: dict[str, tuple[float | None, float]]
 
+    @property
+    def frame(self) -> Float:
+        """(3, 3), columns: two directions across the axis, and the axis."""
+        first = np.cross(self.axis, np.eye(3)[np.argmin(np.abs(self.axis))])
+        first /= np.linalg.norm(first)
+        return np.column_stack([first, np.cross(self.axis, first), self.axis])
+
 
 class CadSolid(MeshShape):
     """A closed solid, meshed, whose triangles know their faces."""
 
-    def __init__(self, vertices: Float, triangles: Int, owner: Int, faces: Sequence[CadFace], reach_m: float) -> None:
-        """Prepare a solid; ``owner`` (t,) is the face of each triangle, the rest as in :class:`MeshShape`."""
+    def __init__(
+        self,
+        vertices: Float,
+        triangles: Int,
+        owner: Int,
+        faces: Sequence[CadFace],
+        reach_m: float,
+        not_measured: tuple[str, ...] = (),
+    ) -> None:
+        """Prepare a solid, see :class:`MeshShape`.
+
+        Args:
+            owner: (t,) face of each triangle.
+            not_measured: Names of tolerances of the file that no face holds.
+        """
         super().__init__(vertices, triangles, reach_m)
         self.vertices, self.triangles, self.owner, self.faces = vertices, triangles, owner, tuple(faces)
+        self.not_measured = not_measured
 
     def face_of(self, points_part: Float, normals: Float) -> Int:
         """(n,) face that points (n, 3) on the surface lie on; -1 where it looks another way than ``normals`` (n, 3).
