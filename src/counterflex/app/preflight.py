@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,6 +58,7 @@ def check(
     *,
     reading: Reading = AS_IT_IS,
     language: str | None = None,
+    nominal: Path | None = None,
     progress: Progress = silent,
 ) -> Checked:
     """Check a program on a cell.
@@ -65,6 +66,7 @@ def check(
     Args:
         language: Of the robot, for the size of the program, see
             :func:`counterflex.app.compensation.program_size.program_size`.
+        nominal: STEP file of the part that the program is to make, or None.
 
     Raises:
         CounterflexError: The program cannot be read, or the cell describes no milling. What the program cannot do on
@@ -84,6 +86,10 @@ def check(
         as_written(job, cell, language, known_offsets=reading.parameters is not None or bool(cell.work_offsets)),
         parts[CHECKING],
     )
+    if nominal is not None:
+        from counterflex.app.nominal_check import nominal_rows
+
+        result = replace(result, rows=(*result.rows, *nominal_rows(nominal, job, cell, result.path)))
     rows = [shown(row, result, job, cell) for row in result.rows]
     summary = {
         "program": job.program.name,
@@ -194,6 +200,7 @@ def run(
     *,
     reading: Reading = AS_IT_IS,
     language: str | None = None,
+    nominal: Path | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Check a program; with ``out``, write ``summary.json`` and ``report.html`` there: both or none.
@@ -203,9 +210,9 @@ def run(
     """
     cell = read_cell(cell_file)
     if out is None:
-        return check(program, cell, reading=reading, language=language, progress=progress).summary
+        return check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress).summary
     with atomic.atomic_folder(out) as staging:
-        done = check(program, cell, reading=reading, language=language, progress=progress)
+        done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
         from counterflex.report.preflight.page import preflight_page

@@ -20,19 +20,22 @@ from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
+from counterflex.core.remarks import remark
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow
+from counterflex.evaluate.inspection.cad_rows import CadFeatures
 from counterflex.evaluate.inspection.cloud import Cloud, thinned
 from counterflex.evaluate.inspection.clutter import CLEARANCE_M, cluttered_pose, off_part, without
 from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
-from counterflex.evaluate.inspection.feature_rows import features_of_part, inspected_features
+from counterflex.evaluate.inspection.feature_rows import features_of_part, inspected_features, with_uncertainty
+from counterflex.evaluate.inspection.mesh_shape import CadSolid
 from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
 from counterflex.evaluate.inspection.scan_size import ScanUnit, scan_unit
 from counterflex.evaluate.inspection.scanned_part import ScannedPart, scanned_part
-from counterflex.evaluate.inspection.size_errors import ball_error, common_offset, scale_of
+from counterflex.evaluate.inspection.size_errors import ScaleEstimate, ball_error, common_offset, scale_of
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.scan.read import read_scan
 from counterflex.files.scan.scan import UNITS, Scan
@@ -104,6 +107,7 @@ def inspect(
     candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
     scales = {name: one.scale for name, one in parts.items() if isinstance(one, Inspected)}
     features = inspected_features(candidates, named, tolerances_m, scales)
+    features += _of_faces(part.shape, nominal, named, tolerances_m, scales)
     _require_used(tolerances_m or {}, features)
     covered = {name: coverage(one, candidates) for name, one in named.items()}
     summary = {
@@ -119,6 +123,24 @@ def inspect(
     return Inspection(job, cell, parts, features, covered, summary)
 
 
+def _of_faces(
+    shape: Shape,
+    cad: Path | None,
+    parts: Mapping[str, Any],
+    tolerances_m: Mapping[tuple[str, str], float] | None,
+    scales: Mapping[str, ScaleEstimate],
+) -> tuple[FeatureRow, ...]:
+    """Rows of the faces of a CAD solid; none of a tool's path, which shows no surface."""
+    if cad is None or not isinstance(shape, CadSolid):
+        return ()
+    scanned = {name: one for name, one in parts.items() if isinstance(one, ScannedPart)}
+    if not scanned:
+        remark(f"{cad.name}: its faces are not looked at: a log of the tool measures no surface")
+        return ()
+    measure = CadFeatures(shape, cad.name, tolerances_m)
+    return with_uncertainty(measure, scanned, scales, measure.place_sigma_m)
+
+
 def _require_used(tolerances_m: Mapping[tuple[str, str], float], features: tuple[FeatureRow, ...]) -> None:
     measured = [(row.feature, row.quantity) for row in features]
     for feature, quantity in tolerances_m:
@@ -130,8 +152,8 @@ def _require_used(tolerances_m: Mapping[tuple[str, str], float], features: tuple
             )
 
 
-def nominal_of(job: Job, cell: Cell, mesh: Path | None = None) -> NominalPart:
-    """The part that a program makes, or the one of a CAD mesh with its floors, walls and datum faces.
+def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
+    """The part that a program makes, or the one of a CAD file with its floors, walls and datum faces.
 
     Raises:
         InputError: The tool turns while it cuts.
@@ -144,10 +166,10 @@ def nominal_of(job: Job, cell: Cell, mesh: Path | None = None) -> NominalPart:
             limit="a program with one direction of the tool",
         )
     shape: Shape = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
-    if mesh is not None:
+    if cad is not None:
         from counterflex.app.inspection.cad_shape import read_shape
 
-        shape = read_shape(mesh, surface)
+        shape = read_shape(cad, surface)
     return nominal_part(surface, shape)
 
 

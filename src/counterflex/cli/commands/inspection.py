@@ -129,9 +129,10 @@ def inspect(
         Path | None,
         option(
             "--nominal",
-            "CAD mesh in mm, part frame, to judge against in place of what the program makes.",
+            "CAD solid (STEP) or mesh (STL, mm), part frame, to judge against in place of what the program makes; faces "
+            "of a solid become features.",
             arguments.file,
-            "STL",
+            "CAD",
         ),
     ] = None,
     tolerances: Annotated[

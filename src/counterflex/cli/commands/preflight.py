@@ -38,6 +38,15 @@ def preflight(
             arguments.one_of(robot_dialects, "language"),
         ),
     ] = None,
+    nominal: Annotated[
+        Path | None,
+        option(
+            "--nominal",
+            "Part that the program is to make (STEP, part frame): gouges and material left on each of its faces.",
+            arguments.file,
+            "STEP",
+        ),
+    ] = None,
     dialect: Dialect = BY_ENDING,
     parameters: Parameters = None,
     without_end: WithoutEnd = False,
@@ -55,13 +64,13 @@ def preflight(
 
     Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
-    keep_inputs(out, cell, program, parameters)
+    keep_inputs(out, cell, program, parameters, nominal)
     from counterflex.app import preflight as job
     from counterflex.app.inputs import Reading
 
     with progress_bar(f"checking {program.name}") as progress:
         reading = Reading(dialect, parameters, complete=not without_end)
-        summary = job.run(program, cell, out, reading=reading, language=language, progress=progress)
+        summary = job.run(program, cell, out, reading=reading, language=language, nominal=nominal, progress=progress)
     print_result(summary, as_json, _show)
     if out is not None and not as_json:
         say_written(out, f"wrote {out}: report.html, summary.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,10 +46,26 @@ def inspected_features(
     """
     first = next(iter(parts.values()))
     surface, path = first.part.surface, first.p_part_tcp
-    outline = first.nominal_outline
-    rows = list(measure_features(surface, path, features, dict(parts), outline=outline, tolerances_m=tolerances_m))
-    square = [{name: parts[name].place_sigma_m() ** 2 for name in row.mean_m} for row in rows]
-    measure = partial(measure_features, surface, path, features, outline=outline)
+    measure = partial(
+        measure_features, surface, path, features, outline=first.nominal_outline, tolerances_m=tolerances_m
+    )
+    return with_uncertainty(measure, parts, scales, lambda part, _: part.place_sigma_m())
+
+
+def with_uncertainty(
+    measure: Callable[[dict[str, Any]], tuple[FeatureRow, ...]],
+    parts: Mapping[str, Any],
+    scales: Mapping[str, ScaleEstimate] | None,
+    place_sigma_m: Callable[[Any, str], float],
+) -> tuple[FeatureRow, ...]:
+    """Rows of inspected parts with standard deviations, see :func:`inspected_features`.
+
+    Args:
+        measure: Gives the rows of parts by name.
+        place_sigma_m: Standard deviation of one place of a feature of a part by noise alone, m.
+    """
+    rows = list(measure(dict(parts)))
+    square = [{name: place_sigma_m(parts[name], row.feature) ** 2 for name in row.mean_m} for row in rows]
     for name, part in parts.items():
         for one in _changed(part, (scales or {}).get(name)):
             other = {_key(row): row.mean_m[name] for row in measure({name: one}) if name in row.mean_m}
@@ -58,7 +74,8 @@ def inspected_features(
         drawn = _drawn(part, measure)
         for j, row in enumerate(rows):
             if row.quantity in ZONES and name in row.worst_m:
-                rows[j], more_square = _without_noise(row, name, drawn.get(_key(row)), part.place_sigma_m() ** 2)
+                place = place_sigma_m(part, row.feature) ** 2
+                rows[j], more_square = _without_noise(row, name, drawn.get(_key(row)), place)
                 square[j][name] += more_square
     return tuple(
         replace(row, standard_deviation_m={name: float(np.sqrt(value)) for name, value in sums.items()})

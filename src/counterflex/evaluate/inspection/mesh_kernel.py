@@ -57,7 +57,7 @@ def _box(triangle: Float, low: Float, side: float, shape: Int) -> tuple[int, int
 
 @kernel(
     "void(float64[:, ::1], float64[:, :, ::1], float64[:, ::1], float64[::1], float64, int64[::1], "
-    "int64[::1], int64[::1], float64, float64[::1])",
+    "int64[::1], int64[::1], float64, float64[::1], int64[::1])",
     parallel=True,
     entry=True,
 )
@@ -72,10 +72,11 @@ def signed_distances(
     member: Int,
     reach: float,
     out: Float,
+    nearest: Int,
 ) -> None:
-    """Distance of each point to the nearest triangle, positive on its inner side; nan beyond reach."""
+    """Distance of each point to the nearest triangle, positive on its inner side, and which one; nan beyond reach."""
     for n in prange(points.shape[0]):
-        out[n] = _signed(points[n], corners, normals, low, side, shape, first, member, reach)
+        out[n], nearest[n] = _signed(points[n], corners, normals, low, side, shape, first, member, reach)
 
 
 @kernel()
@@ -89,11 +90,11 @@ def _signed(
     first: Int,
     member: Int,
     reach: float,
-) -> float:
+) -> tuple[float, int]:
     i = math.floor((p[0] - low[0]) / side)
     j = math.floor((p[1] - low[1]) / side)
     k = math.floor((p[2] - low[2]) / side)
-    best, inward = math.inf, 0.0
+    best, inward, nearest = math.inf, 0.0, 0
     last = math.ceil(reach / side) + 1
     for shell in range(last + 1):
         if best <= (shell - 1) * side:
@@ -114,10 +115,10 @@ def _signed(
                         along = -(dx * normals[t, 0] + dy * normals[t, 1] + dz * normals[t, 2])
                         # of two triangles at one edge the one that the point lies over most says on which side it is
                         if size < best - _TIE or (size < best + _TIE and abs(along) > abs(inward)):
-                            best, inward = min(size, best), along
+                            best, inward, nearest = min(size, best), along, t
     if not best <= reach:
-        return math.nan
-    return best if inward > 0.0 else -best
+        return math.nan, nearest
+    return (best if inward > 0.0 else -best), nearest
 
 
 @kernel()

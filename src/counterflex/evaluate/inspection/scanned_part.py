@@ -27,7 +27,7 @@ from counterflex.geometry import pose
 WANTED_M: Final = 3.0 * UM
 """Noise that is wanted of a value at a place: the window about it is as wide as that needs, within limits."""
 _WIDEST_M: Final = 1.5 * MM
-_UP: Final = 3.0
+UP: Final = 3.0
 """Up and down a wall the window is so many times wider: what a tool leaves changes along its path first."""
 _NEAR: Final = 8
 _GROSS: Final = 8.0
@@ -125,7 +125,7 @@ class ScannedPart:
             if across is None:
                 self.fits[key] = floor_fit(self.rows.points[self._floors, :2], places, self.pitch_m)
             else:
-                narrow = np.array([1.0, 1.0, 1.0 / _UP])
+                narrow = np.array([1.0, 1.0, 1.0 / UP])
                 self.fits[key] = local_fit(
                     self.rows.points[self._walls] * narrow, places * narrow, 0.75 * self.window_m, across, curved=True
                 )
