@@ -66,7 +66,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "play_quick_form": (("--quick", "--seeds", "1", "--first", "0", "--json"),),
     "posture": (("--quick", "--gain", "--seeds", "1-1"),),
     "production": (
-        ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1", "1"),
+        ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1-1"),
         ("--show", "--out", f"{FOLDER}/none"),
         ("--short",),
     ),

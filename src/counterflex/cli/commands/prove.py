@@ -27,9 +27,8 @@ from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
-Seeds = Annotated[
-    str, option("--seeds", "Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B")
-]
+SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")
+Seeds = Annotated[str, SEEDS]
 FamilyName = Annotated[
     str,
     option(
