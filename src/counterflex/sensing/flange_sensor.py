@@ -340,12 +340,6 @@ def tcp_wrench(
     return wrench.rotate(np.asarray(R_base_sensor, dtype=np.float64), wrench.shift(w, -p_sensor_tcp))
 
 
-def sensor_rotation(sensor: FlangeSensor, T_base_seg: Float) -> Float:
-    """``R_base_sensor`` (..., 3, 3) of the pose of the carrying body (..., 4, 4)."""
-    out: Float = T_base_seg[..., :3, :3] @ sensor.T_seg_sensor[:3, :3]
-    return out
-
-
 def turned(T_seg_sensor: Float, turn_rad: Float) -> Float:
     """Sensor frame turned about its own axes by a rotation vector (3,) rad."""
     out: Float = T_seg_sensor @ pose.make(rotation.exp(turn_rad))
