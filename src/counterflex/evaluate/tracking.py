@@ -128,7 +128,6 @@ def corner_zones(tracked: Tracked, corners: Float, reach_m: float) -> tuple[Bool
     """Samples of a polyline's straights, and those around its inner corners.
 
     Args:
-        tracked: The run.
         corners: (k, 3) m.
         reach_m: Around a corner, and at both ends of the path, this much of the path is no straight.
 
@@ -182,7 +181,6 @@ def reversal_zone(tracked: Tracked, where: Bool, after_s: float, least_rad: floa
     """Samples (n,) of ``where`` within a time after an axis turned round.
 
     Args:
-        tracked: The run.
         where: Samples that count.
         after_s: Time after the turn of an axis that is counted, and half as much before it.
         least_rad: See :func:`reversals`.

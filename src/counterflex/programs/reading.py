@@ -25,7 +25,6 @@ def dialect_of(file: str | os.PathLike[str], dialect: str = BY_ENDING) -> str:
     """Return the language that a file is read in.
 
     Args:
-        file: The program.
         dialect: A name of :data:`~counterflex.programs.language.LANGUAGES` that is read;
             :data:`~counterflex.programs.language.BY_ENDING` takes the language of the file's ending, and G-code as
             LinuxCNC reads it where the ending tells none.
@@ -63,7 +62,6 @@ def read_program_file(
     """Read a program in the language it is written in.
 
     Args:
-        file: The program.
         dialect: See :func:`dialect_of`.
         machine: What is known of the machine that it was written for.
         complete: Refuse a program that stops without the end that its language requires.

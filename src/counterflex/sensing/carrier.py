@@ -73,7 +73,6 @@ def hose_place(chain: ElasticChain, body: str, segment: str) -> int:
     """Place in the chain of the body that a hose pack comes from.
 
     Args:
-        chain: The chain.
         body: See :func:`hose_rotation`.
         segment: Likewise.
 

@@ -207,7 +207,6 @@ def idle_wrench(
     bias, drift, temperature and the offset of the orientation.
 
     Args:
-        sensor: Its constants.
         R_base_sensor: (..., 3, 3), bent arm included (:mod:`counterflex.sensing.carrier`).
         temperature_c: (...) deg C; None is the reference temperature.
         time_s: (...) s since the sensor was set to zero or identified.
@@ -270,12 +269,8 @@ def process_wrench(
     """Wrench of the process about the sensor's origin in its axes: reading minus :func:`idle_wrench`.
 
     Args:
-        sensor: Its constants.
         w_sensor: (..., 6) N, N m: the reading.
         R_base_sensor: See :func:`idle_wrench`, as all that follows.
-        temperature_c: Or None.
-        time_s: s.
-        motion: Or None.
         gravity_base: (3,) m/s2.
         R_hose_sensor: Likewise.
 
@@ -312,7 +307,6 @@ def tcp_wrench(
     ``f_base = R_base_sensor f``, ``m_base = R_base_sensor (m - p_sensor_tcp x f)``.
 
     Args:
-        sensor: Its constants.
         w_sensor: (..., 6) N, N m: the reading.
         R_base_sensor: (..., 3, 3), bent arm included.
         T_seg_tcp: (4, 4) TCP in the body that carries the sensor

@@ -181,8 +181,6 @@ def by_group(
         swung: (n, k).
         time_s: (n,).
         group: (n,) rows that follow each other without interruption have one number; non-decreasing.
-        modes: See there.
-        shaping: See there.
 
     Returns:
         (n, k).

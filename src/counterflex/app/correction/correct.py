@@ -25,6 +25,7 @@ from counterflex.app.correction.scans import in_part_axes, read_scan
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
+from counterflex.app.robot_programs import inputs_of
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -321,6 +322,7 @@ def run(
     with new_file(target) as place, atomic.atomic_folder(out) as staging:
         result = correct(Path(program), cell, folder, scans, progress=progress, **options)
         summary = result.summary
+        summary["inputs"] = inputs_of(program, cell_file)
         if target is not None and place is not None:
             from counterflex.app.correction.apply import apply_constants
 

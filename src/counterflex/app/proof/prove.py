@@ -38,7 +38,7 @@ from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.robot_programs import companions
+from counterflex.app.robot_programs import companions, digest, inputs_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
@@ -172,6 +172,7 @@ def run(
     from counterflex.report.page import write_page
 
     with atomic.atomic_folder(out) as staging:
+        inputs = inputs_of(program, cell_file)
         proof = prove(
             program,
             cell_file,
@@ -191,6 +192,8 @@ def run(
         (staging / "original").mkdir()
         for file in (Path(program), *companions(Path(program))):
             atomic.write_bytes(staging / "original" / file.name, file_content.content(file))
+        machined = digest(staging / "compensated" / next(iter(proof.program_files)))
+        proof.summary["inputs"] = inputs | {"machined_sha256": machined}
         simulate.keep_cell(read_cell(cell_file, assume_class=assume_class), staging)
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}

@@ -45,7 +45,6 @@ def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPa
     """A section in the middle of each straight groove, as far as it lies in the blank.
 
     Args:
-        features: Of the program.
         parts: Name to inspected part; all of one nominal part.
     """
     first = next(iter(parts.values()))

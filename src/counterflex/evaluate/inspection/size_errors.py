@@ -178,7 +178,6 @@ def ball_error(offset_m: float, where: str) -> InputError:
 
     Args:
         offset_m: By how much, positive = outside of the part.
-        where: The file.
     """
     side = "outside" if offset_m > 0.0 else "inside"
     hint = (

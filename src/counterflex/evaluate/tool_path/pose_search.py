@@ -131,7 +131,6 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pla
     """Diagnose a log that does not lie on the path, as an error of one line.
 
     Args:
-        path: Of the program.
         feed: (m,) 1 where it feeds.
         log: As logged, m.
         where: For the error.

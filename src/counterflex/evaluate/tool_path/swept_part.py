@@ -177,7 +177,6 @@ def swept_part(
 
     Args:
         part: What was to be made.
-        path: Of the program.
         tool: (n,) number of the tool that each row of it is cut with.
         cutter: Gives the cutter of a number.
         track: The measured path.

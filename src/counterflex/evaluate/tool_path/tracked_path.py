@@ -195,7 +195,6 @@ def tracked_path(
     """Match readings in the part frame to the program's path, and smooth the deviations.
 
     Args:
-        path: Of the program.
         readings: From its start to its end (:func:`of_program`), part frame.
         radius_m: Of the cutter: shortest length of an entry.
         engagement: (n,) of the path's rows, how much is cut on the way to each; None where it is not known whether

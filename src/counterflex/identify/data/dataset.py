@@ -122,7 +122,6 @@ def of_arrays(
     """A dataset from arrays in memory, for examples and tests.
 
     Args:
-        name: Of the dataset.
         kind: See :class:`Dataset`.
         arrays: (n, ...) SI by channel name.
         sigmas: Standard deviations, broadcast against the values (against (n, 3) for rotation matrices).

@@ -70,7 +70,6 @@ def choose_gauges(
     broken by what the bridges tell about moments, so that other tool lengths are seen as well.
 
     Args:
-        beam: The holder.
         p_holder_tcp: (3,) m tool tip.
         count: Bridges, 3 to 12.
         factor: By which a notch raises the strain.

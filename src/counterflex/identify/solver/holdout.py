@@ -160,7 +160,6 @@ def cross_validate(
         needed: Names of parameters that any use has to find first (frames): fitted for the nominal error as well.
         error: Error of the rows of a block at given values.
         scored: Places of the blocks that are scored; None scores all. Blocks not scored always train.
-        folds: See there.
         robust: As for the solver.
         start: (p,) SI to start the fits from; None is nominal.
         stop: As for the solver.

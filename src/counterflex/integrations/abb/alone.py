@@ -30,7 +30,6 @@ def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:
     MaxSpeedDeviation limits joints; here it limits the tool, by the distance of the part from the robot's first axis.
 
     Args:
-        cell: See there.
         robotware: 6 or 7.
         changes: Further fields of :class:`counterflex.integrations.abb.simulated.EgmContext`, instead of the cell's.
 
@@ -88,7 +87,6 @@ def run(settings: LoneEgm, watched: Watched) -> dict[str, Any]:
 
     Args:
         settings: See :class:`LoneEgm`.
-        watched: See there.
 
     Returns:
         Summary: messages, why it ended, cycles without a usable one, largest distance of the tool from its program.

@@ -91,7 +91,6 @@ def read_configuration(text: str, where: str) -> ControllerData:
     """Base frame of the robot from ``MOC.cfg``, type ROBOT; positions there are in m.
 
     Args:
-        text: The file.
         where: Its name, for errors.
 
     Raises:
@@ -148,7 +147,6 @@ def read_data(text: str, where: str) -> ControllerData | None:
     """Data of a ``MOC.cfg`` or a module; None of another text.
 
     Args:
-        text: The file.
         where: Its name, for errors and notes.
     """
     if _CFG.match(text):

@@ -67,7 +67,6 @@ def run(settings: LoneRsi, watched: Watched) -> dict[str, Any]:
 
     Args:
         settings: See :class:`LoneRsi`.
-        watched: See there.
 
     Returns:
         Summary: cycles, why it ended, late and refused answers, largest correction and step, ages, reply times.

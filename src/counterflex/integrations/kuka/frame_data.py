@@ -37,7 +37,6 @@ def read_kuka(text: str, where: str) -> ControllerData:
     """Frames of a ``$config.dat``; those that are all zeros were never set, and are left out.
 
     Args:
-        text: The file.
         where: Its name, for errors.
 
     Raises:

@@ -49,7 +49,6 @@ def read_kuka_machine(text: str, where: str) -> ControllerData:
     """Read ``$ROBROOT``, ``$SOFTN_END``, ``$SOFTP_END``, ``$LENGTH_A`` and ``$TRAFONAME``.
 
     Args:
-        text: The file.
         where: Its name, for errors.
 
     Raises:
@@ -90,7 +89,6 @@ def read_data(text: str, where: str) -> ControllerData | None:
     """Data of a ``$config.dat`` or ``$machine.dat``; None of another text.
 
     Args:
-        text: The file.
         where: Its name, for errors and notes.
     """
     if is_kuka(text):

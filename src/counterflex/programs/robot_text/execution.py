@@ -76,7 +76,6 @@ class Execution:
 
         Args:
             name: Of the main file.
-            text: Of it.
         """
         rotations = np.array(self.rotations).reshape(-1, 3, 3)
         leans = tilted(rotations)

@@ -37,7 +37,6 @@ class ProcessWords:
     Blanks and capitals do not count; ``{s}`` stands for a number. Of several that fit, the longest counts.
 
     Args:
-        functions: The table.
         code_of: The part of a line before its comment.
         split: Statements of a line of the table; each line is one where it is left out.
     """

@@ -225,7 +225,6 @@ def only_said(lines: Sequence[str], comment: str) -> int | None:
     does it, or stops for a person to do it; a motion behind it would run over standing metal.
 
     Args:
-        lines: Of the program.
         comment: What begins a comment: ``;`` or ``!``.
 
     Returns:

@@ -66,7 +66,6 @@ def robot_parts(program: Program, points: RobotPoints, language: RobotLanguage, 
     """Cut a program into parts.
 
     Args:
-        program: The program.
         points: Its points.
         language: How a block, a dwell, a point and a change of tool are said.
         points_per_file: Largest number of points of a part.

@@ -17,8 +17,6 @@ class RecordWriter:
     """Writes what a cycle was given and what it gave into the ring.
 
     Args:
-        ring: See there.
-        link: The robot.
         loop: Its arrays stay where they are.
         force: Force sensor, or None.
     """

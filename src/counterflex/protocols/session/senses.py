@@ -71,7 +71,6 @@ class Senses:
 
     Args:
         sensing: The sensors.
-        link: The robot.
         loop: The step whose inputs are filled.
         tare: Zero of the force sensor.
         settle_cycles: Good telegrams in a row before the correction may be armed.

@@ -68,7 +68,6 @@ class OnlineSession:
     """Ties links, sensors and loop together.
 
     Args:
-        link: The robot.
         loop: The step.
         sensing: None: nothing but what the robot says.
         ring: Where records go, or None.

@@ -32,7 +32,6 @@ def latch(state: int, cause: int, reset: bool, now_ns: int, incident: Int) -> No
     """Follow holds and faults: the first cause of the last one stays until a person acknowledges it, or another begins.
 
     Args:
-        state: Of the loop.
         cause: Of the state.
         reset: A person acknowledges in this cycle.
         now_ns: Monotonic.

@@ -50,7 +50,6 @@ class ToolChange:
         """Follow one cycle, before the sensors are read.
 
         Args:
-            state: Of the loop.
             cause: Why it is in it.
             place: Row of the plan, with fraction; below 0 unknown.
             tare: Taken anew at a change.

@@ -285,7 +285,6 @@ def from_signs(
         zeros_rad: Of the controller's axes where the model's angles are zero.
         axis_2_m: Height of axis 2 above the base plate, m.
         axis_3: See :func:`from_geometry`.
-        limits_rad: See there.
     """
     rule = MAKERS[maker]
     om = np.array(rule.offsets_deg) * DEG
@@ -300,7 +299,6 @@ def in_language(
     """Axes of a robot as a controller that runs programs of a language shows them.
 
     Args:
-        axes: Of the robot.
         opw: Its closed-form geometry, or None.
         limits_rad: (6, 2) limits of the model's angles.
         language: Dialect of the program.

@@ -58,7 +58,6 @@ def from_opw(
     """Build a robot of OPW geometry as a chain of segments ``axis1`` ... ``axis6``.
 
     Args:
-        name: Of the robot.
         opw: Geometry, m and rad.
         limits_rad: (6, 2) lower and upper limit of the angles the controller shows.
         compliances: (6, 6) elastic element of each driven axis, row ``tx ty tz rx ry rz`` in m/N and rad/(N m), in the
@@ -70,7 +69,6 @@ def from_opw(
         p_axis_com: (6, 3) m, centre of gravity in the bearing frame.
         elements: Further elastic bodies between the axes, in order along each axis' body.
         speeds_rad_s: (6,) or None.
-        counterbalance: Or None.
 
     Returns:
         The robot, with ``opw`` kept for the closed-form inverse.

@@ -77,10 +77,8 @@ class NoisyPose:
     """A pose as a tracker measures it: white noise of position and orientation.
 
     Args:
-        source: The pose.
         noise_m: Standard deviation of the position, per axis.
         noise_rad: Standard deviation of the orientation, per axis, as a rotation vector in tracker axes.
-        seed: Of the noise.
     """
 
     def __init__(self, source: PoseSource, noise_m: float, noise_rad: float, seed: int = 0) -> None:

@@ -79,7 +79,6 @@ class RobotServer:
         robot: The robot; its cycle divides that of the protocol.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
-        timing: See there.
         faults: Scripted, by the time since the first cycle and the numbers of telegrams and answers.
         observe: Told every cycle.
 
@@ -142,7 +141,6 @@ class RobotServer:
 
         Args:
             after: Cycles that go on after the end of the program.
-            most_cycles: Or None.
             progress: Progress callback, fraction 0 to 1.
 
         Returns:

@@ -22,7 +22,6 @@ class TrackerSender(DatagramSender):
     Args:
         peer: Where they go.
         faults: Scripted, by the time of the measurements and their number.
-        frame_id: Of the datagrams.
     """
 
     def __init__(self, peer: tuple[str, int], faults: FaultSchedule | None = None, frame_id: int = 0) -> None:

@@ -69,10 +69,8 @@ class NoisyWrench:
     """A load as a sensor shows it: white noise on every component.
 
     Args:
-        source: The load.
         noise_n: Standard deviation of a force.
         noise_nm: Standard deviation of a moment.
-        seed: Of the noise.
     """
 
     def __init__(self, source: WrenchSource, noise_n: float, noise_nm: float, seed: int = 0) -> None:

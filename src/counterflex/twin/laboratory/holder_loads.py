@@ -74,7 +74,6 @@ def cut_record(
     Args:
         holder: As it truly is; its x, y, z are feed, normal and tool axis here.
         p_holder_tcp: (3,) m tool tip.
-        rng: Of the noise.
         cut: What is cut; None is that of Denkena2015.
         length_s: Of the record; the tool is engaged from a quarter to three quarters of it.
         warmer_k: How much the holder warms up over the record.

@@ -107,7 +107,6 @@ def pull(
     """Readings without and with load.
 
     Args:
-        plant: The cell.
         q: (6,) rad.
         w_tcp_base: (6,) N, N m on the tool about its tip in base axes.
         approach: (6,) rad, from where the pose is approached, minus ``q``.

@@ -110,10 +110,8 @@ class CellServer(RobotServer):
     """Runs a live cell behind its protocols until the program has ended.
 
     Args:
-        cell: The cell.
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
-        instruments: Or None.
         own_force: Told once per telegram what the force sensor showed, for a controller that sends it itself.
         settings: Further arguments of :class:`counterflex.twin.devices.robot_server.RobotServer`.
     """

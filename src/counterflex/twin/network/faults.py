@@ -201,7 +201,6 @@ class FaultSchedule:
 
         Args:
             kinds: Of the instrument itself that it can.
-            instrument: Its name.
             bridges: Number of bridges that a fault may hit alone.
 
         Raises:
@@ -224,7 +223,6 @@ class FaultSchedule:
         """Deliveries of a datagram: nothing, itself, something else, or several.
 
         Args:
-            data: The datagram.
             index: Its number in its direction, from 0.
             time_s: At which it is sent, s since the start.
             direction: See :data:`Direction`.

@@ -13,7 +13,6 @@ class FaultyLine:
     """One direction of a connection. It has no clock of its own: every call says what time it is.
 
     Args:
-        schedule: Its faults.
         direction: Which of them are its.
 
     Attributes:
@@ -32,7 +31,6 @@ class FaultyLine:
         """Put a datagram in; what is due comes out, the late ones of before first.
 
         Args:
-            data: The datagram.
             time_s: Now, s since the start; never less than in the call before.
             deliver: Told every datagram that comes out.
         """

@@ -62,7 +62,6 @@ def record_of(
     """The record of a program from its simulated cycles.
 
     Args:
-        cycles: See there.
         path: Tool path of the program.
         reference: Interpolated by the controller, one row per cycle.
         Rs_part_command: (m, 3, 3) commanded orientation of the tool in those cycles.

@@ -15,7 +15,6 @@ def move(plant: Plant, q: Float, w_tcp_base: Float | None = None, *, move_s: flo
     motion, so that what was done before shows in where the tool comes to rest.
 
     Args:
-        plant: The robot.
         q: (6,) rad, reference of the drives at the end.
         w_tcp_base: (6,) N, N m load at the end, on the tool about the tip in base axes; None is none.
         move_s: T, s.

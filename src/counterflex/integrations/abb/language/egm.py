@@ -38,7 +38,6 @@ def with_egm(text: str, switching: EgmSwitching, where: str, last: str | None = 
 
     Args:
         text: Of the module.
-        switching: See there.
         where: Its name, for messages.
         last: Last MoveL of the path where it stands in another module, see :func:`last_move`.
 

@@ -74,7 +74,6 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     """Write the RAPID program of a cell with EGM around its path, and a README, all of it or nothing.
 
     Args:
-        settings: See there.
         out: Folder; made when missing.
 
     Returns:

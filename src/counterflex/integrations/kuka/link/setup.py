@@ -107,7 +107,6 @@ def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
     """Write ETHERNET file, context, KRL program and README of a cell into a folder, all of them or none.
 
     Args:
-        settings: See there.
         out: Folder; made when missing.
 
     Returns:

@@ -116,7 +116,6 @@ def configurations(cell: Cell, start: str | Float) -> Callable[[Float], str]:
     """Return RCONF of tool poses (4, 4) m in the part frame that follow each other.
 
     Args:
-        cell: The cell.
         start: Posture of the first one, such as ``front up noflip``, or (6,) rad, angles of the model near it.
 
     Raises:

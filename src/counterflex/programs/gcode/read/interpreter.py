@@ -30,7 +30,6 @@ class Interpreter(FlowRunner):
     """One run of one program.
 
     Args:
-        source: The program.
         state: Offsets and modes at the start.
         machine: What is known of the machine at the start.
         includes: Returns name and text of a subroutine's file, or None.

@@ -45,7 +45,6 @@ def read_gcode(
     taken out. With the default offsets of zero the zero of G54 is the zero of the part.
 
     Args:
-        text: The program.
         name: Its name, for errors.
         machine: What is known of the machine that the program was written for.
         step_limit: Largest number of lines executed.

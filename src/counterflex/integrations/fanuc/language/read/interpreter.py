@@ -44,7 +44,6 @@ class Interpreter(Flow):
     """State of the controller while a program runs.
 
     Args:
-        routine: The program.
         folder: Programs that it can call.
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
     """

@@ -117,10 +117,8 @@ class Targets:
 
         Args:
             target: As written.
-            form: The motion.
             here: Target of the motion before in the active frames.
             routine: The listing.
-            statement: The motion.
 
         Raises:
             ProgramError: The displacement is not known, or its effect is not.
@@ -250,10 +248,8 @@ class Targets:
         """Speed along the path of a motion, m/s; 0 of J, and of max_speed.
 
         Args:
-            form: The motion.
             way_m: Its length, for speeds by time.
             routine: The listing.
-            statement: The motion.
 
         Raises:
             ProgramError: It is not known, or out of range.

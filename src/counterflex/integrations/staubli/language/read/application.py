@@ -42,7 +42,6 @@ class Folder:
 
         Args:
             prefix: Alias of its library with a colon; empty of the application's own.
-            name: Of the program.
             store: Takes the variables of a library.
             refuse: Makes the error.
 

@@ -42,7 +42,6 @@ class Interpreter(Flow):
     """State of the controller while a program runs.
 
     Args:
-        routine: The program.
         folder: Programs that it can call.
         store: Variables of its data file.
         cell: What frames and process words are checked against; None takes the frame of the first point for the part

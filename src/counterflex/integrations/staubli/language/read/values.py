@@ -216,7 +216,6 @@ def function(name: str, arguments: Sequence[Value], place: Callable[[Value], Flo
 
     Args:
         name: Of the function.
-        arguments: Values.
         place: Gives (4, 4) m of a point or frame in the world.
 
     Raises:
