@@ -18,6 +18,7 @@ from counterflex.app.robot_programs import digest
 from counterflex.core import build_data, file_content
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM
+from counterflex.files.dataset.reader import read_dataset
 from counterflex.files.summary_file import SEAL, SUMMARY, read_sealed, read_summary, require_whole, write_sealed
 
 PREDICTION: Final = "counterflex-prediction"
@@ -158,7 +159,6 @@ def _of_pulls(manifest: Path, cell_file: Path) -> dict[str, Any]:
     from counterflex.app.identification.cell_model import in_model_angles
     from counterflex.app.prediction_interval import expected_deflection
     from counterflex.files.cell.cell import read_cell
-    from counterflex.files.dataset.reader import read_dataset
     from counterflex.identify.pulls.pulls import read_pulls
 
     cell, data = read_cell(cell_file), read_dataset(manifest)
@@ -176,8 +176,6 @@ def _of_pulls(manifest: Path, cell_file: Path) -> dict[str, Any]:
 
 
 def _of_data(manifest: Path, said: Mapping[str, Any]) -> _Came:
-    from counterflex.files.dataset.reader import read_dataset
-
     data = read_dataset(manifest)
     d = data.values("d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target")[:, :3]
     lengths = zip(data.line.tolist(), np.linalg.norm(d, axis=1).tolist(), strict=True)

@@ -38,8 +38,7 @@ from counterflex.evaluate.path_error.explanations import ALIKE, explanations
 from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected, surface_now
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
-from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
-from counterflex.files.path_error_file import read_path_error, write_path_error
+from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
 from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_folder_summary
 from counterflex.path.toolpath import FEED
