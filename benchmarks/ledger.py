@@ -138,13 +138,13 @@ def tables(results: Path) -> list[str]:
         lines.append(f"| `{one['figure']}` | {one['against']} | {count} | {one['above']} | {one['independence']} |")
     judged = [row for row in found["rows"] if row["inside"] is not None]
     lines += ["", f"Every pair ({len(judged)}, {sum(not row['inside'] for row in judged)} missed):", ""]
-    lines += ["| prediction | program, cell | against | figure | predicted | 90 % interval | came | |"]
-    lines += ["|---|---|---|---|---|---|---|---|"]
+    lines += ["| prediction | program | cell | against | figure | predicted | 90 % interval | came | |"]
+    lines += ["|---|---|---|---|---|---|---|---|---|"]
     for row in judged:
-        truth = f"{row['against']} {row['truth']}".strip()
+        truth = f"{row['against']}, {row['truth']}".removesuffix(", ")
         ends, met = f"{row['low']:.3f} to {row['high']:.3f}", "inside" if row["inside"] else "**missed**"
         lines.append(
-            f"| {row['sha256'][:8]} | {row['program']}, {row['cell']} | {truth} | `{row['figure']}` | "
+            f"| {row['sha256'][:8]} | {row['program']} | {row['cell']} | {truth} | `{row['figure']}` | "
             f"{row['predicted']:.3f} | {ends} | {row['came']:.3f} | {met} |"
         )
     return lines + [f"\nNot revealed: {name}" for name in found["not_revealed"]]

@@ -30,6 +30,7 @@ INDEPENDENCE: Final = {
     "mild": "constants drawn apart from the planner, which reads none; the same kinds of physics, the same authors",
     "wide": "as mild, farther from the cell file",
     "other": "kinds of physics that the planner has no model of; the same authors",
+    "scan": "a simulated cell whose constants the planner does not read, scanned with 20 um of noise",
     "part": "measured by whoever reveals",
     "pulls": "a real robot, measured and published by others; the model was chosen when these data were known",
 }
@@ -76,7 +77,7 @@ def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]
     if out is not None:
         _require_new(out)
     said = read_sealed(prediction, PREDICTION)
-    came = _of_data(measured, said) if measured.is_file() else _of_summary(measured)
+    came = _of_data(measured) if measured.is_file() else _of_summary(measured)
     _require_same(said, came, measured)
     rows = [
         {"truth": truth, "figure": name, **one, "came": values[name], "inside": _is_inside(one, values[name])}
@@ -175,12 +176,12 @@ def _of_pulls(manifest: Path, cell_file: Path) -> dict[str, Any]:
     return {"job": "pulls", "program": data.name, "cell": cell.name, "inputs": inputs, "figures": figures}
 
 
-def _of_data(manifest: Path, said: Mapping[str, Any]) -> _Came:
+def _of_data(manifest: Path) -> _Came:
     data = read_dataset(manifest)
     d = data.values("d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target")[:, :3]
     lengths = zip(data.line.tolist(), np.linalg.norm(d, axis=1).tolist(), strict=True)
     sizes = {f"pull_line_{line}_mm": round(length / MM, 4) for line, length in lengths}
-    inputs = said["inputs"] | {"program_sha256": data.fingerprint}
+    inputs = {"program_sha256": data.fingerprint}
     return _Came(f"real pulls, {data.name}", "pulls", inputs, {"": sizes}, (_NO_TIME,))
 
 
@@ -193,17 +194,20 @@ def _of_summary(folder: Path) -> _Came:
         planned = [one for one in summary["seeds"] if job == "evaluate" or one["truth_level"] == "catalogue"]
         figures = {f"seed {one['seed']}": _of_variants(one["variants"]) for one in planned}
         return _Came(f"simulated cells, {family}", family, inputs, figures)
-    del inputs["begun"]  # Of the judgement, not of the measurement
+    kind = "part"
     if job == "inspect":
         last = list(summary["parts"].values())[-1]
         values = {"surface.p997_mm": last["surface"]["p997_mm"]}
         values = {"after.p997_mm": last["path"]["path"]["p997_mm"]} if "path" in last else values
     elif job == "correct":
-        values = {"surface.p997_mm": round(summary["correct"]["parts"][-1]["surface_p997_um"] / 1000.0, 4)}
+        part = summary["correct"]["parts"][-1]
+        kind = "scan" if part.get("simulated") else kind
+        values = {"surface.p997_mm": round(part["surface_p997_um"] / 1000.0, 4)}
     else:
         limit = "a folder of evaluate, prove, inspect or correct"
         raise InputError("this folder holds no measurement of a part", where=str(folder), value=job, limit=limit)
-    return _Came("a measured part", "part", inputs, {"": values}, ("which program made the part", _NO_TIME))
+    against = {"part": "measured parts", "scan": "scans of simulated parts"}[kind]
+    return _Came(against, kind, inputs, {"": values}, ("which program made the part", _NO_TIME))
 
 
 def _of_variants(variants: Mapping[str, Any]) -> dict[str, float]:
@@ -214,10 +218,10 @@ def _of_variants(variants: Mapping[str, Any]) -> dict[str, float]:
 
 def _require_same(said: Mapping[str, Any], came: _Came, measured: Path) -> None:
     """Refuse a measurement of something else, or one that began before the prediction was written."""
-    known = {key: what for key, what in _INPUTS.items() if key != "machined_sha256" or key in came.inputs}
-    for key, what in known.items():
+    needed = ("program_sha256",) if came.kind == "pulls" else ("program_sha256", "cell_sha256")
+    for key, what in _INPUTS.items():
         own, its = said["inputs"].get(key), came.inputs.get(key)
-        if own != its:
+        if own != its and (key in needed or key in came.inputs):
             value, limit = f"SHA-256 {str(its)[:12]}", str(own)[:12]
             fault = f"the measurement is of another {what} than the prediction"
             raise InputError(fault, where=str(measured), value=value, limit=limit)

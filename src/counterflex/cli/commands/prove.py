@@ -317,7 +317,7 @@ def predict(
 
     The file holds figures, digests of program and cell, version, time, and a SHA-256 over all of it. Commit the file,
     or send the printed SHA-256 to somebody: nobody can change the prediction afterwards without being noticed. Then
-    machine or measure, and compare with `counterflex reveal`.
+    machine or measure, and compare with `reveal`.
 
     Example: `counterflex predict plan --out groove.json`
     """
