@@ -37,7 +37,7 @@ INDEPENDENCE: Final = {
 """By family of a simulated cell or kind of measurement: how far it is from what made the prediction."""
 
 
-class _Came(NamedTuple):
+class _Measured(NamedTuple):
     against: str
     kind: str  # Key of INDEPENDENCE, or another family
     inputs: Mapping[str, str]  # Digests and time that the measurement states
@@ -76,26 +76,26 @@ def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]
     """
     if out is not None:
         _require_new(out)
-    said = read_sealed(prediction, PREDICTION)
-    came = _of_data(measured) if measured.is_file() else _of_summary(measured)
-    _require_same(said, came, measured)
+    sealed = read_sealed(prediction, PREDICTION)
+    measurement = _of_data(measured) if measured.is_file() else _of_summary(measured)
+    _require_same(sealed, measurement, measured)
     rows = [
         {"truth": truth, "figure": name, **one, "came": values[name], "inside": _is_inside(one, values[name])}
-        for truth, values in came.figures.items()
-        for name, one in said["figures"].items()
+        for truth, values in measurement.figures.items()
+        for name, one in sealed["figures"].items()
         if name in values
     ]
     if not rows:
-        limit = ", ".join(said["figures"])
+        limit = ", ".join(sealed["figures"])
         raise InputError("the measurement has none of the predicted figures", where=str(measured), limit=limit)
-    independence = INDEPENDENCE.get(came.kind, "a truth of no family")
+    independence = INDEPENDENCE.get(measurement.kind, "a truth of no family")
     pair: dict[str, Any] = {
         "revealed": _now(),
-        "prediction": said,
-        "against": came.against,
+        "prediction": sealed,
+        "against": measurement.against,
         "independence": independence,
     }
-    pair |= {"figures": rows, "not_looked_at": list(came.not_looked_at)}
+    pair |= {"figures": rows, "not_looked_at": list(measurement.not_looked_at)}
     if out is not None:
         write_sealed(out, PAIR, pair)
     return pair
@@ -117,9 +117,9 @@ def ledger(folder: Path) -> dict[str, Any]:
             waiting[read_sealed(file, PREDICTION)[SEAL]] = file.name
         elif kind == PAIR:
             pair = read_sealed(file, PAIR)
-            said = pair["prediction"]
-            paired.add(said[SEAL])
-            own = {key: said[key] for key in (SEAL, "program", "cell", "created")}
+            sealed = pair["prediction"]
+            paired.add(sealed[SEAL])
+            own = {key: sealed[key] for key in (SEAL, "program", "cell", "created")}
             rows += [own | {key: pair[key] for key in ("against", "independence")} | row for row in pair["figures"]]
     groups: dict[tuple[str, str], dict[str, Any]] = {}
     for row in rows:
@@ -176,16 +176,16 @@ def _of_pulls(manifest: Path, cell_file: Path) -> dict[str, Any]:
     return {"job": "pulls", "program": data.name, "cell": cell.name, "inputs": inputs, "figures": figures}
 
 
-def _of_data(manifest: Path) -> _Came:
+def _of_data(manifest: Path) -> _Measured:
     data = read_dataset(manifest)
     d = data.values("d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target")[:, :3]
     lengths = zip(data.line.tolist(), np.linalg.norm(d, axis=1).tolist(), strict=True)
     sizes = {f"pull_line_{line}_mm": round(length / MM, 4) for line, length in lengths}
     inputs = {"program_sha256": data.fingerprint}
-    return _Came(f"real pulls, {data.name}", "pulls", inputs, {"": sizes}, (_NO_TIME,))
+    return _Measured(f"real pulls, {data.name}", "pulls", inputs, {"": sizes}, (_NO_TIME,))
 
 
-def _of_summary(folder: Path) -> _Came:
+def _of_summary(folder: Path) -> _Measured:
     require_whole(folder)
     summary = read_summary(folder / SUMMARY)
     job, inputs = summary.get("job"), dict(summary.get("inputs", {}))
@@ -193,7 +193,7 @@ def _of_summary(folder: Path) -> _Came:
         family = summary.get("family") or "no family"
         planned = [one for one in summary["seeds"] if job == "evaluate" or one["truth_level"] == "catalogue"]
         figures = {f"seed {one['seed']}": _of_variants(one["variants"]) for one in planned}
-        return _Came(f"simulated cells, {family}", family, inputs, figures)
+        return _Measured(f"simulated cells, {family}", family, inputs, figures)
     kind = "part"
     if job == "inspect":
         last = list(summary["parts"].values())[-1]
@@ -207,7 +207,7 @@ def _of_summary(folder: Path) -> _Came:
         limit = "a folder of evaluate, prove, inspect or correct"
         raise InputError("this folder holds no measurement of a part", where=str(folder), value=job, limit=limit)
     against = {"part": "measured parts", "scan": "scans of simulated parts"}[kind]
-    return _Came(against, kind, inputs, {"": values}, ("which program made the part", _NO_TIME))
+    return _Measured(against, kind, inputs, {"": values}, ("which program made the part", _NO_TIME))
 
 
 def _of_variants(variants: Mapping[str, Any]) -> dict[str, float]:
@@ -216,17 +216,17 @@ def _of_variants(variants: Mapping[str, Any]) -> dict[str, float]:
     return out if force is None else out | {"peak_force_n": force}
 
 
-def _require_same(said: Mapping[str, Any], came: _Came, measured: Path) -> None:
+def _require_same(sealed: Mapping[str, Any], measurement: _Measured, measured: Path) -> None:
     """Refuse a measurement of something else, or one that began before the prediction was written."""
-    needed = ("program_sha256",) if came.kind == "pulls" else ("program_sha256", "cell_sha256")
+    needed = ("program_sha256",) if measurement.kind == "pulls" else ("program_sha256", "cell_sha256")
     for key, what in _INPUTS.items():
-        own, its = said["inputs"].get(key), came.inputs.get(key)
-        if own != its and (key in needed or key in came.inputs):
+        own, its = sealed["inputs"].get(key), measurement.inputs.get(key)
+        if own != its and (key in needed or key in measurement.inputs):
             value, limit = f"SHA-256 {str(its)[:12]}", str(own)[:12]
             fault = f"the measurement is of another {what} than the prediction"
             raise InputError(fault, where=str(measured), value=value, limit=limit)
-    if _NO_TIME not in came.not_looked_at and came.inputs["begun"] < said["created"]:
-        value, limit = came.inputs["begun"], f"after {said['created']}"
+    if _NO_TIME not in measurement.not_looked_at and measurement.inputs["begun"] < sealed["created"]:
+        value, limit = measurement.inputs["begun"], f"after {sealed['created']}"
         raise InputError("the measurement is older than the prediction", where=str(measured), value=value, limit=limit)
 
 
@@ -234,8 +234,8 @@ def _figure(predicted: float, low: float | None = None, high: float | None = Non
     return {"predicted": predicted, "low": low, "high": high}
 
 
-def _is_inside(said: Mapping[str, Any], came: float) -> bool | None:
-    return None if said["low"] is None else bool(said["low"] <= came <= said["high"])
+def _is_inside(sealed: Mapping[str, Any], value: float) -> bool | None:
+    return None if sealed["low"] is None else bool(sealed["low"] <= value <= sealed["high"])
 
 
 def _require_new(out: Path) -> None:
