@@ -94,6 +94,7 @@ def prove(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
+    inputs = inputs_of(program, cell_file)
     cell, job = read_in_plane(program, read_cell(cell_file, assume_class=assume_class), reading=reading)
     simulate.require_simulated(cell)
     require_stiffness_for(job, cell)
@@ -137,6 +138,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
+        "inputs": inputs | {"machined_sha256": digest(compensated)},
         "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *unknown_stiffness(cell)]},
@@ -172,7 +174,6 @@ def run(
     from counterflex.report.page import write_page
 
     with atomic.atomic_folder(out) as staging:
-        inputs = inputs_of(program, cell_file)
         proof = prove(
             program,
             cell_file,
@@ -192,8 +193,6 @@ def run(
         (staging / "original").mkdir()
         for file in (Path(program), *companions(Path(program))):
             atomic.write_bytes(staging / "original" / file.name, file_content.content(file))
-        machined = digest(staging / "compensated" / next(iter(proof.program_files)))
-        proof.summary["inputs"] = inputs | {"machined_sha256": machined}
         simulate.keep_cell(read_cell(cell_file, assume_class=assume_class), staging)
         about = {key: proof.summary[key] for key in ("program", "cell", "robot", "counterflex")}
         about |= {CLASS_ASSUMED: True} if assume_class else {}
