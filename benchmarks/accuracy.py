@@ -45,6 +45,7 @@ from counterflex.files.schema import write_toml
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
 from counterflex.twin.truth.truth import Truth
+from seeds_option import seeds_of
 
 HERE: Final = Path(__file__).resolve().parent
 SHIPPED: Final = HERE.parent / "examples"
@@ -301,7 +302,7 @@ def main() -> int:
     parser.add_argument("--programs", nargs="+", choices=list(PROGRAMS), default=list(PROGRAMS))
     parser.add_argument("--family", nargs="+", choices=list(FAMILIES), default=list(FAMILIES))
     parser.add_argument("--levels", nargs="+", choices=list(TRUTH_LEVELS), default=list(TRUTH_LEVELS))
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--store", action="store_true")
@@ -310,9 +311,7 @@ def main() -> int:
     if chosen.show:
         print("\n".join(table(json.loads(STORED.read_text())["rows"])))
         return 0
-    first, _, last = chosen.seeds.partition("-")
-    seeds = list(range(int(first), int(last or first) + 1))
-    programs, families, levels = chosen.programs, chosen.family, chosen.levels
+    programs, families, levels, seeds = chosen.programs, chosen.family, chosen.levels, chosen.seeds
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) if chosen.quick else chosen.out
         if chosen.quick:

@@ -37,6 +37,7 @@ from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.app.long_jobs.task_graph import run_tasks
 from counterflex.app.long_jobs.workers import Shares
 from counterflex.core.progress import Progress, silent
+from seeds_option import seeds_of
 
 ROOT = Path(__file__).resolve().parents[1]
 CELL, PROGRAM = ROOT / "examples/cells/kr300_d16_small.toml", ROOT / "examples/programs/groove.ngc"
@@ -97,7 +98,7 @@ def overhead(count: int, folder: Path) -> dict[str, float]:
 
 
 def campaign_of(
-    out: Path, seeds: range, workers: int | str | None = 2, progress: Progress = silent, job: Job = WHOLE
+    out: Path, seeds: Sequence[int], workers: int | str | None = 2, progress: Progress = silent, job: Job = WHOLE
 ) -> None:
     grid = Grid([job.program], job.places, ["present"])
     campaign.run(job.cell, out, grid=grid, seeds=seeds, recipes=[], workers=workers, progress=progress)
@@ -114,7 +115,7 @@ def small(folder: Path) -> Job:
     return Job(folder / "cell.toml", folder / "start.ngc", WHOLE.places[:1])
 
 
-def capacity(seeds: range, out: Path, job: Job) -> dict[str, float]:
+def capacity(seeds: Sequence[int], out: Path, job: Job) -> dict[str, float]:
     """Tasks of a campaign: groove.ngc at two placements, planned and machined."""
     cost = timed(lambda: campaign_of(out, seeds, job=job))
     tasks = len(list(out.rglob(DONE)))
@@ -127,14 +128,16 @@ def extrapolated(task_s: float, job_s: float) -> dict[str, float]:
     return {"cores_per_hour": cores, "job_per_hour": job, "per_hour": min(cores, job)}
 
 
-def killed(out: Path, seeds: range, undisturbed: Path) -> dict[str, Any]:
+def killed(out: Path, seeds: Sequence[int], undisturbed: Path) -> dict[str, Any]:
     """Kill a worker, then the job; go on; compare."""
     from distributed import Client, LocalCluster
 
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as running:
         address = running.scheduler_address
         with Client(address, set_as_default=False) as client:
-            child = subprocess.Popen([sys.executable, __file__, "--dies", address, str(out), str(len(seeds))])
+            child = subprocess.Popen(
+                [sys.executable, __file__, "--dies", address, str(out), ",".join(f"{n}-{n}" for n in seeds)]
+            )
             while not list(out.rglob(DONE)):
                 time.sleep(0.05)
             os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
@@ -146,7 +149,7 @@ def killed(out: Path, seeds: range, undisturbed: Path) -> dict[str, Any]:
     return {"job_ended_by": child.returncode, "stored": len(stored), "made_again": len(again), "same_table": same}
 
 
-def dies(address: str, out: Path, seeds: range) -> None:
+def dies(address: str, out: Path, seeds: Sequence[int]) -> None:
     """The job that is killed: after three results."""
 
     def report(fraction: float, what: str = "") -> None:  # noqa: ARG001
@@ -159,14 +162,14 @@ def dies(address: str, out: Path, seeds: range) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few tasks, nobody is killed: a smoke test")
-    parser.add_argument("--seeds", type=int, default=3, help="simulated cells")
+    parser.add_argument("--seeds", type=seeds_of, default="3", help="simulated cells")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--dies", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.dies:
-        dies(options.dies[0], Path(options.dies[1]), range(1, int(options.dies[2]) + 1))
+        dies(options.dies[0], Path(options.dies[1]), seeds_of(options.dies[2]))
         return
-    seeds = range(1, 2 if options.quick else options.seeds + 1)
+    seeds = [1] if options.quick else options.seeds
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         figures: dict[str, Any] = {"overhead": overhead(20 if options.quick else 200, place)}

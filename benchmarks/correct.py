@@ -48,6 +48,7 @@ from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
 from counterflex.twin.truth.truth import Truth
+from seeds_option import seeds_of
 
 HERE: Final = Path(__file__).resolve().parent
 SHIPPED: Final = HERE.parent / "examples"
@@ -238,19 +239,13 @@ def measured(
     return rows
 
 
-def seeds_of(text: str) -> list[int]:
-    """Seeds of ``1-3,7``."""
-    ranges = [one.partition("-") for one in text.split(",")]
-    return [seed for first, _, last in ranges for seed in range(int(first), int(last or first) + 1)]
-
-
 def main() -> int:
     """Measure and print, or print what is stored."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/correct"))
     parser.add_argument("--programs", nargs="+", choices=list(PROGRAMS), default=["groove"])
     parser.add_argument("--family", nargs="*", choices=list(FAMILIES), default=list(FAMILIES))
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[-1]}")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--noise", action="store_true")
     parser.add_argument("--show", action="store_true")
@@ -260,7 +255,7 @@ def main() -> int:
     if chosen.show:
         print("\n".join(table(json.loads(STORED.read_text())["rows"])))
         return 0
-    seeds, families = seeds_of(chosen.seeds), list(chosen.family)
+    seeds, families = chosen.seeds, list(chosen.family)
     with tempfile.TemporaryDirectory() as scratch:
         out, workers = (Path(scratch), 1) if chosen.quick else (chosen.out, chosen.workers)
         if chosen.quick:

@@ -28,6 +28,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.truth import Truth
+from seeds_option import seeds_of
 
 CELL: Final = SHIPPED / "cells" / "kr300_d16_small.toml"
 PROGRAM: Final = SHIPPED / "programs" / "groove.ngc"
@@ -57,12 +58,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/first-day"))
     parser.add_argument("--family", choices=list(FAMILIES), default="wide")
-    parser.add_argument("--seeds", default="1001-1006")
+    parser.add_argument("--seeds", type=seeds_of, default="1001-1006")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
-    first, _, last = ("1-1" if chosen.quick else chosen.seeds).partition("-")
-    seeds = list(range(int(first), int(last or first) + 1))
+    seeds = [1] if chosen.quick else chosen.seeds
     family, cell = FAMILIES[chosen.family], read_cell(CELL)
     steps = {name: file for name, file in STEPS.items() if file is None or not chosen.quick}
     if not chosen.quick:

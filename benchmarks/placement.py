@@ -39,6 +39,7 @@ from counterflex.plan.placement.search import POPULATION, search
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
 from counterflex.plan.posture.survey import base_points
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from seeds_option import seeds_of
 
 GOAL_S: Final = 180.0
 COUNT: Final = 1024
@@ -133,19 +134,17 @@ def main() -> int:
     parser.add_argument("--operations", action="store_true", help="a place for each operation instead")
     parser.add_argument("--gain", choices=["groove", "part"], help="machine on simulated cells instead")
     parser.add_argument("--candidates", type=int, default=COUNT)
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}", help="first-last")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
     args = parser.parse_args()
     if args.operations:
         return operations(args.candidates if args.candidates != COUNT else POPULATION)
     if args.gain is None:
         return 0 if speed(POPULATION if args.quick else args.candidates) or args.quick else 1
-    first, _, last = args.seeds.partition("-")
-    seeds = list(range(int(first), int(last or first) + 1))
     with tempfile.TemporaryDirectory() as name:
         program, cell = GROOVE, CELL
         if args.gain == "part":
             cell, program = examples.write(Path(name) / "cell.toml")
-        gain(program, cell, seeds, Path(name), args.candidates)
+        gain(program, cell, args.seeds, Path(name), args.candidates)
     return 0
 
 

@@ -45,6 +45,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import POSE_KEYS, text_with_place
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from seeds_option import seeds_of
 
 HERE: Final = Path(__file__).resolve().parent
 STORED: Final = HERE / "results" / "plan_better.json"
@@ -256,7 +257,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("out/plan-better"))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=["catalogue"])
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--store", action="store_true")
@@ -266,8 +267,7 @@ def main() -> int:
     if chosen.show:
         print("\n".join(table(json.loads(STORED.read_text())["rows"])))
         return 0
-    first, _, last = chosen.seeds.partition("-")
-    seeds = [1] if chosen.quick else list(range(int(first), int(last or first) + 1))
+    seeds = [1] if chosen.quick else chosen.seeds
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) if chosen.quick else chosen.out
         workers, count = (1, 64) if chosen.quick else (chosen.workers, chosen.candidates)

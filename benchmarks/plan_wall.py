@@ -39,6 +39,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_placed_as
 from counterflex.plan.posture.cut_path import Surface
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from seeds_option import seeds_of
 
 CHOICES: Final = ("as programmed", "placement and posture", "strategy", "all three")
 
@@ -190,15 +191,14 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = tuple(wall_finish.MATERIALS)
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}", help="first-last")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
     parser.add_argument("--workpieces", nargs="+", choices=names, default=list(names))
     parser.add_argument("--candidates", type=int, default=placement.CANDIDATES)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--write", type=Path, metavar="FILE", help="JSON file of rows; those that it has are kept")
     parser.add_argument("--quick", action="store_true", help="one material, one seed, few candidates")
     args = parser.parse_args()
-    first, _, last = args.seeds.partition("-")
-    seeds = [200] if args.quick else list(range(int(first), int(last or first) + 1))
+    seeds = [200] if args.quick else args.seeds
     found: list[dict[str, Any]] = []
     if args.write is not None and args.write.exists():
         found = json.loads(args.write.read_text(encoding="utf-8"))

@@ -42,6 +42,7 @@ from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
 from counterflex.robot.elasticity.kernels.lanes import deflection_blocks
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from seeds_option import seeds_of
 
 GOAL_S: Final = 5.0
 FEED_M_S: Final = 0.025
@@ -160,16 +161,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="few points, no goal")
     parser.add_argument("--gain", action="store_true", help="also machine on simulated cells")
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}", help="first-last")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
     args = parser.parse_args()
     met = speed(300 if args.quick else 10_000, 1 if args.quick else 3)
     if args.gain:
-        first, _, last = args.seeds.partition("-")
-        seeds = list(range(int(first), int(last or first) + 1))
         with tempfile.TemporaryDirectory() as name:
             cell, part = examples.write(Path(name) / "cell.toml")
-            gain(SHIPPED / "programs" / "groove.ngc", SHIPPED / "cells" / "kr300_d16_small.toml", seeds, Path(name))
-            gain(part, cell, seeds, Path(name))
+            gain(
+                SHIPPED / "programs" / "groove.ngc", SHIPPED / "cells" / "kr300_d16_small.toml", args.seeds, Path(name)
+            )
+            gain(part, cell, args.seeds, Path(name))
     return 0 if met or args.quick else 1
 
 

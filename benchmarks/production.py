@@ -6,7 +6,7 @@ larger. Noise, drift, delay and teeth of the simulated force sensor are in the l
 identified. From both logs come the constants at the reference chip thickness, from the first alone, and the growth. The
 truth has ploughing and exponents that the law of the cell has not; compared is the specific force at that thickness.
 
-Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/production.py --seeds 1001 1005 --family wide --out out/production``; it
+Run ``OPENBLAS_NUM_THREADS=1 python benchmarks/production.py --seeds 1001-1005 --family wide --out out/production``; it
 goes on where it was. ``--show`` prints the rows of ``--out``; ``--drawn`` counts intervals over ``--seeds`` on runs in
 memory in which all that the standard deviations stand for is drawn; ``--series`` shows growth and events of drawn
 series of ten runs; ``--quick`` is one seed of a short program.
@@ -46,6 +46,7 @@ from counterflex.twin.plant.force_sensor import force_sensor
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.file import read_truth, write_truth
 from counterflex_lab.reproduce import closed_loop
+from seeds_option import seeds_of
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 CELL: Final = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
@@ -183,7 +184,7 @@ def drawn(seed: int, plan: Path, cut: PlannedCut, cell: Cell) -> dict[str, Any]:
     }
 
 
-def show_drawn(first: int, last: int) -> None:
+def show_drawn(seeds: list[int]) -> None:
     """Show the coverage of 90 % intervals where everything that they stand for is drawn; a robot that does not bend."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -192,7 +193,7 @@ def show_drawn(first: int, last: int) -> None:
         plan, cell = folder / "plan" / "plan.parquet", read_cell(RIGID)
         read, about = read_plan(plan)
         cut = planned_cut(read, about, cell, plan, compensated=True)
-        rows = [drawn(seed, plan, cut, cell) for seed in range(first, last + 1)]
+        rows = [drawn(seed, plan, cut, cell) for seed in seeds]
     for name in ("kc", "kr", "ka"):
         off, sigma = np.array([row[name] for row in rows]).T
         print(
@@ -221,13 +222,13 @@ def lives() -> dict[str, tuple[np.ndarray, str]]:
     return out
 
 
-def show_series(first: int, last: int) -> None:
+def show_series(seeds: list[int]) -> None:
     """Growth and events of series of ten runs, by scatter of the runs beside 1 % of their own."""
     print(f"{'ten runs':34}scatter %  growth off by % (median, worst)  in 90 %  event found  another, or false")
     for name, (expected, kind) in lives().items():
         for scatter in (0.005, 0.01, 0.02):
             off, inside, right, false = [], 0, 0, 0
-            for seed in range(first, last + 1):
+            for seed in seeds:
                 s = expected + np.random.default_rng(seed).normal(0.0, scatter, len(expected))
                 found = drift([RunFactor(float(v), 0.01) for v in s], np.ones(10), np.zeros(10, dtype=np.bool_), LOST)
                 edge = int(np.argmax(found.edge == found.edge[-1])) if kind == "new edge" else 0
@@ -276,7 +277,7 @@ def show(rows: list[dict[str, Any]]) -> None:
 def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs=2, default=(1001, 1005), metavar=("FIRST", "LAST"))
+    parser.add_argument("--seeds", type=seeds_of, default="1001-1005")
     parser.add_argument("--family", choices=sorted(FAMILIES), default="wide")
     parser.add_argument("--out", type=Path, default=Path("out/production"))
     parser.add_argument("--show", action="store_true")
@@ -286,21 +287,21 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a smoke run: intervals on two drawn runs")
     options = parser.parse_args()
     if options.quick:
-        show_drawn(1, 2)
-        show_series(1, 1)
+        show_drawn([1, 2])
+        show_series([1])
         return
     if options.series:
-        show_series(*options.seeds)
+        show_series(options.seeds)
         return
     if options.short:
         with tempfile.TemporaryDirectory() as scratch:
             show([one(1, "mild", Path(scratch) / "cell", SHORT)])
         return
     if options.drawn:
-        show_drawn(*options.seeds)
+        show_drawn(options.seeds)
         return
     if not options.show:
-        for seed in range(options.seeds[0], options.seeds[1] + 1):
+        for seed in options.seeds:
             file = options.out / f"{options.family}-{seed}.json"
             if file.is_file():
                 continue

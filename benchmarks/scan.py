@@ -40,6 +40,7 @@ from counterflex.evaluate.features import FeatureRow
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import rotation
 from counterflex.twin.truth.family import family_of
+from seeds_option import seeds_of
 
 ROOT = Path(__file__).resolve().parents[1]
 GOAL_UM = 10.0
@@ -55,16 +56,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", type=Path, default=ROOT / "examples/programs/groove.ngc")
     parser.add_argument("--cell", type=Path, default=ROOT / "examples/cells/kr300_d16_small.toml")
-    parser.add_argument("--seeds", default="1001-1003", help="first and last")
+    parser.add_argument("--seeds", type=seeds_of, default="1001-1003")
     parser.add_argument("--points", type=int, default=1_700_000)
     parser.add_argument("--memory", type=int, default=0, help="inspect so many points in a process of its own")
     parser.add_argument("--write", type=Path, help="write the scan of the first seed here, and do no more")
     parser.add_argument("--quick", action="store_true")
     given = parser.parse_args()
-    first, _, last = given.seeds.partition("-")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = given.seeds
     if given.quick:
-        seeds, given.points = range(1001, 1002), 150_000
+        seeds, given.points = [1001], 150_000
     if given.memory:
         memory(given.memory, given.program, given.cell)
         return

@@ -33,6 +33,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
 from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.family import FAMILIES, REPORTING_SEEDS
+from seeds_option import seeds_of
 
 SHIPPED: Final = Path(__file__).resolve().parents[1] / "examples"
 CELL: Final = SHIPPED / "cells" / "kr300_d16_small.toml"
@@ -114,12 +115,11 @@ def machined(path: Path, cell: Cell, seed: int, case: Case) -> tuple[float, floa
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
+    parser.add_argument("--seeds", type=seeds_of, default=f"{REPORTING_SEEDS[0]}-{REPORTING_SEEDS[0] + 4}")
     parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES))
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
-    first, _, last = chosen.seeds.partition("-")
-    seeds = [1] if chosen.quick else list(range(int(first), int(last or first) + 1))
+    seeds = [1] if chosen.quick else chosen.seeds
     cell = read_cell(CELL)
     print("| entry | move | predicted, um | median, mm | less: median, least | force step, N/ms | time |")
     print("|---|---|---|---|---|---|---|")

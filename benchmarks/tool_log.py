@@ -24,6 +24,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import read_cell
 from counterflex.twin.truth.family import family_of
+from seeds_option import seeds_of
 
 ROOT = Path(__file__).resolve().parents[1]
 GOAL_UM = 10.0
@@ -33,17 +34,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", type=Path, default=ROOT / "examples/programs/groove.ngc")
     parser.add_argument("--cell", type=Path, default=ROOT / "examples/cells/kr300_d16_small.toml")
-    parser.add_argument("--seeds", default="1001-1003", help="first and last")
+    parser.add_argument("--seeds", type=seeds_of, default="1001-1003")
     parser.add_argument("--noise-um", type=float, default=15.0, help="of a reading, per axis")
     parser.add_argument("--quick", action="store_true", help="one seed: does it work at all?")
     given = parser.parse_args()
-    first, _, last = (given.seeds.partition("-")[0] if given.quick else given.seeds).partition("-")
     cell = read_cell(given.cell)
     job = read_job(given.program, cell)
     reference = judge.reference_of(job, cell)
     largest: dict[str, float] = {}
     print("seed   figure                       evaluate mm   off um   U um")
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in given.seeds[: 1 if given.quick else None]:
         record = simulate.machine(job, cell, truth_of(cell, seed, family_of("mild")))
         judged = judge.judge(reference, record, record.stock)
         noise = np.random.default_rng(seed).normal(scale=given.noise_um * UM, size=record.p_part_tcp.shape)

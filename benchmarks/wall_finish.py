@@ -38,6 +38,7 @@ from counterflex.files.schema import write_toml
 from counterflex.path.toolpath import FEED
 from counterflex.twin.plant.record import Record
 from counterflex.twin.truth.family import FAMILIES
+from seeds_option import seeds_of
 
 SHIPPED: Final = Path(__file__).resolve().parent.parent / "examples" / "cells" / "kr300_d16_small.toml"
 GOAL_PERCENT: Final = 30.0
@@ -145,14 +146,13 @@ def machined(folder: Path, cut: dict[str, Any], table: dict[str, Any], seed: int
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="1001-1005")
+    parser.add_argument("--seeds", type=seeds_of, default="1001-1005")
     parser.add_argument("--family", default="wide", choices=list(FAMILIES))
     parser.add_argument("--materials", nargs="+", choices=list(MATERIALS), default=list(MATERIALS))
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     parser.add_argument("--quick", action="store_true")
     chosen = parser.parse_args()
-    first, _, last = chosen.seeds.partition("-")
-    seeds = [1] if chosen.quick else list(range(int(first), int(last or first) + 1))
+    seeds = [1] if chosen.quick else chosen.seeds
     rows: list[dict[str, Any]] = []
     print("| material | variant | cut | predicted, up to | p99.7 median | worst | less than before, median | least |")
     print("|---|---|---|---|---|---|---|---|")

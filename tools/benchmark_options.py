@@ -41,6 +41,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
         ("--quick", "--each", "--seeds", "1", "--first", "0"),
         ("--quick", "--recipe", "cutting", "--json"),
     ),
+    "ledger": (("--quick", "--predict", "--reveal", "--seeds", "1-1", "--out", f"{FOLDER}/out"), ("--store",)),
     "monitoring": (("--quick", "--grid", "--others"), ("--seeds", "1", "--first", "0")),
     "online_reply": (("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"), ("--quick", "--stages")),
     "panel": (("--quick", "--minutes", "1", "--block", "1", "--json", f"{FOLDER}/figures.json"),),
@@ -66,7 +67,7 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     "play_quick_form": (("--quick", "--seeds", "1", "--first", "0", "--json"),),
     "posture": (("--quick", "--gain", "--seeds", "1-1"),),
     "production": (
-        ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1", "1"),
+        ("--quick", "--drawn", "--series", "--family", "mild", "--seeds", "1-1"),
         ("--show", "--out", f"{FOLDER}/none"),
         ("--short",),
     ),

@@ -19,7 +19,7 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.core.units import MM
 from counterflex.files.benchmark_result import MEASURED, BenchmarkResult, read_benchmark_result
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.tolerances_file import read_tolerances
+from counterflex.files.small_table import read_tolerances
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 NOISE_MM = 0.005

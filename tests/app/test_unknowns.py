@@ -12,6 +12,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.app import unknowns as room
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.cut_points import CutPoints, corner_points, points_of_plan
+from counterflex.app.lowest_mode import identified_sigma
 from counterflex.app.prediction_interval import foreseen
 from counterflex.app.questions import check_cell
 from counterflex.app.unknown_stiffness import Expected, cost_at_blank
@@ -112,6 +113,18 @@ def test_what_was_identified_leaves_less() -> None:
     for name in ("stiffness of the robot", "stiffness of the end effector", "cutting force"):
         assert median_mm(after[name]) < 0.3 * median_mm(before[name])
         assert after[name].known_from == "identified"
+
+
+def test_a_stiff_direction_that_the_data_hardly_show_does_not_make_its_segment_unknown() -> None:
+    """The ledger of real pulls showed intervals up to 64 mm of 2 mm: axis 2 about y, 1.6 +- 110 urad/kNm."""
+    cell = with_identified(read_cell(KUKA), "stiffness", {"axis2.rz": 0.1})
+    alone = identified_sigma(cell)["axis2"]
+    (entry,) = cell.tables.identified
+    stiff = entry.values[0].model_copy(update={"name": "axis2.ry", "value": 1.6, "sigma": 110.0})
+    both = entry.model_copy(update={"values": (*entry.values, stiff)})
+    tables = cell.tables.model_copy(update={"identified": (both,)})
+    assert alone == pytest.approx(0.1)
+    assert identified_sigma(replace(cell, tables=tables))["axis2"] == pytest.approx(np.hypot(50.0, 110.0) / 501.6)
 
 
 def test_handbook_force_is_its_share_of_the_deflection(monkeypatch: pytest.MonkeyPatch) -> None:

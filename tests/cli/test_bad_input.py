@@ -487,7 +487,12 @@ COMMANDS: dict[str, tuple[str, list[str]]] = {
     ),
     "cell as truth": ("simulate part.ngc --cell cell.toml --truth cell.toml --out run", ["cell.toml", "truth"]),
     "no seeds": ("prove part.ngc --cell cell.toml --out out --seeds 0", ["--seeds", "got 0", "1 to 100"]),
-    "seeds in words": ("prove part.ngc --cell cell.toml --out out --seeds two", ["--seeds", "got two", "1001-1020"]),
+    "seeds in words": (
+        "prove part.ngc --cell cell.toml --out out --seeds two",
+        ["--seeds", "got two", "2001-2008,2011"],
+    ),
+    "one seed alone": ("prove part.ngc --cell cell.toml --out out --seeds 2011", ["--seeds", "2011-2011"]),
+    "a seed twice": ("campaign --seeds 2001-2003,2002 --out out", ["--seeds", "2002", "twice"]),
     "no workers": ("prove part.ngc --cell cell.toml --out out --workers 0", ["--workers", "1"]),
     "prove into the program's folder": ("prove part.ngc --cell cell.toml --out .", ["--out .", "part.ngc lies in"]),
     "prove below a file": ("prove part.ngc --cell cell.toml --out part.ngc/a/b", ["part.ngc/a/b", "cannot write"]),

@@ -164,6 +164,12 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         shutil.copy(machined.folder / "truth.toml", folder)
     if words[0] == "diff":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
+    if words[0] in ("predict", "reveal"):
+        assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "plan", "--no-report").status == 0
+    if words[0] == "reveal":
+        assert counterflex("predict", "plan", "--out", "groove.json").status == 0
+        proof = ("prove", "part.ngc", "--cell", "cell.toml", "--out", "proof", "--workers", "1", "--no-exact")
+        assert counterflex(*proof).status == 0
     if words[0] == "correct":
         assert counterflex("compensate", "part.ngc", "--cell", "cell.toml", "--out", "out", "--no-report").status == 0
         shutil.copytree(machined.folder / "run", folder / "part1")

@@ -15,10 +15,11 @@ import pytest
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import judge
 from counterflex.core.arrays import Float
+from counterflex.files import parquet_table
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.run_log import RunLog
 from counterflex.files.run_file import read_run
-from counterflex.files.tool_path_file import read_tool_path
+from counterflex.files.tool_path_file import KIND, LAYOUT, VERSION, ToolPathRows
 from counterflex.geometry import pose, rotation
 from counterflex.runtime.record_ring import WIDTH, column
 
@@ -138,7 +139,8 @@ def test_a_known_deviation_comes_back_by_surface(work: Path, counterflex: Callab
     assert ended.status == 0, ended.err
     assert "the path of the tool" in " ".join(ended.out.split())
     assert "not measured" in " ".join(ended.out.split())
-    rows, about = read_tool_path(Path("out/deep/tool-path.parquet"))
+    data, about = parquet_table.read(Path("out/deep/tool-path.parquet"), KIND, VERSION, LAYOUT)
+    rows = ToolPathRows(**data)
     assert (about["program"], about["source"], about["frame_fitted"]) == ("angle.ngc", "log.csv", False)
     cutting = rows.cutting == 1
     assert 0.3 < np.mean(cutting) < 0.8

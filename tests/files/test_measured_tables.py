@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.iso230.positioning import DOWN, UP
 from counterflex.evaluate.path_error.learning import MeasuredError
-from counterflex.files.path_error_file import read_path_error, write_path_error
+from counterflex.files.part_deviations import read_path_error, write_path_error
 from counterflex.files.positioning_file import read_approaches
 from counterflex.files.tap_test import read_tap_test
 from counterflex.files.touches_file import read_touches

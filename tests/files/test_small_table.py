@@ -9,8 +9,7 @@ import pytest
 from counterflex.app.controller_import.job import JOINTS, POSE, read_poses
 from counterflex.core.errors import FileFormatError
 from counterflex.files.commanded_file import read_commanded
-from counterflex.files.small_table import read_rows, rows_of
-from counterflex.files.tolerances_file import read_tolerances
+from counterflex.files.small_table import read_rows, read_tolerances, rows_of
 
 NUMBERS = [10.5, -90.25, 85.0, 0.125, 30.0, -1.5e-3, 1200.75, -30.0, 1000.5, 0.0, 90.0, 180.0]
 

@@ -102,8 +102,8 @@ def test_closed_form_branches_agree_with_the_segment_chain(name: str) -> None:
     assert exists.any(axis=1).all()
     for i, slot in np.argwhere(exists):
         np.testing.assert_allclose(forward(chain, rows[i, slot]), Ts[i], rtol=0, atol=1e-11)
-        assert opw.slot_of(robot.opw, rows[i, slot]) == slot
-    slots = [opw.slot_of(robot.opw, row) for row in q]
+        assert opw.slots_of(robot.opw, rows[i, slot][None]) == [slot]
+    slots = opw.slots_of(robot.opw, q)
     gap = rows[np.arange(200), slots] - q
     assert np.abs(gap - 2 * np.pi * np.round(gap / (2 * np.pi))).max() < 1e-9
     for slot in range(8):

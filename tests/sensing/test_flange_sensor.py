@@ -20,7 +20,6 @@ from counterflex.sensing.flange_sensor import (
     SensorMotion,
     idle_wrench,
     process_wrench,
-    sensor_rotation,
     tcp_wrench,
     tensor,
 )
@@ -100,7 +99,7 @@ def test_inertia_agrees_with_point_masses() -> None:
 def test_the_process_comes_back_at_the_tool() -> None:
     c, s = chain(), sensor(w_bias=np.array([20.0, -5, 3, 1, 2, -1]))
     T_base_seg = carrier_pose(c, "sensor", Q)
-    R = sensor_rotation(s, T_base_seg)
+    R = T_base_seg[..., :3, :3] @ s.T_seg_sensor[:3, :3]
     T_seg_tcp = carrier_to_tcp(c, "sensor")
     w_tcp_base = np.array([[300.0, -200, 100, 5, -3, 2], [-50.0, 400, 30, -1, 6, 0]])
     T_tcp = T_base_seg @ T_seg_tcp

@@ -7,7 +7,7 @@ import pytest
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.sensing.force_filter import DELAY_HZ, ForceFilter, gauss_markov, kalman_observer
+from counterflex.sensing.force_filter import DELAY_HZ, kalman_observer
 
 RNG = np.random.default_rng(0)
 K = 1e-7 * RNG.standard_normal((6, 3))
@@ -39,28 +39,8 @@ def test_stated_deviation_is_met() -> None:
         assert np.mean(other**2) > np.mean(error**2)
 
 
-def test_prediction_of_a_gauss_markov_force_beats_holding_it() -> None:
-    memory, ahead = 0.05, 20
-    a = np.exp(-STEP_S / memory)
-    f = np.zeros((20_000, 3))
-    for k in range(1, len(f)):
-        f[k] = a * f[k - 1] + 100.0 * np.sqrt(1.0 - a * a) * RNG.standard_normal(3)
-    s = f @ K.T + 0.2e-6 * RNG.standard_normal((len(f), 6))
-    now = gauss_markov(K, NOISE, step_s=STEP_S, size_n=100.0, memory_s=memory)
-    later = gauss_markov(K, NOISE, step_s=STEP_S, size_n=100.0, memory_s=memory, horizon_s=ahead * STEP_S)
-    held, predicted = (g.run(s)[200:-ahead] - f[200 + ahead :] for g in (now, later))
-    assert np.mean(predicted**2) < 0.95 * np.mean(held**2)
-    np.testing.assert_allclose(predicted.std(axis=0), later.sigma_n, rtol=0.1)
-    np.testing.assert_allclose(later.delay_s, now.delay_s - ahead * STEP_S)
-
-
-@pytest.mark.parametrize("kind", ["observer", "markov"])
-def test_delay_is_what_a_slow_wave_shows(kind: str) -> None:
-    g: ForceFilter = (
-        kalman_observer(K, NOISE, step_s=STEP_S, slew_n=40.0, wander=np.full(6, 1e-9))
-        if kind == "observer"
-        else gauss_markov(K, NOISE, step_s=STEP_S, size_n=20.0, memory_s=1.0)
-    )
+def test_delay_is_what_a_slow_wave_shows() -> None:
+    g = kalman_observer(K, NOISE, step_s=STEP_S, slew_n=40.0, wander=np.full(6, 1e-9))
     t = STEP_S * np.arange(6000)
     for axis in range(3):
         f = np.zeros((len(t), 3))
@@ -101,5 +81,3 @@ def test_bad_settings_are_named() -> None:
         kalman_observer(K, NOISE, step_s=0.0, slew_n=1.0)
     with pytest.raises(InputError, match="wander"):
         kalman_observer(K, NOISE, step_s=STEP_S, slew_n=1.0, wander=np.zeros(6))
-    with pytest.raises(InputError, match="memory_s"):
-        gauss_markov(K, NOISE, step_s=STEP_S, size_n=1.0, memory_s=-1.0)

@@ -26,13 +26,13 @@ def test_response_is_that_of_the_differential_equation(lag: Lag) -> None:
     u = np.sin(9.0 * t) + t**2 + 2.0
     a = [lag.time_s, 1.0] if lag.damping is None else [lag.time_s**2, 2.0 * lag.damping * lag.time_s, 1.0]
     _, exact, _ = lsim(([1.0], a), u - u[0], t, interp=True)
-    assert lag.respond(u[:, None], STEP)[:, 0] == pytest.approx(exact + u[0], abs=1e-11)
+    assert lag.sensitivity(u[:, None], STEP)[0][:, 0] == pytest.approx(exact + u[0], abs=1e-11)
 
 
 @pytest.mark.parametrize("lag", LAGS)
 def test_it_trails_a_ramp_by_the_delay_it_states(lag: Lag) -> None:
     t = times(1000)
-    assert t[-1] - lag.respond(t[:, None], STEP)[-1, 0] == pytest.approx(lag.delay_s, rel=1e-6)
+    assert t[-1] - lag.sensitivity(t[:, None], STEP)[0][-1, 0] == pytest.approx(lag.delay_s, rel=1e-6)
 
 
 @pytest.mark.parametrize("lag", LAGS)
@@ -53,7 +53,8 @@ def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
             fields = {"time_s": lag.time_s, "damping": lag.damping}
             step = h * float(fields[name] or 0.0)
             up, down = ({**fields, name: float(fields[name] or 0.0) + d} for d in (step, -step))
-            central = (Lag(**up).respond(u, STEP) - Lag(**down).respond(u, STEP)) / (2.0 * step)  # type: ignore[arg-type,operator]
+            more, less = (Lag(**one).sensitivity(u, STEP)[0] for one in (up, down))  # type: ignore[arg-type]
+            central = (more - less) / (2.0 * step)
             errors.append(float(np.max(np.abs(central - row))))
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
 

@@ -56,7 +56,7 @@ def test_a_correction_goes_through_dead_time_and_lag(truth: Truth, lab: Laborato
     request = swing(truth)
     seen = measure_record.measure(truth, lab, request, {"through": "correction"})
     times = instrument_clocks(lab)
-    lagged = Lag(times.correction.lag_s).respond(request["q1_rad"][:, None], 0.004)[:, 0]
+    lagged = Lag(times.correction.lag_s).sensitivity(request["q1_rad"][:, None], 0.004)[0][:, 0]
     t = seen.channels["time_s"][:, 0]
     expected = np.interp(t - times.correction.dead_time_s, request["time_s"], lagged)
     assert np.max(np.abs(seen.channels["q_motor"][:, 0] - expected)) < 150.0 * URAD

@@ -116,16 +116,19 @@ def test_no_seed_is_for_tuning_and_for_reporting() -> None:
 
 
 @for_all(st.integers(0, 2**31 - 1), st.integers(1, MOST_SEEDS))
-def test_seeds_are_a_number_or_a_range(first: int, count: int) -> None:
-    assert list(arguments.seeds(str(count))) == list(range(1, count + 1))
+def test_seeds_are_a_number_a_range_or_a_list(first: int, count: int) -> None:
+    assert arguments.seeds(str(count)) == list(range(1, count + 1))
     last = first + count - 1
-    if last < 2**31:
-        assert arguments.seeds(f"{first}-{last}") == range(first, last + 1)
+    if last < 2**31 - 1:
+        assert arguments.seeds(f"{first}-{last}") == list(range(first, last + 1))
+        if count < MOST_SEEDS:
+            assert arguments.seeds(f"{last + 1},{first}-{last}") == [last + 1, *range(first, last + 1)]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "0", "-1", "3-1", "1-2-3", "a", "1.5", "1-101", "101", "2147483647-2147483648", "٣"]
-)
+_NO_SEEDS = "0 -1 3-1 1-2-3 a 1.5 1-101 101 2147483647-2147483648 1, 2-1,5-9 1-60,101-160 2001-2003,2002"
+
+
+@pytest.mark.parametrize("text", ["", "٣", "9" * 5000, *_NO_SEEDS.split()])
 def test_what_are_no_seeds_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="seed"):
         arguments.seeds(text)

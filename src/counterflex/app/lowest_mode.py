@@ -145,11 +145,17 @@ def _of_the_class(cell: Cell) -> dict[str, float]:
 
 
 def identified_sigma(cell: Cell) -> dict[str, float]:
-    """Relative standard deviation of identified segments: the largest of their directions."""
+    """Relative standard deviation of identified segments: of their directions together, the larger of both kinds.
+
+    By the ratio of one direction, a stiff one that the data hardly show would make the whole segment unknown.
+    """
+    kinds: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for one in (value for entry in cell.tables.identified for value in entry.values):
+        segment, _, direction = one.name.partition(".")
+        if direction in ("tx", "ty", "tz", "rx", "ry", "rz") and one.value > 0.0 and one.seen != "prior":
+            kinds.setdefault((segment, direction[0]), []).append((one.value, one.sigma))
     out: dict[str, float] = {}
-    for entry in cell.tables.identified:
-        for one in entry.values:
-            segment, _, direction = one.name.partition(".")
-            if direction in ("tx", "ty", "tz", "rx", "ry", "rz") and one.value > 0.0 and one.seen != "prior":
-                out[segment] = max(out.get(segment, 0.0), one.sigma / one.value)
+    for (segment, _), ones in kinds.items():
+        share = math.hypot(*(sigma for _, sigma in ones)) / sum(value for value, _ in ones)
+        out[segment] = max(out.get(segment, 0.0), share)
     return out

@@ -137,10 +137,15 @@ def sharp_corners(plan: Plan) -> int:
     return int(np.count_nonzero(at))
 
 
-def expected_deflection(cell: Cell, points: CutPoints) -> Expected:
-    """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known."""
+def expected_deflection(cell: Cell, points: CutPoints, known: str = "") -> Expected:
+    """Return the deflection of the tool at rest, nothing compensated, over cells that differ by what is not known.
+
+    Args:
+        known: Recipe whose unknowns do not count: ``cutting`` where the load was measured.
+    """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    return expected(points.sizes(whole + _left_open(cell, points, whole, np.random.default_rng(_SEED))), points.of)
+    off = _left_open(cell, points, whole, np.random.default_rng(_SEED), known)
+    return expected(points.sizes(whole + off), points.of)
 
 
 def headline_text(ends_mm: Sequence[float]) -> str:
@@ -196,11 +201,11 @@ def _swings_more() -> Float:
     return out
 
 
-def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator) -> Float:
+def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator, known: str = "") -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
     out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     for one in sources(cell, points):
-        if one.displacements is not None:
+        if one.displacements is not None and one.recipe.split()[0] != known:
             out = out + one.displacements
     return out
 

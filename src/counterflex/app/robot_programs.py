@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.robot_axes import axes_in, part_in_world, tcp_of_axes
+from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import DEG, MM, RPM
@@ -33,6 +36,18 @@ def companions(file: Path) -> tuple[Path, ...]:
     place = next((one.files for _, one in LANGUAGES.items() if ending in one.endings and one.files is not None), None)
     files: tuple[Path, ...] = () if place is None else object_at(place)(file)
     return files
+
+
+def digest(program: str | Path) -> str:
+    """SHA-256 of a program, with the files that are read with it."""
+    files = sorted({Path(program), *companions(Path(program))})
+    return hashlib.sha256(b"".join(file_content.content(file) for file in files)).hexdigest()
+
+
+def inputs_of(program: str | Path, cell_file: str | Path) -> dict[str, str]:
+    """Return what a job begins with, for its summary: digests of program and cell file, and the time (UTC)."""
+    begun = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="milliseconds")
+    return {"program_sha256": digest(program), "cell_sha256": digest(cell_file), "begun": begun}
 
 
 def with_spindle(program: RobotProgram, cell: Cell) -> RobotProgram:

@@ -21,6 +21,7 @@ from counterflex.core.output_place import place_of
 from counterflex.core.similar import close_to, missing_file
 
 MOST_SEEDS: Final = 100
+_SEEDS: Final = re.compile(r"\d{1,18}(-\d{1,18})?(,\d{1,18}(-\d{1,18})?)*", re.ASCII)
 LARGEST_SEED: Final = 2**31 - 1
 MOST_WORKERS: Final = 256
 MOST_PROPOSED: Final = 500
@@ -158,24 +159,30 @@ def host_port(param: Param, value: Any) -> Any:
     return value
 
 
-def seeds(text: str) -> range:
-    """Truth seeds of ``--seeds``: ``5`` is 1 to 5, ``1001-1020`` is the first and the last.
+def seeds(text: str) -> list[int]:
+    """Truth seeds of ``--seeds``: ``5`` is 1 to 5; ``2001-2008,2011`` are ranges and single seeds.
 
     Raises:
-        InputError: Neither, or none, or more than :data:`MOST_SEEDS`, or beyond :data:`LARGEST_SEED`.
+        InputError: None of these, a seed twice, none, or more than :data:`MOST_SEEDS`, or beyond :data:`LARGEST_SEED`.
     """
-    words = text.split("-")
-    if len(words) not in (1, 2) or not all(word.isascii() and word.isdigit() for word in words):
+    if not _SEEDS.fullmatch(text):
         raise InputError(
-            "no seeds", where="--seeds", value=text, limit="a number of seeds such as 5, or a range such as 1001-1020"
+            "no seeds", where="--seeds", value=text[:80], limit="a number of seeds such as 5, or 2001-2008,2011"
         )
-    numbers = [int(word) for word in words]
-    first, last = numbers if len(numbers) == 2 else (1, numbers[0])
-    if not first <= last < first + MOST_SEEDS:
-        raise InputError("number of seeds is out of range", where="--seeds", value=text, limit=f"1 to {MOST_SEEDS}")
-    if last > LARGEST_SEED:
-        raise InputError("seed is out of range", where="--seeds", value=last, limit=f"at most {LARGEST_SEED}")
-    return range(first, last + 1)
+    ends = [(int(word.split("-")[0]), int(word.split("-")[-1])) for word in text.split(",")]
+    if text.isdigit():
+        ends = [(1, int(text))]
+    if not 0 < sum(last + 1 - first for first, last in ends) <= MOST_SEEDS or any(last < first for first, last in ends):
+        hint = f"One seed alone: {text}-{text}" if text.isdigit() else None
+        raise InputError(
+            "number of seeds is out of range", where="--seeds", value=text, limit=f"1 to {MOST_SEEDS}", hint=hint
+        )
+    numbers = [seed for first, last in ends for seed in range(first, last + 1)]
+    if max(numbers) > LARGEST_SEED:
+        raise InputError("seed is out of range", where="--seeds", value=max(numbers), limit=f"at most {LARGEST_SEED}")
+    if twice := [seed for i, seed in enumerate(numbers) if seed in numbers[:i]]:
+        raise InputError("a seed is given twice", where="--seeds", value=twice[0], limit="each seed once")
+    return numbers
 
 
 def address(text: str, option: str) -> tuple[str, int]:

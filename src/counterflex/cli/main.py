@@ -85,22 +85,11 @@ def _with_own_classes(app: typer.Typer) -> None:
 
 LAB: Final = ("soak", "faults", "reproduce")
 """Commands of the package counterflex-lab, which proves counterflex and comes beside it in a clone."""
+_QUESTIONS: Final = ("cell", "robots", "pose", "deflection")
+_PROVE: Final = ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "predict", "reveal")
 PANELS: Final = {
-    "Plan": (
-        "cell",
-        "robots",
-        "pose",
-        "deflection",
-        "path",
-        "modes",
-        "plan",
-        "preflight",
-        "compensate",
-        "diff",
-        "convert",
-        "correct",
-    ),
-    "Prove": ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "inspect", "benchmark-part"),
+    "Plan": (*_QUESTIONS, "path", "modes", "plan", "preflight", "compensate", "diff", "convert", "correct"),
+    "Prove": (*_PROVE, "inspect", "benchmark-part"),
     "Identify": ("identify", "production", "dataset", "dcc", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
@@ -110,9 +99,9 @@ PANELS: Final = {
 """Commands by what they are for, in the order of ``--help``."""
 _OWN: Final = tuple(name for names in PANELS.values() for name in names if name not in LAB)
 _MODULES: Final = {
-    **dict.fromkeys(("cell", "robots", "pose", "deflection"), "question"),
+    **dict.fromkeys(_QUESTIONS, "question"),
     **dict.fromkeys(("path", "compensate"), "program"),
-    **dict.fromkeys(("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report"), "prove"),
+    **dict.fromkeys(_PROVE, "prove"),
     **{name: f"operate.{name.removesuffix('-user')}" for name in ("operator", "panel", "panel-user", "opcua")},
     **{name: f"standards.{name}" for name in ("iso9283", "iso230", "dcc")},
     "diff": "difference",

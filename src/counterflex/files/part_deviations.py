@@ -1,7 +1,12 @@
-"""Deviations of a measured part (``counterflex-part-deviations``, version 1): one row per measured place, Parquet."""
+"""Deviations of a measured part, and the error of the path behind them, Parquet.
+
+Deviations (``counterflex-part-deviations``, version 1): one row per measured place. Error of the path
+(``counterflex-path-error``, version 1): one row per path point.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -9,6 +14,7 @@ from typing import Any, Final
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
+from counterflex.evaluate.path_error.learning import MeasuredError
 from counterflex.files.parquet_table import Column, columns, read, write
 from counterflex.files.summary_file import require_whole
 
@@ -21,6 +27,16 @@ LAYOUT: Final = (
     Column("deviation_um", "deviation_m", unit=UM),
     Column("standard_deviation_um", "standard_deviation_m", unit=UM),
     Column("face", "face", whole=True),
+)
+
+_ERROR_KIND: Final = "counterflex-path-error"
+_ERROR_VERSION: Final = 1
+
+_ERROR_LAYOUT: Final = (
+    *columns("taken_x_um taken_y_um taken_z_um", "taken_m", UM),
+    *columns("error_x_um error_y_um error_z_um", "error_m", UM),
+    *columns("sigma_x_um sigma_y_um sigma_z_um", "sigma_m", UM),
+    *(Column(f"seen_{axis}", "seen", i, whole=True) for i, axis in enumerate("xyz")),
 )
 
 
@@ -66,3 +82,15 @@ def _measured_part(about: dict[str, Any], where: str) -> MeasuredPart:
         raise FileFormatError("a datum face in the metadata has no name", where=where, value=repr(faces)[:60])
     names = {key: about[key] for key in ("program", "program_sha256", "source", "unit")}
     return MeasuredPart(**names, datum_faces=tuple(faces), residual_um=float(residual))
+
+
+def write_path_error(path: Path, error: MeasuredError, about: Mapping[str, Any]) -> None:
+    """Write the error of a path, whole or not at all."""
+    write(path, _ERROR_KIND, _ERROR_VERSION, _ERROR_LAYOUT, error, about)
+
+
+def read_path_error(path: Path) -> tuple[MeasuredError, dict[str, Any]]:
+    """Read the error of a path and its metadata."""
+    data, about = read(path, _ERROR_KIND, _ERROR_VERSION, _ERROR_LAYOUT)
+    data["seen"] = data["seen"] != 0
+    return MeasuredError(**data), about

@@ -20,11 +20,17 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, MM, UM_PER_KN, URAD_PER_KNM
-from counterflex.files import foreign_file
 from counterflex.geometry import pose
 
 Model = TypeVar("Model", bound="Table")
 
+_FORMATS: Final = {
+    "counterflex-cell": "This is a cell file, as --cell reads it",
+    "counterflex-truth": "This is a truth file, as --truth reads it",
+    "counterflex-scenario": "This is a scenario file, as --scenario reads it",
+    "counterflex-dataset": "This is a manifest of measured data, as identify and dataset check read it",
+    "counterflex-proposal": "This is a proposal, as twin measure reads it",
+}
 _STIFFNESS = re.compile(r"stiff|^k_|^k[abc]$|_per_rad$|_n_per_", re.IGNORECASE)
 SOFTEST_UM_PER_KN: Final = 1e5
 """Softest element that a file may hold, translation: 1e4 N/m."""
@@ -138,8 +144,8 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
         raise _foreign(file, foreign, kind)
     text = file_content.decoded(data, file)
     if not text.strip():
-        raise FileFormatError("the file is empty", where=str(file), hint=foreign_file.what_to_do(kind))
-    with file_content.readable(file, "TOML", foreign_file.what_to_do(kind) or "Correct it"):
+        raise FileFormatError("the file is empty", where=str(file), hint=_what_to_give(kind))
+    with file_content.readable(file, "TOML", _what_to_give(kind) or "Correct it"):
         try:
             return tomllib.loads(text)
         except tomllib.TOMLDecodeError as fault:
@@ -150,7 +156,7 @@ def read_toml(path: str | Path, kind: str = "") -> dict[str, Any]:
 
 
 def _foreign(file: Path, what: str, kind: str) -> FileFormatError:
-    return FileFormatError(f"this is {what}", where=str(file), limit="a TOML file", hint=foreign_file.what_to_do(kind))
+    return FileFormatError(f"this is {what}", where=str(file), limit="a TOML file", hint=_what_to_give(kind))
 
 
 def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -> None:
@@ -164,7 +170,7 @@ def check_header(data: dict[str, Any], *, kind: str, version: int, where: str) -
     if data["format"] != kind:
         raise FileFormatError(
             f"not a {kind} file", where=where, value=repr(data["format"]), limit=f'format = "{kind}"',
-            hint=foreign_file.of_format(data["format"]),
+            hint=_FORMATS.get(str(data["format"])),
         )  # fmt: skip
     if "version" not in data:
         raise FileFormatError("the key 'version' is missing", where=where, limit=f"version = {version}")
@@ -316,3 +322,13 @@ class Versioned(Table):
         data = read_toml(path, kind)
         check_header(data, kind=kind, version=version, where=str(path))
         return parse(cls, data, where=str(path))
+
+
+def _what_to_give(kind: str) -> str | None:
+    """What to give instead of a file of another format."""
+    if kind == "counterflex-dataset":
+        return (
+            "Measured data are given by their manifest, a TOML file that names the data file and says what its columns "
+            "are (docs/datasets.md); a workbook is saved as CSV first"
+        )
+    return f'Required is a TOML text file that begins with format = "{kind}"' if kind else None

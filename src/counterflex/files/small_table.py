@@ -16,7 +16,10 @@ from typing import Final
 
 from counterflex.core import file_content
 from counterflex.core.errors import FileFormatError
+from counterflex.core.units import MM
 
+_TOLERANCES: Final = ("feature", "quantity", "tolerance_mm")
+_LARGEST_MM: Final = 100.0
 _COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _SEPARATOR: Final = re.compile(r"sep=([,;\t])\s*", re.IGNORECASE)
 """First line by which spreadsheets say their separator."""
@@ -98,3 +101,40 @@ def number(text: str, where: str, decimal: str = ".") -> float:
     if not math.isfinite(value):
         raise FileFormatError("not a finite number", where=where, value=repr(text.strip()))
     return value
+
+
+def read_tolerances(path: str | Path) -> dict[tuple[str, str], float]:
+    """Read tolerances of a drawing: columns ``feature,quantity,tolerance_mm``, one row for each quantity.
+
+    Returns:
+        (feature, quantity) to permitted deviation, +- m (width of the zone where the nominal value is 0).
+
+    Raises:
+        FileFormatError: Missing, not text, other columns, a row twice, or a tolerance that is no size.
+    """
+    file = Path(path)
+    rows = read_rows(file)
+    if not rows or tuple(rows[0][1]) != _TOLERANCES:
+        raise FileFormatError(
+            "other columns than those of tolerances",
+            where=f"{file}:{rows[0][0] if rows else 1}",
+            value=",".join(rows[0][1]) if rows else "none",
+            limit=",".join(_TOLERANCES),
+        )
+    tolerances: dict[tuple[str, str], float] = {}
+    for number, row in rows[1:]:
+        where = f"{file}:{number}"
+        if len(row) != len(_TOLERANCES):
+            raise FileFormatError("a row of another length", where=where, value=len(row), limit=len(_TOLERANCES))
+        try:
+            size = float(row[2])
+        except ValueError as fault:
+            raise FileFormatError("tolerance_mm is no number", where=where, value=row[2]) from fault
+        if not (math.isfinite(size) and 0.0 < size <= _LARGEST_MM):
+            raise FileFormatError(
+                "tolerance_mm is no size", where=where, value=row[2], limit=f"above 0, {_LARGEST_MM:g}"
+            )
+        if (row[0], row[1]) in tolerances:
+            raise FileFormatError("the same quantity twice", where=where, value=f"{row[1]} of {row[0]}")
+        tolerances[row[0], row[1]] = size * MM
+    return tolerances

@@ -20,6 +20,8 @@ from counterflex.files.schema import check_header
 SUMMARY: Final = "summary.json"
 FILES: Final = "files_sha256"
 """Key of a summary: SHA-256 by name of the files that were written with it."""
+SEAL: Final = "sha256"
+"""Key of a sealed file: SHA-256 over everything else in it."""
 _FORMER_LEVELS = {"same": "exact", "seeded": "catalogue"}
 """Truth levels of version 1 and what they are called since."""
 
@@ -104,6 +106,35 @@ def read_summary(path: Path) -> dict[str, Any]:
         raise FileFormatError(f"not a {FORMAT} file", where=str(path))
     check_header(data, kind=FORMAT, version=VERSION, where=str(path))
     return _with_present_levels(data) if data["version"] == 1 else data
+
+
+def write_sealed(path: Path, kind: str, data: Mapping[str, Any]) -> None:
+    """Write values as JSON with a SHA-256 over all of them: a change of the file shows."""
+    body = {"format": kind, "version": 1, **_plain(data)}
+    atomic.write_text(path, json.dumps({**body, SEAL: _seal(body)}, indent=2) + "\n")
+
+
+def read_sealed(path: Path, kind: str) -> dict[str, Any]:
+    """Read what :func:`write_sealed` wrote.
+
+    Raises:
+        FileFormatError: Another format, newer than this program, or changed since.
+    """
+    data = file_content.json_value(path)
+    if not isinstance(data, dict) or data.get("format") != kind:
+        raise FileFormatError(f"not a {kind} file", where=str(path))
+    check_header(data, kind=kind, version=1, where=str(path))
+    seal = _seal({key: value for key, value in data.items() if key != SEAL})
+    if data.get(SEAL) != seal:
+        raise FileFormatError(
+            "the file was changed after it was written", where=str(path), value=f"SHA-256 {seal[:12]}",
+            limit=str(data.get(SEAL))[:12], hint="Take the file as it was committed",
+        )  # fmt: skip
+    return data
+
+
+def _seal(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
 
 
 def _with_present_levels(data: dict[str, Any]) -> dict[str, Any]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM, UM
-from counterflex.files.parquet_table import Column, columns, read, write
+from counterflex.files.parquet_table import Column, columns, write
 
 KIND: Final = "counterflex-tool-path"
 VERSION: Final = 1
@@ -59,9 +59,3 @@ class LoggedPath:
 def write_tool_path(path: Path, rows: ToolPathRows, logged: LoggedPath) -> None:
     """Write a measured path, whole or not at all. Raises OutputError: the folder cannot be written."""
     write(path, KIND, VERSION, LAYOUT, rows, asdict(logged))
-
-
-def read_tool_path(path: Path) -> tuple[ToolPathRows, dict[str, Any]]:
-    """Read a measured path, in SI, and its metadata."""
-    data, about = read(path, KIND, VERSION, LAYOUT)
-    return ToolPathRows(**data), about

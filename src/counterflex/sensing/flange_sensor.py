@@ -271,9 +271,6 @@ def process_wrench(
     Args:
         w_sensor: (..., 6) N, N m: the reading.
         R_base_sensor: See :func:`idle_wrench`, as all that follows.
-        temperature_c: Or None.
-        time_s: s.
-        motion: Or None.
         gravity_base: (3,) m/s2.
         R_hose_sensor: Likewise.
 
@@ -333,12 +330,6 @@ def tcp_wrench(
     )
     p_sensor_tcp = (pose.inverse(sensor.T_seg_sensor) @ np.asarray(T_seg_tcp, dtype=np.float64))[:3, 3]
     return wrench.rotate(np.asarray(R_base_sensor, dtype=np.float64), wrench.shift(w, -p_sensor_tcp))
-
-
-def sensor_rotation(sensor: FlangeSensor, T_base_seg: Float) -> Float:
-    """``R_base_sensor`` (..., 3, 3) of the pose of the carrying body (..., 4, 4)."""
-    out: Float = T_base_seg[..., :3, :3] @ sensor.T_seg_sensor[:3, :3]
-    return out
 
 
 def turned(T_seg_sensor: Float, turn_rad: Float) -> Float:

@@ -1,10 +1,8 @@
-"""Causal filters from strain to force that know their delay: Kalman observer and Gauss-Markov prediction.
+"""Causal filter from strain to force that states its delay: a Kalman observer.
 
-The force is a first-order Gauss-Markov process, ``f_k+1 = a f_k + w``, ``a = exp(-T / tau)``, with variance P in rest
-(``a = 1``: random walk, the plain observer); beside it each bridge's zero walks slowly where asked. Measured are
-strains ``s_k = K f_k + zero_k + v``. The gain is that of the steady state (discrete Riccati equation). A prediction
-over the horizon is ``a^(horizon / T) f``. The filter is linear and does not change in time, so its delay is a
-number: the phase of force to estimate at 2 Hz over the frequency, less the horizon of a prediction.
+The force walks at random, ``f_k+1 = f_k + w``; beside it each bridge's zero can walk slowly. Measured are strains
+``s_k = K f_k + zero_k + v``. The gain is that of the steady state (discrete Riccati equation). The filter is linear and
+does not change in time, so its delay is a number: the phase of force to estimate at 2 Hz over the frequency.
 """
 
 from __future__ import annotations
@@ -31,10 +29,10 @@ class ForceFilter:
     A: Float  # (m, m) transition of the state over one sample
     L: Float  # (m, n) gain
     H: Float  # (n, m) strain of the state
-    C: Float  # (3, m) force of the state, prediction included
+    C: Float  # (3, m) force of the state
     step_s: float
-    delay_s: Float  # (3,) s, > 0 is late: delay of each force component at DELAY_HZ, horizon subtracted
-    sigma_n: Float  # (3,) N standard deviation of the estimate in steady state, prediction error included
+    delay_s: Float  # (3,) s, > 0 is late: delay of each force component at DELAY_HZ
+    sigma_n: Float  # (3,) N standard deviation of the estimate in steady state
 
     def run(self, strain: Float, start: Float | None = None) -> Float:
         """Filter a record.
@@ -75,52 +73,16 @@ def kalman_observer(
         InputError: Wrong shapes or times.
     """
     P = np.broadcast_to(as_float("slew_n", slew_n), (3,)) ** 2 * as_positive("step_s", step_s)
-    return _steady(K, noise_covariance, step_s, 1.0, np.diag(P), wander, 0.0)
-
-
-def gauss_markov(
-    K: Float,
-    noise_covariance: Float,
-    *,
-    step_s: float,
-    size_n: Float | float,
-    memory_s: float,
-    horizon_s: float = 0.0,
-    wander: Float | None = None,
-) -> ForceFilter:
-    """Filter and prediction of a force of known size and memory.
-
-    Args:
-        K: (n, 3) 1/N.
-        noise_covariance: (n, n) of one sample.
-        step_s: Sampling time, s.
-        size_n: Standard deviation of the force about zero, N; one or (3,).
-        memory_s: tau, correlation time.
-        horizon_s: How far ahead the force is predicted.
-        wander: See :func:`kalman_observer`.
-
-    Raises:
-        InputError: Wrong shapes or times.
-    """
-    a = math.exp(-as_positive("step_s", step_s) / as_positive("memory_s", memory_s))
-    P = np.broadcast_to(as_float("size_n", size_n), (3,)) ** 2 * (1.0 - a * a)
-    return _steady(K, noise_covariance, step_s, a, np.diag(P), wander, as_positive("horizon_s", horizon_s, zero=True))
-
-
-def _steady(
-    K: Float, noise: Float, step_s: float, a: float, Q: Float, wander: Float | None, horizon_s: float
-) -> ForceFilter:
     K = as_float("K", K, (None, 3))
     n = len(K)
-    noise = as_float("noise_covariance", noise, (n, n))
-    H = K
-    A = a * np.eye(3)
+    noise = as_float("noise_covariance", noise_covariance, (n, n))
+    H, A, Q = K, np.eye(3), np.diag(P)
     if wander is not None:
         walk = np.broadcast_to(as_float("wander", wander), (n,))
         if np.any(walk <= 0.0):
             raise InputError("wander of a zero", value=float(walk.min()), limit="> 0, or None")
         H = np.hstack([K, np.eye(n)])
-        A = np.diag(np.r_[np.full(3, a), np.full(n, math.exp(-step_s / ZERO_MEMORY_S))])
+        A = np.diag(np.r_[np.ones(3), np.full(n, math.exp(-step_s / ZERO_MEMORY_S))])
         Q = np.diag(np.r_[np.diag(Q), walk**2 * step_s])
     scale = np.sqrt(np.diag(noise))
     Hs, Rs = H / scale[:, None], noise / scale[:, None] / scale
@@ -128,15 +90,12 @@ def _steady(
     L = X @ Hs.T @ np.linalg.inv(Hs @ X @ Hs.T + Rs) / scale
     m = len(A)
     after = (np.eye(m) - L @ H) @ X
-    ahead = a ** (horizon_s / step_s)
-    C = np.hstack([ahead * np.eye(3), np.zeros((3, m - 3))])
+    C = np.eye(3, m)
     step = A - L @ H @ A
     B = L @ K
     omega = 2.0 * math.pi * DELAY_HZ
     late = np.exp(-1j * omega * step_s)
     answer = np.diagonal(C @ np.linalg.solve(np.eye(m) - late * step, B.astype(np.complex128)))
-    delay_s = -np.angle(answer) / omega - horizon_s
-    predicted = ahead**2 * after[:3, :3].diagonal()
-    if a < 1.0:
-        predicted = predicted + (1.0 - ahead**2) * Q[:3, :3].diagonal() / (1.0 - a * a)
-    return ForceFilter(A, L, H, C, step_s, np.asarray(delay_s, dtype=np.float64), np.sqrt(predicted))
+    delay_s = -np.angle(answer) / omega
+    sigma_n = np.sqrt(after[:3, :3].diagonal())
+    return ForceFilter(A, L, H, C, step_s, np.asarray(delay_s, dtype=np.float64), sigma_n)

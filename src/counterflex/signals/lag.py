@@ -117,19 +117,6 @@ class Lag:
         a = 1.0 - 2.0 * self.damping**2
         return math.sqrt(a + math.sqrt(a * a + 1.0)) / (2.0 * math.pi * self.time_s)
 
-    def respond(self, signal: Float, step_s: float) -> Float:
-        """Response to a signal.
-
-        Args:
-            signal: (n, k) any unit, at equal steps.
-
-        Returns:
-            (n, k).
-        """
-        values = as_float("signal", signal, (None, None))
-        out: Float = np.real(_respond(self.time_s, self.damping, values, as_positive("step_s", step_s)))
-        return out
-
     def sensitivity(self, signal: Float, step_s: float) -> tuple[Float, Float]:
         """Response and its derivatives by the parameters.
 

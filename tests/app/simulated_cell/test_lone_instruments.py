@@ -75,7 +75,8 @@ def records(faults: tuple[Fault, ...] = (), count: int = 100, seed: int = 1) -> 
                 except BlockingIOError:
                     break
                 if len(data) == netft.RECORD.size:
-                    found.append(netft.read_record(data))
+                    sequence, sample, status, *counts = netft.RECORD.unpack(data)
+                    found.append(netft.Record(sequence, sample, status, tuple(counts)))
     server.close()
     return found, server
 

@@ -71,7 +71,7 @@ def pair_of(
     """A reference and what follows it, by closed form but for the lag, which is computed twenty times finer."""
     t = times(n)
     fine = times(20 * n) / 20.0
-    follow = chirp(fine) if lag == 0.0 else Lag(lag).respond(chirp(fine)[:, None], STEP / 20.0)[:, 0]
+    follow = chirp(fine) if lag == 0.0 else Lag(lag).sensitivity(chirp(fine)[:, None], STEP / 20.0)[0][:, 0]
     keep = rng.random(n) >= lost
     at = t[keep] + 0.3 * STEP
     values = np.interp(at - delay, fine, follow) + correlated(rng, len(at), noise, a)

@@ -13,10 +13,8 @@ from counterflex.core.errors import FileFormatError, InputError, ProtocolError
 from counterflex.integrations.kuka.link.config import RsiConfig, parse_config
 from counterflex.integrations.kuka.link.kernel import MISSING, OK
 from counterflex.integrations.kuka.link.telegram import (
-    SCAN_FAULTS,
     answer_reader,
     answer_writer,
-    check_read,
     robot_reader,
     robot_writer,
 )
@@ -56,6 +54,18 @@ CANONICAL = (
     b'<AIPos A1="10.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="45.0000" A6="0.0000"/>'
     b'<Delay D="0"/><Corr Stat="1"/><Enable>1</Enable><IPOC>4208163000</IPOC></Rob>'
 )
+
+
+SCAN_FAULTS = {
+    1: "not an RSI telegram",
+    2: "the telegram is cut short",
+    3: "the telegram is malformed",
+    4: "a value is not a number",
+    5: "a value comes twice",
+    6: "a declared value is missing",
+    7: "the counter IPOC is missing",
+}
+"""What a status of :func:`counterflex.integrations.kuka.link.kernel.scan` means."""
 
 
 def test_reads_the_canonical_telegram() -> None:
@@ -129,8 +139,6 @@ def test_refuses_everything_else_and_says_why(telegram: bytes, said: str) -> Non
     status = reader.read_bytes(telegram)
     assert status != OK
     assert said in SCAN_FAULTS[status]
-    with pytest.raises(ProtocolError, match=said):
-        check_read(status, reader)
 
 
 def test_nearly_empty_first_telegram_of_a_kr_c2_still_gives_its_counter() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.commands.prove import FamilyName, Workers
+from counterflex.cli.commands.prove import FamilyName, Seeds, Workers
 from counterflex.cli.output import print_json, print_made_again, print_table, resumable_progress
 
 if TYPE_CHECKING:
@@ -19,10 +19,6 @@ Out = Annotated[
     Path, typer.Option("--out", help="Folder for the results.", metavar="DIR", callback=arguments.output_folder)
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")]
-Seeds = Annotated[
-    str,
-    typer.Option("--seeds", help="Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
-]
 
 
 def groove(

@@ -34,8 +34,8 @@ LongSeeds = Annotated[
     str,
     typer.Option(
         "--seeds",
-        help="With --long: truth seeds, how many from 1 on, or first and last: 1001-1020.",
-        metavar="N|A-B",
+        help="With --long: truth seeds, how many from 1 on, or which: 2001-2008,2011.",
+        metavar="N|A-B,C",
     ),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="With --long: as briefly as possible, on one simulated cell.")]

@@ -1,4 +1,4 @@
-"""The result of an identification as a document in the form of a calibration certificate."""
+"""Calibration certificates as plain values, and the result of an identification in their form."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from counterflex.core import atomic, file_content
-from counterflex.core.errors import InputError
+from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.certificate.document import read_certificate
+from counterflex.files.certificate.dsi_unit import parse_unit
+from counterflex.files.certificate.quantities import Quantity
 from counterflex.files.certificate.result_document import About, result_document
 from counterflex.files.identification_file import read_identification
 
@@ -55,3 +57,37 @@ def write_document(
     if any(quantity.unread for quantity in back.quantities):
         raise InputError("the document is not read back whole", where=str(out))
     return {"file": str(out), "number": number, "quantities": len(back.quantities), "checked": schema is not None}
+
+
+def described(file: Path) -> dict[str, Any]:
+    """Laboratory, date, items and quantities of a certificate."""
+    certificate = read_certificate(file)
+    return {
+        "number": certificate.number,
+        "laboratory": certificate.laboratory,
+        "date": certificate.date,
+        "schema": certificate.version,
+        "signed": certificate.signed,
+        "items": [{"name": item.name, "identifications": list(item.identifications)} for item in certificate.items],
+        "quantities": [_row(quantity, certificate.file) for quantity in certificate.quantities],
+    }
+
+
+def _row(quantity: Quantity, where: str) -> dict[str, Any]:
+    unread = quantity.unread
+    try:
+        for text in quantity.units:
+            parse_unit(text, f"{where}: quantity {quantity.number}")
+    except FileFormatError as fault:
+        unread = unread or f"{fault.what}: {fault.value}"
+    return {
+        "number": quantity.number,
+        "name": quantity.name,
+        "id": quantity.ident,
+        "kinds": list(quantity.ref_types),
+        "values": list(quantity.values),
+        "units": list(dict.fromkeys(quantity.units)),
+        "standard_uncertainties": None if quantity.sigma is None else list(quantity.sigma),
+        "coverage_factors": sorted(set(quantity.coverage)),
+        "not_read": unread,
+    }

@@ -21,6 +21,7 @@ from counterflex.app.cost_of_unknown_stiffness import require_stiffness_for
 from counterflex.app.external_moves import require_allowed, require_clear
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
+from counterflex.app.robot_programs import inputs_of
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -204,7 +205,9 @@ def run(
     cell = read_cell(cell_file, assume_class=assume_class)
     with atomic.atomic_folder(out) as staging:
         parts = in_parts(progress, {"compensating": 1.0 - _PAGE_SHARE, PAGE: _PAGE_SHARE})
+        inputs = inputs_of(program, cell_file)
         result = compensate(program, cell, progress=parts["compensating"], **options)
+        result.summary["inputs"] = inputs
         parts[PAGE](0.0)
         write_folder(result, cell, program if shown is None else shown, staging, report=report)
         parts[PAGE](1.0)

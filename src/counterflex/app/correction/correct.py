@@ -25,6 +25,7 @@ from counterflex.app.correction.scans import in_part_axes, read_scan
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
 from counterflex.app.plan_of_cell import require_of_cell
+from counterflex.app.robot_programs import inputs_of
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -37,8 +38,7 @@ from counterflex.evaluate.path_error.explanations import ALIKE, explanations
 from counterflex.evaluate.path_error.learning import ExpectedSurface, MeasuredError, expected, surface_now
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.update import new_file, require_new
-from counterflex.files.part_deviations import MeasuredPart, write_part_deviations
-from counterflex.files.path_error_file import read_path_error, write_path_error
+from counterflex.files.part_deviations import MeasuredPart, read_path_error, write_part_deviations, write_path_error
 from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_folder_summary
 from counterflex.path.toolpath import FEED
@@ -321,6 +321,7 @@ def run(
     with new_file(target) as place, atomic.atomic_folder(out) as staging:
         result = correct(Path(program), cell, folder, scans, progress=progress, **options)
         summary = result.summary
+        summary["inputs"] = inputs_of(program, cell_file)
         if target is not None and place is not None:
             from counterflex.app.correction.apply import apply_constants
 

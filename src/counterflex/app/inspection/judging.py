@@ -16,6 +16,7 @@ from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
 from counterflex.app.proof.cut_logs import log_of_path, top_of
 from counterflex.app.proof.judge import candidates_of, outline_of, reference_of
+from counterflex.app.robot_programs import inputs_of
 from counterflex.core import file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -114,6 +115,7 @@ def inspect(
         "job": "inspect",
         "program": program.name,
         "cell": cell.name,
+        "inputs": inputs_of(program, cell_file),
         "nominal": "program" if nominal is None else nominal.name,
         "judged": "surface" if isinstance(how, How) else "tool path",
         **summary_of(parts, features, covered),

@@ -206,9 +206,13 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
     for name, path in zip(("nominal", "compensated"), paths, strict=False):
         run_read, _ = read_run(path / simulate.RUN)
         judged[name] = judge(reference, run_read, *simulate.read_part(path))
+    made = [read_summary(path / simulate.SUMMARY) for path in paths]
+    inputs = [one["inputs"] for one in made if "inputs" in one]
     about = {
         "job": "evaluate",
-        "program": str(read_summary(paths[0] / simulate.SUMMARY).get("original", "")),
+        "program": str(made[0].get("original", "")),
+        "family": truth.family,
+        "inputs": {**inputs[-1], "begun": min(one["begun"] for one in inputs)} if len(inputs) == len(made) else {},
         "cell": cell.name,
         "counterflex": __version__,
     }

@@ -38,7 +38,7 @@ from counterflex.app.proof.exact import exact_setting
 from counterflex.app.proof.judge import Judged, judge, reference_of
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.robot_programs import companions
+from counterflex.app.robot_programs import companions, digest, inputs_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
@@ -94,6 +94,7 @@ def prove(
     """
     if not seeds:
         raise InputError("there are no truth seeds")
+    inputs = inputs_of(program, cell_file)
     cell, job = read_in_plane(program, read_cell(cell_file, assume_class=assume_class), reading=reading)
     simulate.require_simulated(cell)
     require_stiffness_for(job, cell)
@@ -137,6 +138,7 @@ def prove(
         "cell": cell.name,
         "robot": cell.chain.name,
         "family": family.name,
+        "inputs": inputs | {"machined_sha256": digest(compensated)},
         "prediction": with_intervals(figures(plan, cell.chain.axes), plan, cell),
         "calm_feed": calm_feed(slowed, plan, cell),
         "written": written | {"warnings": [*written.get("warnings", ()), *unknown_stiffness(cell)]},

@@ -13,7 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, in_working_plane, read_job
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.robot_programs import companions
+from counterflex.app.robot_programs import companions, digest, inputs_of
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -172,6 +172,7 @@ def run(
             the original. None: the program itself.
     """
     begin = time.perf_counter()
+    inputs = inputs_of(program if original is None else original, cell_file)
     cell, truth = read_cell(cell_file), read_truth(truth_file)
     check_same_cell(cell, truth, str(truth_file))
     reference = Path(program if original is None else original)
@@ -189,6 +190,7 @@ def run(
             "truth": truth.name,
             "seed": truth.seed,
             "family": truth.family,
+            "inputs": inputs | {"machined_sha256": digest(program)},
             "machining": figures(record),
             "seconds": round(time.perf_counter() - begin, 3),
             "counterflex": __version__,

@@ -14,6 +14,7 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_job
 from counterflex.app.plc import PLCS
 from counterflex.app.proof import simulate
+from counterflex.app.robot_programs import digest, inputs_of
 from counterflex.app.run.job_check import program_job
 from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, ControllerOrder, SimulatedController, chosen, values_of
 from counterflex.app.simulated_cell.force_devices import force_device
@@ -106,6 +107,7 @@ def run(
         OutputError: No sensor program answers; nothing is written.
     """
     cell, truth = read_cell(settings.cell), read_truth(settings.truth)
+    inputs = inputs_of(settings.original or settings.program, settings.cell)
     simulate.check_same_cell(cell, truth, str(settings.truth))
     job = read_job(settings.program, cell, reading=settings.reading)
     reference = settings.original if settings.original is not None else settings.program
@@ -137,6 +139,7 @@ def run(
             server.meet()
             why = server.run(progress=progress)
             record = live.record()
+            machined = {"machined_sha256": digest(settings.program)}
             summary = {
                 "job": "simulate",
                 "program": settings.program.name,
@@ -144,6 +147,7 @@ def run(
                 "cell": cell.name,
                 "truth": truth.name,
                 "seed": truth.seed,
+                "inputs": inputs | machined,
                 "machining": simulate.figures(record),
                 "online": {"cycles": server.cycles, "late_answers": robot_controller.late, "ended": why},
                 "seconds": round(time.perf_counter() - begin, 3),

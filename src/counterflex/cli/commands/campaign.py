@@ -10,7 +10,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.commands.prove import FamilyName, Workers
+from counterflex.cli.commands.prove import SEEDS, FamilyName, Workers
 from counterflex.cli.output import keep_inputs, print_made_again, print_result, print_table, resumable_progress
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
@@ -34,10 +34,7 @@ def campaign(
     twin: Annotated[
         Path | None, option("--twin", "Truth file: the one simulated cell.", arguments.file, "TRUTH")
     ] = None,
-    seeds: Annotated[
-        str | None,
-        option("--seeds", "Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B"),
-    ] = None,
+    seeds: Annotated[str | None, SEEDS] = None,
     family: FamilyName = "mild",
     recipe: Annotated[
         list[str] | None,

@@ -225,7 +225,7 @@ def inspect(
     from counterflex.app.inspection import inspect as job
     from counterflex.app.inspection.judging import How
     from counterflex.app.inspection.tool_log import LogHow
-    from counterflex.files.tolerances_file import read_tolerances
+    from counterflex.files.small_table import read_tolerances
 
     how: How | LogHow = LogHow(frame, form, position, run, cut)
     if tool_log is None:

@@ -1,4 +1,4 @@
-"""Commands that prove a compensation: truth, simulate, evaluate, prove."""
+"""Commands that prove a compensation: truth, simulate, evaluate, prove, predict, reveal."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from counterflex.cli.output import (
     say_written,
     warn,
 )
+from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
-Seeds = Annotated[
-    str, option("--seeds", "Truth seeds: how many, from 1 on, or first and last: 1001-1020.", metavar="N|A-B")
-]
+SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")
+Seeds = Annotated[str, SEEDS]
 FamilyName = Annotated[
     str,
     option(
@@ -302,3 +302,93 @@ def demo(
         _, part = examples.write(cell)
         summary = job.run(part, cell, out, seeds=numbers, family=family_of(family), workers=workers, progress=progress)
     print_result(summary, as_json, show_proof, out)
+
+
+def predict(
+    source: Annotated[
+        Path,
+        argument("Folder of compensate or correct; with --cell manifest of pulls.", arguments.file_or_folder, "PLAN"),
+    ],
+    out: Annotated[Path, option("--out", "New prediction file.", arguments.output_file, "FILE")],
+    cell: Annotated[Path | None, option("--cell", "Cell file, for pulls.", arguments.file, "CELL")] = None,
+    as_json: Annotated[bool, option("--json", "Print the prediction as JSON.")] = False,
+) -> None:
+    """Write what a plan predicts, with 90 % intervals, to a sealed file before anything is machined or measured.
+
+    The file holds figures, digests of program and cell, version, time, and a SHA-256 over all of it. Commit the file,
+    or send the printed SHA-256 to somebody: nobody can change the prediction afterwards without being noticed. Then
+    machine or measure, and compare with `reveal`.
+
+    Example: `counterflex predict plan --out groove.json`
+    """
+    from counterflex.app import ledger as job
+
+    made = job.predict(source, cell, out)
+    rows = [[name, *_numbers(one)] for name, one in made["figures"].items()]
+    columns = ["figure", "predicted", "90 % interval"]
+    print_result(made, as_json, lambda _: print_table(f"{made['program']} on {made['cell']}", columns, rows))
+    if not as_json:
+        say_written(out, f"wrote {out}, SHA-256 {made['sha256']}: commit it")
+
+
+def reveal(
+    prediction: Annotated[Path | None, argument("File of predict.", arguments.file, "[PREDICTION]")] = None,
+    measured: Annotated[
+        Path | None,
+        argument(
+            "Folder of evaluate, prove, inspect or correct; manifest of pulls.", arguments.file_or_folder, "[CAME]"
+        ),
+    ] = None,
+    out: Annotated[Path | None, option("--out", "New file for the pair.", arguments.output_file, "FILE")] = None,
+    ledger: Annotated[
+        Path | None, option("--ledger", "Instead: list predictions and pairs of a folder.", arguments.folder, "DIR")
+    ] = None,
+    as_json: Annotated[bool, option("--json", "Print the pair, or the ledger, as JSON.")] = False,
+) -> None:
+    """Compare a prediction with the measurement that came later: predicted, interval, came, inside or not.
+
+    Refused are a changed prediction, and a measurement of another program or cell, of a part that another program than
+    the plan's made, or begun before the prediction was written. Where a measurement does not say when it was made,
+    that is printed. --ledger lists all pairs, misses too, and the predictions that nobody has revealed.
+
+    Example: `counterflex reveal groove.json proof --out groove-pair.json`
+    """
+    from counterflex.app import ledger as job
+
+    if ledger is not None and (prediction, measured, out) == (None, None, None):
+        print_result(job.ledger(ledger), as_json, _show_ledger)
+    elif prediction is None or measured is None or ledger is not None:
+        raise InputError("reveal needs PREDICTION and CAME, or --ledger DIR alone")
+    else:
+        keep_inputs(out, prediction, measured)
+        print_result(job.reveal(prediction, measured, out), as_json, _show_pair)
+        say_written(None if as_json else out, f"wrote {out}")
+
+
+def _numbers(one: dict[str, Any]) -> tuple[str, str]:
+    return f"{one['predicted']:g}", "none" if one["low"] is None else f"{one['low']:g} to {one['high']:g}"
+
+
+def _show_rows(title: str, rows: list[dict[str, Any]], *more: str) -> None:
+    inside = {None: "no interval", True: "yes", False: "no"}
+    columns = [*more, "truth", "figure", "predicted", "90 % interval", "came", "inside"]
+    cells = [
+        [*(row[key] for key in (*more, "truth", "figure")), *_numbers(row), f"{row['came']:g}", inside[row["inside"]]]
+        for row in rows
+    ]
+    print_table(title, columns, cells)
+
+
+def _show_pair(pair: dict[str, Any]) -> None:
+    _show_rows(f"{pair['prediction']['program']}, against {pair['against']}", pair["figures"])
+    for what in pair["not_looked_at"]:
+        typer.echo(f"not looked at: {what}")
+
+
+def _show_ledger(ledger: dict[str, Any]) -> None:
+    _show_rows("Every pair", ledger["rows"], "program", "against")
+    columns = ["figure", "against", "inside", "of", "above", "independence"]
+    cells = [[str(one[key]) for key in columns] for one in ledger["credibility"]]
+    print_table("Credibility: what was validated, against what, how independent", columns, cells)
+    for name in ledger["not_revealed"]:
+        typer.echo(f"not revealed: {name}")

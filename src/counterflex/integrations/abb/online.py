@@ -77,7 +77,6 @@ def planned_stream(cell: Cell, plan: Plan, period_s: float, *, compensated: bool
 
     Args:
         cell: Cell; its tables ``[egm]`` and ``[controller]`` say how corners are run.
-        period_s: Cycle.
         compensated: With the plan's correction.
     """
     table = cell.tables.egm or EgmTable()

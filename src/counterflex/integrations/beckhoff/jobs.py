@@ -238,7 +238,6 @@ def forward(
 
     Args:
         cell: Cell file with a table ``[ads.tracker]``.
-        readings: Or None.
         watch: Told what has been done, at every hundredth reading.
 
     Raises:

@@ -50,7 +50,6 @@ class AdsServer:
         port: TCP port; clients that follow Beckhoff's own library expect 48898.
         ams_port: Of the PLC.
         faults: Scripted, by the time since the start and the numbers of requests.
-        clock: s.
 
     Raises:
         OutputError: The port cannot be opened.

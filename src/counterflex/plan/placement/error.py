@@ -15,7 +15,7 @@ length e + s counts instead of e.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,15 +24,18 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MS
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING
 from counterflex.plan.posture.cut_path import LoadedPath
-from counterflex.plan.posture.likely_play import with_likely_play
 from counterflex.plan.posture.survey_kernel import POWER
+from counterflex.plan.posture.way import LOST_RAD
 from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.plan.stability.robot_modes import robot_modes_along
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, deflection_range
+from counterflex.robot.model.description import Play
 from counterflex.signals.preview import Mode
 
+LIKELY_RAD: Final = 0.5 * LOST_RAD
+"""Lost motion of an axis of which nothing is known: the mean between none and what makers of gears guarantee."""
 STEP_S: Final = 50.0 * MS
 """Half a period at 10 Hz, where the first modes of milling robots lie: a change of the force within it makes them
 swing, a slower one does not."""
@@ -72,7 +75,7 @@ class ErrorLeft:
             np.cumsum(whole.weight_m), np.maximum.accumulate(whole.time_s + 1e-9 * np.arange(len(whole)))
         )
         at = np.array(largest, dtype=np.int64)[most]
-        return cls(with_likely_play(chain), stands[most], step[at], speed[at], measured)
+        return cls(_with_likely_play(chain), stands[most], step[at], speed[at], measured)
 
     def means(self, cut: LoadedPath, chain: ElasticChain, relative: RelativeMotion, q: Float) -> tuple[float, float]:
         """Power means over the cut of the deflection at rest, and of the error with lost motion and swing, m.
@@ -123,3 +126,13 @@ def _force_steps(path: LoadedPath) -> Float:
     before = np.searchsorted(path.time_s, path.time_s - STEP_S, side="right") - 1
     out: Float = force - np.where((before >= 0)[:, None], force[np.maximum(before, 0)], 0.0)
     return out
+
+
+def _with_likely_play(chain: ElasticChain) -> ElasticChain:
+    """The chain with play and friction where none are known: :data:`LIKELY_RAD` at a reversal, half of it each."""
+    soft = np.maximum(chain.compliance[chain.torsion, 5], play.STIFFEST_RAD_NM)
+    quarter = 0.25 * LIKELY_RAD
+    assumed = [Play(quarter, (quarter / float(c),), (LIKELY_RAD,)) for c in soft]
+    return replace(
+        chain, play=tuple(own or other for own, other in zip(chain.play or (None,) * 6, assumed, strict=True))
+    )

@@ -107,7 +107,6 @@ def made_at(path: Path, size: int) -> int:
 
     Args:
         path: Of the file, which must not be there.
-        size: Bytes.
 
     Raises:
         OutputError: It is there, or there is no room.

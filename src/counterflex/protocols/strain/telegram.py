@@ -18,8 +18,6 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProtocolError
 from counterflex.core.units import MICRO
@@ -41,33 +39,6 @@ class StrainSample:
     status: int  # bits; 0 is good
     temperature_c: float  # of the holder, NaN where not measured
     strain: Float  # (n,) of each bridge, dimensionless
-
-
-def read_strain(data: bytes) -> StrainSample:
-    """Read a datagram.
-
-    Raises:
-        ProtocolError: Another length, magic or number of bridges, status bits of bridges that are not there, a
-            temperature or a strain that is infinite or out of the range of the protocol.
-    """
-    rows = np.zeros((1, reading.LONGEST), dtype=np.uint8)
-    rows[0, : min(len(data), reading.LONGEST)] = np.frombuffer(data[: reading.LONGEST], dtype=np.uint8)
-    strain = np.zeros(MOST)
-    outcome = reading.read_datagram(rows, 0, len(data), strain)
-    if outcome == reading.NO_DATAGRAM:
-        raise ProtocolError(
-            "not a strain datagram", value=f"{len(data)} bytes, {data[:4]!r}", limit="32 + 8 n bytes, CFS1, n 3..12"
-        )
-    _, sequence, time_ns, status, count, temperature_c = HEAD.unpack(data[: HEAD.size])
-    if outcome == reading.UNKNOWN_STATUS:
-        raise ProtocolError("status bits of bridges that are not there", value=f"0x{status:x}", limit=f"{count} bits")
-    if outcome == reading.OUT_OF_RANGE:
-        raise ProtocolError(
-            "a strain or the temperature is out of range",
-            value=[temperature_c, *(strain[:count] / MICRO).round(3).tolist()],
-            limit=f"{reading.LARGEST_UM_M:g} um/m, -50..150 deg C",
-        )
-    return StrainSample(sequence, time_ns, status, temperature_c, strain[:count].copy())
 
 
 def write_strain(sample: StrainSample) -> bytes:

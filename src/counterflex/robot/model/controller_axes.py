@@ -283,7 +283,6 @@ def from_signs(
         zeros_rad: Of the controller's axes where the model's angles are zero.
         axis_2_m: Height of axis 2 above the base plate, m.
         axis_3: See :func:`from_geometry`.
-        limits_rad: See there.
     """
     rule = MAKERS[maker]
     om = np.array(rule.offsets_deg) * DEG

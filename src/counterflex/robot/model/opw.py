@@ -118,11 +118,6 @@ def _straight_wrist(opw: Opw, T_base_flange: Float) -> Float:
     return out - TURN * np.round(out / TURN)
 
 
-def slot_of(opw: Opw, q: Float) -> int:
-    """Slot (index into :data:`BRANCHES`) that controller angles (6,) lie in, see :func:`slots_of`."""
-    return slots_of(opw, as_float("q", q, (6,))[None])[0]
-
-
 def slots_of(opw: Opw, q: Float) -> list[int]:
     """Slots (indices into :data:`BRANCHES`) that rows of controller angles lie in.
 

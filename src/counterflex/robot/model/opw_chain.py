@@ -69,7 +69,6 @@ def from_opw(
         p_axis_com: (6, 3) m, centre of gravity in the bearing frame.
         elements: Further elastic bodies between the axes, in order along each axis' body.
         speeds_rad_s: (6,) or None.
-        counterbalance: Or None.
 
     Returns:
         The robot, with ``opw`` kept for the closed-form inverse.

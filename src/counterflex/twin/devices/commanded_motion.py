@@ -49,7 +49,6 @@ class OwnBacklash:
 
     Args:
         half_rad: (6,) rad.
-        period_s: Cycle.
     """
 
     _MOVING_RAD = 1e-7

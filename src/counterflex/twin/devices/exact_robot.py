@@ -112,7 +112,6 @@ class StandingRobot:
 
     Args:
         standstill: Where and how long.
-        period_s: Cycle.
         answer: How its path planning answers a correction.
     """
 

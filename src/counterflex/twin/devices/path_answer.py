@@ -33,7 +33,6 @@ class AnswerState:
     """The answer, cycle by cycle, exact for a correction that is held over each cycle.
 
     Args:
-        period_s: Cycle.
         size: Numbers of a correction.
     """
 

@@ -141,7 +141,6 @@ class RobotServer:
 
         Args:
             after: Cycles that go on after the end of the program.
-            most_cycles: Or None.
             progress: Progress callback, fraction 0 to 1.
 
         Returns:

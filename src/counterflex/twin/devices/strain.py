@@ -26,7 +26,6 @@ class StrainSender(DatagramSender):
 
     Args:
         peer: Where they go; None sends nothing and only shows readings.
-        bridges: Number of bridges.
         faults: Scripted, by the time of the readings and their number.
 
     Attributes:

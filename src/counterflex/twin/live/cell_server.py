@@ -112,7 +112,6 @@ class CellServer(RobotServer):
     Args:
         controller: Its side of the protocol.
         peer: Where telegrams go: host and port of the sensor program.
-        instruments: Or None.
         own_force: Told once per telegram what the force sensor showed, for a controller that sends it itself.
         settings: Further arguments of :class:`counterflex.twin.devices.robot_server.RobotServer`.
     """

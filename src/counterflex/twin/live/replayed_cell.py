@@ -48,7 +48,6 @@ class ReplayedCell:
     """The played cell.
 
     Args:
-        played: What is played.
         controller: Its side of the protocol, 4 ms.
         sensor: Sends the force readings, or None.
         answer: How the controller answers a correction.

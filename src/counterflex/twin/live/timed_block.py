@@ -34,9 +34,6 @@ class Block:
 class Times:
     """A block that is being filled.
 
-    Args:
-        most: Cycles.
-
     Attributes:
         missed: As in :class:`Block`.
     """

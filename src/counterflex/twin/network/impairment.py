@@ -148,7 +148,6 @@ class Schedule:
     """Fate of each datagram of one way.
 
     Args:
-        impairment: Settings.
         seed: Of the random numbers, >= 0.
         way: Number of the way, >= 0: two ways with one seed are independent of each other.
 

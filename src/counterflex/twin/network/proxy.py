@@ -114,7 +114,6 @@ class UdpProxy:
         target: Where they go.
         there: Decides on what goes to ``target``.
         back: Decides on what comes from it.
-        log: Or None.
         clock: Seconds, monotonic.
 
     Attributes:
@@ -179,7 +178,6 @@ class UdpProxy:
         """Carry until the time is over, or for ever.
 
         Args:
-            seconds: Or None.
             ended: Asked now and then whether to stop.
         """
         end = None if seconds is None else self._clock() + seconds

@@ -79,7 +79,6 @@ def apply_drives(
         qd_ref: (6,) rad/s.
         pid: (6, 3) gains.
         integral: (6,) N m, updated.
-        step_s: s.
         force: (n,) generalised forces, added to.
         torque: (6,) N m, set to the drive torques.
     """

@@ -89,7 +89,7 @@ def show(certificate: CertificateFile, as_json: AsJson = False) -> None:
 
     Example: `counterflex dcc show sensor.xml`
     """
-    from counterflex.app.certificate.show import described
+    from counterflex.app.certificate.write import described
 
     answer = described(certificate)
     if as_json:

@@ -217,18 +217,6 @@ class Record:
         return self.status in (GOOD, MONITOR)
 
 
-def read_record(data: bytes) -> Record:
-    """Read a record of 36 bytes.
-
-    Raises:
-        ProtocolError: Another length.
-    """
-    if len(data) != RECORD.size:
-        raise ProtocolError("not a record of a force sensor", value=f"{len(data)} bytes", limit=f"{RECORD.size} bytes")
-    sequence, sample, status, *counts = RECORD.unpack(data)
-    return Record(sequence, sample, status, tuple(counts))
-
-
 def write_record(record: Record) -> bytes:
     """A record as bytes: the sensor's side.
 

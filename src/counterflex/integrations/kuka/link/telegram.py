@@ -12,20 +12,10 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ProtocolError
 from counterflex.integrations.kuka.link.config import RsiConfig, Value
-from counterflex.integrations.kuka.link.kernel import NUMBER, OK, TEXT, compose, scan
+from counterflex.integrations.kuka.link.kernel import NUMBER, TEXT, compose, scan
 from counterflex.protocols.decimal_kernel import Bytes
 
 LARGEST_DATAGRAM = 65_507
-SCAN_FAULTS = {
-    1: "not an RSI telegram",
-    2: "the telegram is cut short",
-    3: "the telegram is malformed",
-    4: "a value is not a number",
-    5: "a value comes twice",
-    6: "a declared value is missing",
-    7: "the counter IPOC is missing",
-}
-"""What a status of :func:`counterflex.integrations.kuka.link.kernel.scan` means."""
 
 
 class Reader:
@@ -169,19 +159,6 @@ def answer_reader(config: RsiConfig) -> Reader:
 def robot_writer(config: RsiConfig, *, decimals: int = 4) -> Writer:
     """Writes what a controller sends: the controller's side; ``decimals`` is its parameter Precision."""
     return Writer("Rob", "KUKA", config.sent(), decimals=decimals)
-
-
-def check_read(status: int, reader: Reader) -> None:
-    """Turn a status into an error, where a telegram is not expected to be bad.
-
-    Raises:
-        ProtocolError: The status is not 0.
-    """
-    if status != OK:
-        missing = [name for name, there in zip(reader.names, reader.seen, strict=True) if not there]
-        raise ProtocolError(
-            SCAN_FAULTS[status], where=f"byte {reader.stopped_at}", value=", ".join(missing) if status == 6 else None
-        )
 
 
 def _elements(values: Sequence[Value]) -> list[tuple[str, list[tuple[int, Value]]]]:

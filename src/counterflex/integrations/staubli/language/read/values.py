@@ -215,7 +215,6 @@ def function(name: str, arguments: Sequence[Value], place: Callable[[Value], Flo
     """Return the value of a function of VAL3.
 
     Args:
-        arguments: Values.
         place: Gives (4, 4) m of a point or frame in the world.
 
     Raises:
