@@ -23,7 +23,7 @@ CHORD_M: Final = 1.0 * UM
 LARGEST_BYTES: Final = 200_000_000
 MOST_TRIANGLES: Final = 3_000_000
 _COARSE: Final = 20.0
-"""Open CASCADE meshes doubly curved faces so many times coarser; refined here, as it takes minutes and misses the limit."""
+"""Doubly curved faces are meshed so many times coarser and refined here: else it takes minutes and misses the limit."""
 _BULGE: Final = 0.6
 """Largest distance of the middle of a side from the face, by that of a triangle, whose middle is further off."""
 _FINEST_MM: Final = 0.02
