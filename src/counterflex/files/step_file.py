@@ -23,7 +23,11 @@ CHORD_M: Final = 1.0 * UM
 LARGEST_BYTES: Final = 200_000_000
 MOST_TRIANGLES: Final = 3_000_000
 _COARSE: Final = 20.0
-"""A first mesh is so many times coarser: triangles of a doubly curved face grow with it, those of others less."""
+"""Doubly curved faces are meshed so many times coarser and refined here: else it takes minutes and misses the limit."""
+_BULGE: Final = 0.6
+"""Largest distance of the middle of a side from the face, by that of a triangle, whose middle is further off."""
+_FINEST_MM: Final = 0.02
+"""Shorter sides stay: at a pole the middle of two parameters is not that of two points."""
 _ANGLE: Final = 0.5
 _KINDS: Final = {"Plane": "plane", "Cylinder": "cylinder", "Cone": "cone", "Sphere": "sphere", "Torus": "torus"}
 _ORIENTED: Final = {"plane": ("orientation", 1.0)}
@@ -202,33 +206,86 @@ def _face(shape: Any, number: int, own: str) -> CadFace:
 
 def _mesh(solid: Any, table: _Faces, path: Path) -> tuple[Float, Int, Int]:
     """Vertices, triangles and their faces, within :data:`CHORD_M` of the solid."""
-    make = _occ("BRepMesh_IncrementalMesh")
+    make, builder, ruled = _occ("BRepMesh_IncrementalMesh"), _occ("BRep_Builder")(), _occ("TopoDS_Compound")()
+    builder.MakeCompound(ruled)
+    for face in table.shapes:
+        if (
+            _occ("BRepAdaptor_Surface")(_occ("TopoDS").Face(face))
+            .GetType()
+            .name.endswith(("Plane", "Cylinder", "Cone"))
+        ):
+            builder.Add(ruled, face)
+    make(ruled, CHORD_M / MM, False, _ANGLE, False)  # their edges too, which bound planes
     make(solid, _COARSE * CHORD_M / MM, False, _ANGLE, False)
-    tool, place = _occ("BRep_Tool"), _occ("TopLoc_Location")
-    cast = _occ("TopoDS").Face
-    coarse = sum(tool.Triangulation_s(cast(face), place()).NbTriangles() for face in table.shapes)
-    if coarse * _COARSE > MOST_TRIANGLES:
-        raise FileFormatError(
-            "the solid has too many curved faces",
-            where=str(path),
-            value=f"about {coarse * _COARSE / 1e6:.0f} million triangles within {CHORD_M / UM:g} um",
-            limit=f"{MOST_TRIANGLES / 1e6:g} million",
-            hint="Leave out threads, text and knurls, or export a mesh (STL)",
-        )
-    make(solid, CHORD_M / MM, False, _ANGLE, False)
-    vertices, triangles, owner, count = [], [], [], 0
+    vertices, triangles, owner, count, left = [], [], [], 0, MOST_TRIANGLES
     for k, face in enumerate(table.shapes):
-        location = place()
-        mesh = tool.Triangulation_s(cast(face), location)
-        move = location.Transformation()
-        points = [mesh.Node(n + 1).Transformed(move) for n in range(mesh.NbNodes())]
-        corners = np.array([mesh.Triangle(t + 1).Get() for t in range(mesh.NbTriangles())], np.int64).reshape(-1, 3)
+        points, corners = _triangles(face, left)
+        left -= len(corners)
+        if left <= 0:
+            raise FileFormatError(
+                "the solid has too many curved faces",
+                where=str(path),
+                value=f"more than {MOST_TRIANGLES} triangles within {CHORD_M / UM:g} um, {k + 1} of its faces read",
+                hint="Leave out threads, text and knurls, or export a mesh (STL)",
+            )
         turned = face.Orientation().name == "TopAbs_REVERSED"
-        vertices.append(np.array([(p.X(), p.Y(), p.Z()) for p in points]).reshape(-1, 3) * MM)
-        triangles.append(corners[:, ::-1] - 1 + count if turned else corners - 1 + count)
+        vertices.append(points * MM)
+        triangles.append(corners[:, ::-1] + count if turned else corners + count)
         owner.append(np.full(len(corners), k))
         count += len(points)
     return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(owner)
+
+
+def _triangles(shape: Any, most: int) -> tuple[Float, Int]:
+    """Vertices (mm) and triangles of one face, made finer until they are within :data:`CHORD_M`, or ``most`` many."""
+    face = _occ("TopoDS").Face(shape)
+    mesh, surface = (
+        _occ("BRep_Tool").Triangulation_s(face, _occ("TopLoc_Location")()),
+        _occ("BRepAdaptor_Surface")(face),
+    )
+    if mesh is None:
+        raise ValueError("a face of it has no area")
+
+    corners = np.array([mesh.Triangle(t + 1).Get() for t in range(mesh.NbTriangles())], np.int64).reshape(-1, 3) - 1
+    nodes = (mesh.UVNode(n + 1) for n in range(mesh.NbNodes()))
+    uv = np.array([(node.X(), node.Y()) for node in nodes]).reshape(-1, 2)
+    points = _on(surface, uv)
+    while surface.GetType().name != "GeomAbs_Plane" and len(corners) < most:
+        sides = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+        edges, side = np.unique(sides, axis=0, return_inverse=True)
+        middle = uv[edges].mean(axis=1)
+        bulge = _on(surface, middle)
+        off = np.linalg.norm(bulge - points[edges].mean(axis=1), axis=1) > _BULGE * CHORD_M / MM
+        off &= np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1) > _FINEST_MM
+        if not off.any():
+            break
+        number = np.where(off, len(uv) + np.cumsum(off) - 1, -1)[side.reshape(3, -1)].T
+        uv, points = np.concatenate([uv, middle[off]]), np.concatenate([points, bulge[off]])
+        corners = _split(corners, number)
+    return points, corners
+
+
+def _on(surface: Any, uv: Float) -> Float:
+    """Points (n, 3) mm of a surface by their parameters (n, 2)."""
+    places = (surface.Value(u, v) for u, v in uv.tolist())
+    return np.array([(place.X(), place.Y(), place.Z()) for place in places]).reshape(-1, 3)
+
+
+def _split(corners: Int, middle: Int) -> Int:
+    """Triangles with the middles of their sides (t, 3) as new corners; -1 where a side stays whole."""
+    out = [corners[(middle < 0).all(axis=1)]]
+    for k in range(3):
+        a, b, c = np.roll(corners, -k, axis=1).T
+        ab, bc, ca = np.roll(middle, -k, axis=1).T
+        one = (ab >= 0) & (bc < 0) & (ca < 0)
+        two = (ab >= 0) & (bc >= 0) & (ca < 0)
+        out += [np.stack(t, axis=1)[one] for t in ((a, ab, c), (ab, b, c))]
+        out += [np.stack(t, axis=1)[two] for t in ((ab, b, bc), (a, ab, bc), (a, bc, c))]
+    a, b, c = corners.T
+    ab, bc, ca = middle.T
+    every = (middle >= 0).all(axis=1)
+    out += [np.stack(t, axis=1)[every] for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    return np.concatenate(out)
 
 
 def _above_nominal(reader: Any) -> set[float]:

@@ -129,8 +129,8 @@ def inspect(
         Path | None,
         option(
             "--nominal",
-            "CAD solid (STEP) or mesh (STL, mm), part frame, to judge against in place of what the program makes; "
-            "faces of a solid become features.",
+            "CAD solid (STEP, its faces become features) or mesh (STL, mm), part frame, to judge against in place of "
+            "what the program makes.",
             arguments.file,
             "CAD",
         ),
