@@ -48,7 +48,7 @@ def shop(tmp_path_factory: pytest.TempPathFactory) -> Shop:
     program = folder / "part.ngc"
     program.write_text(GROOVE, encoding="ascii", newline="")
     made = Shop(program, *(folder / name for name in ("plan", "part", "next-plan", "next-part")))
-    make_truth(read_cell(CELL), 12, folder / "truth.toml", WIDE)
+    make_truth(read_cell(CELL), 3, folder / "truth.toml", WIDE)
     compensate.run(program, CELL, made.plan, report=False, predict=False)
     for plan, part in ((made.plan, made.part), (made.next_plan, made.next_part)):
         if plan == made.next_plan:

