@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from counterflex.core.arrays import Float, Float32
 from counterflex.core.jit import bundle, kernel
-from counterflex.cutting.envelope_kernels import LANES, Real, Whole
-from counterflex.cutting.sweep_kernels import ROWS
+from counterflex.cutting.envelope_kernels import LANES, ROWS, Real, Whole
 
 UInt8 = npt.NDArray[np.uint8]
 STRETCHES: Final = 8

@@ -16,9 +16,9 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Float1, Float2, Float32, Int
 from counterflex.core.jit import bundle, kernel
 from counterflex.cutting.booking_kernels import EVENTS, VISITED
-from counterflex.cutting.envelope_kernels import LANES, Int32, Real, Whole
+from counterflex.cutting.envelope_kernels import LANES, ROWS, Int32, Real, Whole
 from counterflex.cutting.kernel_arrays import SCRATCH, Scratch, StockGrid
-from counterflex.cutting.sweep_kernels import ROWS, stamp_rows
+from counterflex.cutting.sweep_kernels import stamp_rows
 from counterflex.cutting.tridexel.column_block_kernels import (
     COLUMNS,
     LOWEST,
