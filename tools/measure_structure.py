@@ -39,8 +39,8 @@ _PATHS, _LONG = (
 _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
-    "modules": 1248,
-    "lines": 213_473,
+    "modules": 1247,
+    "lines": 214_549,
     _BIG: 7,
     _WIDE: 9,
     _PATHS: 0,
@@ -50,7 +50,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 503,
     "class names used twice or more": 101,
-    "import lines": 14_981,
+    "import lines": 15_041,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 90_560,
     "links of docs/index.md": 25,
