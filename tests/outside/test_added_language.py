@@ -48,7 +48,10 @@ found = compensate(programs / "corner.ngc", cell, language="melfa", predict=Fals
 program = Reading().program(out / "written" / name, cell)
 wanted = found.plan.path.p_part_tcp + found.plan.correction_part
 ends = np.array([m.p_end for m in program.motions])
-said["written_off_m"] = max(float(np.min(np.linalg.norm(wanted - p, axis=1))) for p in ends)
+begin, way = wanted[:-1], np.diff(wanted, axis=0)  # a point may lie between two rows of the plan
+share = np.einsum("pnk,nk->pn", ends[:, None] - begin, way) / np.maximum(np.sum(way**2, axis=1), 1e-30)
+nearest = begin + np.clip(share, 0.0, 1.0)[..., None] * way
+said["written_off_m"] = float(np.linalg.norm(nearest - ends[:, None], axis=2).min(axis=1).max())
 said["written"] = {"dialect": program.dialect, "speeds": sorted({m.spindle_rad_s for m in program.motions})}
 again = compensate(out / "converted" / converted["files"][0], cell, predict=False)
 said["again"] = {"language": again.summary["language"], "files": list(again.files)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from scipy.integrate import solve_ivp
 
 import milling_collocation
@@ -140,6 +140,7 @@ def test_free_motion_is_one_interval() -> None:
 @given(
     first=st.floats(0.0, 3.0), length=st.floats(0.05, 3.0), second=st.floats(0.0, 3.0), teeth=st.integers(1, 6)
 )  # fmt: skip
+@example(first=0.0, length=2.0, second=1.5707963267341256, teeth=4)  # the end of an arc just before that of the pitch
 def test_intervals_hold_all_that_is_cut(first: float, length: float, second: float, teeth: int) -> None:
     """Outside the engaged stretches nothing feeds back, and the means over the intervals keep the whole."""
     arcs = np.array([[begin, min(begin + length, np.pi), 1e-3, 0.5 * np.pi] for begin in sorted({first, second})])

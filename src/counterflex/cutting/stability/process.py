@@ -86,6 +86,7 @@ class Process:
         spans = self.arcs[self.arcs[:, 2] > 0.0, :2]
         marks = np.unique(np.concatenate([[0.0, pitch], np.mod(spans, pitch).ravel()]))
         marks = marks[np.diff(marks, prepend=-1.0) > _SAME_RAD]
+        marks[-1] = pitch  # also where a mark lay just before it
         middles = 0.5 * (marks[:-1] + marks[1:]) + np.arange(self.teeth)[:, None] * pitch  # (N, stretches)
         cuts = np.any((middles[..., None] > spans[:, 0]) & (middles[..., None] < spans[:, 1]), axis=(0, 2))
         change = np.diff(np.concatenate([[0], cuts.astype(np.int64), [0]]))
