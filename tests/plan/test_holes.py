@@ -50,7 +50,7 @@ def test_nothing_moves_the_tool_sideways_in_a_hole(cycle: str, path_of: PathOf, 
     """With a real plan: the entry alone goes sideways, where the force rises; what the plunge ended with stays."""
     cell = cell_of()
     path = with_settling(path_of(START + HOLES[cycle] + "\nG80\nG0 X30 Y20\nG0 Z60", step_mm=0.25))
-    setting: Setting = setting_of(cell, orientation=True)
+    setting: Setting = setting_of(cell, chain=cell.chain, orientation=True)
     found = plan(path, np.arange(1, int(path.motion.max()) + 2), cell.stock(), setting, predict=False)
     z = path.p_part_tcp[:, 2]
     entered = int(np.flatnonzero(z < 38 * MM)[0])  # 2 mm deep, 0.4 s: the force is there

@@ -36,7 +36,8 @@ def standing(setting: Setting) -> RelativeMotion:
 
 @pytest.fixture(scope="module")
 def setting(cell_of: CellOf) -> Setting:
-    found = replace(setting_of(cell_of()), mode=TAPPED)
+    cell = cell_of()
+    found = replace(setting_of(cell, chain=cell.chain), mode=TAPPED)
     return replace(found, chain=replace(found.chain, play=LOSSY))
 
 

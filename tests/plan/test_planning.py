@@ -72,7 +72,7 @@ def groove(path_of: PathOf) -> ToolPath:
 
 @pytest.fixture(scope="module")
 def setting(cell: Cell) -> Setting:
-    return setting_of(cell)
+    return setting_of(cell, chain=cell.chain)
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +198,7 @@ def test_orientation_is_corrected_when_the_language_has_one(cell: Cell, groove: 
 def test_sag_is_corrected_in_the_cut_only(cell_of: CellOf, groove: ToolPath) -> None:
     """No force, but own weight: a frame measured from outside keeps the whole sag, and the correction takes it."""
     cell = cell_of(part={"measured_with": "external"}, material={"kc11_n_mm2": 1e-6})
-    found = planned(groove, cell, replace(setting_of(cell), shaping=AT_ONCE))
+    found = planned(groove, cell, replace(setting_of(cell, chain=cell.chain), shaping=AT_ONCE))
     rows = found.cutting
     assert np.linalg.norm(found.sag_part[rows], axis=1).min() > 0.5 * MM
     assert found.correction_part[rows] == pytest.approx(-found.sag_part[rows], abs=1e-9)
