@@ -47,6 +47,17 @@ def test_a_program_makes_its_part(tmp_path: Path) -> None:
     assert "10 of 10 faces" in found["nominal geometry"]["what"]
 
 
+def test_a_part_of_which_no_face_is_right_has_no_row_that_is(tmp_path: Path) -> None:
+    solid = step_parts.less(
+        step_parts.box((0.3, 0.3, 0.3), (59.7, 59.7, 39.7)), step_parts.box((0, 7.3, 33.8), (61, 23.3, 41))
+    )
+    file = tmp_path / "small.step"
+    step_parts.write_step(file, [solid], lambda _: "")
+    found = rows(file)
+    assert len(found) == 10
+    assert {row["verdict"] for row in found.values()} <= {"fail", "warning"}
+
+
 def test_a_gouge_and_material_left_are_named_by_face_and_line(tmp_path: Path) -> None:
     """The part has its wall 0.3 mm further in than the tool reaches, and its floor 0.2 mm deeper."""
     found = rows(part(tmp_path, y=7.3, z=33.8))

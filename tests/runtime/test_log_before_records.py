@@ -25,7 +25,7 @@ MODES = {"pilot": (ForceMode.PILOT, TrackerMode.OBSERVER), "fused": (ForceMode.F
 
 
 def same_but_for_what_is_mended(name: str, replay: Replay) -> bool:
-    """Whether the first row that differs, if any, does so in nothing but what the loop does otherwise since.
+    """True where the first row that differs, if any, does so in nothing but what the loop does otherwise since.
 
     These are the limit of chatter, and what the observer wants: it compared with the deflection of a whole ring ago
     where its delay is no cycle.

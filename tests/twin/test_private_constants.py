@@ -76,7 +76,7 @@ def test_a_constant_is_found_to_three_digits_and_may_be_cited() -> None:
 
 
 def test_no_median_of_the_class_is_a_constant_of_the_simulated_drives() -> None:
-    """What a planner assumes comes from published robots: of the robot that both describe, no value is the same."""
+    """A planner assumes what comes from published robots: of the robot that both describe, no value is the same."""
     given, secret = read_cell(ROOT / "examples" / "cells" / "kr300_d16_small.toml").class_drives, private()
     assert given is not None
     prior = given.prior

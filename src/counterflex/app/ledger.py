@@ -30,9 +30,9 @@ INDEPENDENCE: Final = {
     "mild": "constants drawn apart from the planner, which reads none; the same kinds of physics, the same authors",
     "wide": "as mild, farther from the cell file",
     "other": "kinds of physics that the planner has no model of; the same authors",
-    "scan": "a simulated cell whose constants the planner does not read, scanned with 20 um of noise",
+    "scan": "a simulated cell whose constants the planner does not read, and its simulated scan",
     "part": "measured by whoever reveals",
-    "pulls": "a real robot, measured and published by others; the model was chosen when these data were known",
+    "pulls": "measured by whoever reveals; whether the model was made with these data is not known",
 }
 """By family of a simulated cell or kind of measurement: how far it is from what made the prediction."""
 
@@ -88,12 +88,11 @@ def reveal(prediction: Path, measured: Path, out: Path | None) -> dict[str, Any]
     if not rows:
         limit = ", ".join(sealed["figures"])
         raise InputError("the measurement has none of the predicted figures", where=str(measured), limit=limit)
-    independence = INDEPENDENCE.get(measurement.kind, "a truth of no family")
     pair: dict[str, Any] = {
         "revealed": _now(),
         "prediction": sealed,
         "against": measurement.against,
-        "independence": independence,
+        "independence": INDEPENDENCE.get(measurement.kind, "a truth of no family"),
     }
     pair |= {"figures": rows, "not_looked_at": list(measurement.not_looked_at)}
     if out is not None:
@@ -181,8 +180,7 @@ def _of_data(manifest: Path) -> _Measured:
     d = data.values("d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target")[:, :3]
     lengths = zip(data.line.tolist(), np.linalg.norm(d, axis=1).tolist(), strict=True)
     sizes = {f"pull_line_{line}_mm": round(length / MM, 4) for line, length in lengths}
-    inputs = {"program_sha256": data.fingerprint}
-    return _Measured(f"real pulls, {data.name}", "pulls", inputs, {"": sizes}, (_NO_TIME,))
+    return _Measured(f"pulls, {data.name}", "pulls", {"program_sha256": data.fingerprint}, {"": sizes}, (_NO_TIME,))
 
 
 def _of_summary(folder: Path) -> _Measured:

@@ -65,6 +65,8 @@ def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:
         else:
             largest = max(largest, abs(float(left[worst])))
     off.sort(key=lambda row: -(row.value or 0.0))
+    if len(off) == len(solid.faces) <= _MOST_ROWS:
+        return off  # no face is left that could be said to be right
     more = f"; {len(off) - _MOST_ROWS} more are off" if len(off) > _MOST_ROWS else ""
     what = f"{len(solid.faces) - len(off)} of {len(solid.faces)} faces of {cad.name} as the program makes them{more}"
     return [*off[:_MOST_ROWS], Row(CHECK, "fail" if more else "ok", largest, LIMIT_M, "m", what=what)]

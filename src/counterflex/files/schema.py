@@ -325,7 +325,7 @@ class Versioned(Table):
 
 
 def _what_to_give(kind: str) -> str | None:
-    """What to give instead of a file of another format."""
+    """Advice where a file has another format."""
     if kind == "counterflex-dataset":
         return (
             "Measured data are given by their manifest, a TOML file that names the data file and says what its columns "

@@ -172,7 +172,7 @@ class Cell:
 
     @cached_property
     def class_drives(self) -> ClassDrives | None:
-        """What the robot's class gives axes without loop gains or play; None: nothing is missing, or no class."""
+        """Drives and play of the robot's class for axes without them; None: nothing is missing, or no class."""
         swings = not self.unknown_axes or self.class_stiffness is not None
         loops = swings and self.tables.dynamics.mode is None
         return drives_of_class(self.chain, self.nominal_robot, self.tables.robot, self.class_stiffness, loops=loops)
