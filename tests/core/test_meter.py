@@ -56,6 +56,13 @@ def test_a_job_whose_parts_are_weighed_wrongly_is_told_within_a_factor_of_two(fa
     assert max(found) < 2.0
 
 
+def test_a_long_part_is_told_by_its_own_rate_once_it_outweighs_short_ones() -> None:
+    weights = {"read": 5.0, "plan": 30.0, "cut": 15.0, "record": 10.0, "run": 3600.0}
+    found = ratios({"read": 0.5, "plan": 2.0, "cut": 1.0, "record": 57.0, "run": 3600.0}, weights, steps=200)
+    assert min(found) > 0.75
+    assert max(found) < 1.1
+
+
 def test_a_job_that_stands_is_told_to_take_longer() -> None:
     clock = Clock()
     meter = Meter("job", clock)

@@ -25,7 +25,7 @@ _ALONE: Final = 0.1
 _SURE: Final = 0.05
 """A part of this share of the work counts half as much as a very long one for what is learned."""
 _OWN: Final = 0.1
-"""When this share of a part is done, its rest is told half by its own rate, half by that of the others."""
+"""When this share of a part is done, or as much as all others, half of its rest is told by its own rate."""
 _ODD: Final = 4.0
 """A part is taken to be faster or slower than the typical one by this factor at most."""
 _SKIPPED: Final = 0.1
@@ -102,7 +102,7 @@ class Meter:
         if own is None or not known:
             rate = typical if own is None else own
         else:
-            share = done / (done + _OWN * (end - begin))
+            share = done / (done + min(_OWN * (end - begin), sum(work for _, work in known)))
             rate = own**share * _typical(known) ** (1.0 - share)
         since = self._clock() - self._last[0]
         return _standing(rate * (end - self.fraction), since) + typical * (1.0 - end)
