@@ -32,7 +32,7 @@ from counterflex.app.cut_points import CutPoints, points_of_plan
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
-from counterflex.app.unknowns import sources
+from counterflex.app.unknowns import Source, sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
@@ -144,7 +144,8 @@ def expected_deflection(cell: Cell, points: CutPoints, known: str = "") -> Expec
         known: Recipe whose unknowns do not count: ``cutting`` where the load was measured.
     """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    off = _left_open(cell, points, whole, np.random.default_rng(_SEED), known)
+    open_ = [one for one in sources(cell, points, planned=False) if one.recipe.split()[0] != known]
+    off = _left_open(open_, whole, np.random.default_rng(_SEED))
     return expected(points.sizes(whole + off), points.of)
 
 
@@ -172,7 +173,7 @@ def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: Ext
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
-    out = _left_open(cell, points, bend, rng)
+    out = _left_open(sources(cell, points), bend, rng)
     given = cell.class_drives
     if given is not None and given.servo_axes:
         sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
@@ -201,11 +202,11 @@ def _swings_more() -> Float:
     return out
 
 
-def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator, known: str = "") -> Float:
+def _left_open(unknown: Sequence[Source], bend: Float, rng: np.random.Generator) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
     out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
-    for one in sources(cell, points):
-        if one.displacements is not None and one.recipe.split()[0] != known:
+    for one in unknown:
+        if one.displacements is not None:
             out = out + one.displacements
     return out
 
