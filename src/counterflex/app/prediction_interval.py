@@ -85,7 +85,8 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
     off, R_base_part = _unknown_displacement(plan, cell, points, places), _part_axes(plan, cell, points, places)
-    period_s, more = 1.0 / at_largest_force(cell, plan).mode.hz, _swings_more()
+    period_s = 1.0 / at_largest_force(cell, plan).mode.hz
+    more = np.exp(SWING * np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))) - 1.0
     sizes = []
     for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part):
         swing = deviation - lasting(deviation, plan.path.time_s, period_s)
@@ -144,8 +145,8 @@ def expected_deflection(cell: Cell, points: CutPoints, known: str = "") -> Expec
         known: Recipe whose unknowns do not count: ``cutting`` where the load was measured.
     """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    open_ = [one for one in sources(cell, points, planned=False) if one.recipe.split()[0] != known]
-    off = _left_open(open_, whole, np.random.default_rng(_SEED))
+    unknown = [one for one in sources(cell, points, planned=False) if one.recipe.split()[0] != known]
+    off = _left_open(unknown, whole, np.random.default_rng(_SEED))
     return expected(points.sizes(whole + off), points.of)
 
 
@@ -193,13 +194,6 @@ def _drives_yield(plan: Plan, cell: Cell) -> Float:
     relative = setting_of(cell, chain=chain, part_may_be_held=True).relative_motion(plan.path)
     path, mode = plan.path, at_largest_force(cell, plan).mode
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
-
-
-def _swings_more() -> Float:
-    """(draws, 1, 1) share of the predicted swing that comes on top of it."""
-    z = np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))
-    out: Float = np.exp(SWING * z) - 1.0
-    return out
 
 
 def _left_open(unknown: Sequence[Source], bend: Float, rng: np.random.Generator) -> Float:

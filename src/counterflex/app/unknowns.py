@@ -245,8 +245,7 @@ def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[Source]:
     held, (band, friction) = _held_by_friction(cell), drawn_play(_DRAWS, _PLAY_SEED)
     taken = 0.0 if given is None or not planned else HALF_BAND_RAD + held
     sign = np.random.default_rng(_SIGN_SEED).choice([-1.0, 1.0], (_DRAWS, 6))  # of the motion before the point
-    twist = sign * (band + friction * held - taken)
-    d = np.einsum("nda,ra->rnd", columns, twist[:, axes])
+    d = np.einsum("nda,ra->rnd", columns, (sign * (band + friction * held - taken))[:, axes])
     name = f"play and friction of {axis_names(tuple(axes))}"
     return [Source(name, "nothing; that of other robots" if given is None else _TYPICAL, d, _PLAY)]
 

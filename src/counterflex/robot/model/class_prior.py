@@ -29,7 +29,7 @@ not scale.
   to act on the motor's side, half behind the gear, since no source tells them apart: each share is as likely.
 - **Play**: half of the 30 urad that the published controller compensates; encoders before and behind the gears show 6
   to 61 urad at a reversal, which holds play and the twist that friction leaves. The angle over which friction turns
-  round is of that size too.
+  round is of that size too. One gear in a hundred has the 1 arcmin of lost motion that catalogues allow, or more.
 
 What drives yield is one of many errors of a part, which add in squares, so correcting by its mean over the class leaves
 least: the gains that a plan takes are the median over ``exp(sigma^2 / 2)``. Of friction and play the mean is 9 and 25 %
@@ -94,7 +94,6 @@ SPEED_GAIN_FACTOR: Final = 4.0
 POSITION_GAIN_FACTOR: Final = 2.0
 FRICTION_FACTOR: Final = 2.0
 PLAY_FACTOR: Final = 5.0
-"""One gear in a hundred then has the lost motion that catalogues of precision gears allow, 1 arcmin, or more."""
 
 
 @dataclass(frozen=True)
