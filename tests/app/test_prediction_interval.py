@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +31,9 @@ from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.path.toolpath import FEED, RAPID
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan, across
-from counterflex.robot.model.class_prior import DrivePrior
+from counterflex.plan.sag_and_play import play_deviation
+from counterflex.robot.model.class_prior import DrivePrior, drawn_play
+from counterflex.robot.model.description import Play
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAM = EXAMPLES / "programs" / "groove.ngc"
@@ -132,6 +135,34 @@ def test_probability_of_worse_of_one_linear_unknown(
 
     monkeypatch.setattr(prediction_interval, "sources", scaling)
     assert found(exact, cell).worse_share == pytest.approx(np.mean(x < 0.5), abs=0.002)
+
+
+def test_nine_of_ten_robots_of_the_class_lose_what_the_interval_of_play_holds(cell: Cell, plan: Plan) -> None:
+    """Play and friction drawn and followed along the path with their memory, against a twist at each point."""
+    points, given = points_of_plan(plan, cell, "x"), cell.class_drives
+    assert points is not None
+    assert given is not None
+    (one,) = [source for source in unknowns.sources(cell, points) if source.name.startswith("play")]
+    assert one.displacements is not None
+    low, high = np.quantile(points.sizes(one.displacements), [0.05, 0.95])
+    chain, setting = given.given_to(cell.chain, servo=False), setting_of(cell)
+    assert chain.play is not None
+    rows = [row for row in chain.play if row is not None]
+    relative, mode = setting.relative_motion(plan.path), at_largest_force(cell, plan).mode
+
+    def lost(play: Sequence[Play]) -> Float:
+        path, tuned = plan.path, replace(chain, play=tuple(play))
+        d = play_deviation(tuned, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
+        return d[points.row] @ cell.T_base_part[:3, :3].T
+
+    bands, friction = drawn_play(200, 5)
+    sizes = []
+    for band, dry in zip(bands.tolist(), friction.tolist(), strict=True):
+        drawn = zip(rows, band, dry, strict=True)
+        play = [replace(row, half_band_rad=b, friction_nm=(f * row.friction_nm[0],)) for row, b, f in drawn]
+        sizes.append(points.sizes((lost(play) - lost(rows))[None])[0])
+    held = np.mean((low <= np.array(sizes)) & (np.array(sizes) <= high))
+    assert 0.85 <= held <= 0.95
 
 
 def test_a_larger_spread_is_a_wider_interval(cell: Cell, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,3 +54,13 @@ def test_the_plan_takes_the_mean_of_what_gains_of_the_class_yield() -> None:
     yields = -gains.sum(axis=1)
     assert REFERENCE.yield_log_sigma == pytest.approx(np.std(yields), rel=0.01)
     assert pytest.approx(np.mean(np.exp(yields)), rel=0.02) == SPREAD
+
+
+def test_play_is_drawn_about_what_the_plan_takes_and_friction_on_either_side_of_the_gear() -> None:
+    band, friction = class_prior.drawn_play(20_000, 1)
+    low, high = np.quantile(band / REFERENCE.play(0).half_band_rad, [0.05, 0.95])
+    assert (low, high) == pytest.approx((1.0 / class_prior.PLAY_FACTOR, class_prior.PLAY_FACTOR), rel=0.03)
+    assert np.mean(2.0 * band > math.radians(1.0 / 60.0)) == pytest.approx(0.01, abs=0.003)  # catalogues: 1 arcmin
+    sigma = math.log(class_prior.FRICTION_FACTOR) / 1.6448536
+    assert np.mean(friction) == pytest.approx(math.exp(0.5 * sigma**2), rel=0.01)
+    assert np.mean(friction**2) == pytest.approx(4.0 / 3.0 * math.exp(2.0 * sigma**2), rel=0.02)  # evenly 0 to 2 times

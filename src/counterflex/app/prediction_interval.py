@@ -32,7 +32,7 @@ from counterflex.app.cut_points import CutPoints, points_of_plan
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
-from counterflex.app.unknowns import sources
+from counterflex.app.unknowns import Source, sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
@@ -85,7 +85,8 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
     off, R_base_part = _unknown_displacement(plan, cell, points, places), _part_axes(plan, cell, points, places)
-    period_s, more = 1.0 / at_largest_force(cell, plan).mode.hz, _swings_more()
+    period_s = 1.0 / at_largest_force(cell, plan).mode.hz
+    more = np.exp(SWING * np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))) - 1.0
     sizes = []
     for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part):
         swing = deviation - lasting(deviation, plan.path.time_s, period_s)
@@ -144,7 +145,8 @@ def expected_deflection(cell: Cell, points: CutPoints, known: str = "") -> Expec
         known: Recipe whose unknowns do not count: ``cutting`` where the load was measured.
     """
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
-    off = _left_open(cell, points, whole, np.random.default_rng(_SEED), known)
+    unknown = [one for one in sources(cell, points, planned=False) if one.recipe.split()[0] != known]
+    off = _left_open(unknown, whole, np.random.default_rng(_SEED))
     return expected(points.sizes(whole + off), points.of)
 
 
@@ -172,7 +174,7 @@ def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: Ext
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
-    out = _left_open(cell, points, bend, rng)
+    out = _left_open(sources(cell, points), bend, rng)
     given = cell.class_drives
     if given is not None and given.servo_axes:
         sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
@@ -194,18 +196,11 @@ def _drives_yield(plan: Plan, cell: Cell) -> Float:
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
 
 
-def _swings_more() -> Float:
-    """(draws, 1, 1) share of the predicted swing that comes on top of it."""
-    z = np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))
-    out: Float = np.exp(SWING * z) - 1.0
-    return out
-
-
-def _left_open(cell: Cell, points: CutPoints, bend: Float, rng: np.random.Generator, known: str = "") -> Float:
+def _left_open(unknown: Sequence[Source], bend: Float, rng: np.random.Generator) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
     out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
-    for one in sources(cell, points):
-        if one.displacements is not None and one.recipe.split()[0] != known:
+    for one in unknown:
+        if one.displacements is not None:
             out = out + one.displacements
     return out
 

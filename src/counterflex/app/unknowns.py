@@ -10,9 +10,9 @@ them. At rest and linear: what it is in motion, a plan says.
   (:mod:`counterflex.robot.model.end_effector_prior`). It is planned as rigid.
 - Cutting force: :data:`HANDBOOK` of the deflection, and up to :data:`WORN` more of a worn tool, until constants are
   identified.
-- Play and friction: of an axis without ``[[robot.play]]``, half of a lost motion of up to :data:`LOST_MOTION_RAD`, and
-  the twist that dry friction holds in the gear (:mod:`counterflex.robot.model.class_prior`). Of an identified axis,
-  the standard deviations of dead band and slip angles.
+- Play and friction: of an axis without ``[[robot.play]]``, what a robot of the class loses beyond what the plan takes
+  (:mod:`counterflex.robot.model.class_prior`). Of an identified axis, the standard deviations of dead band and slip
+  angles.
 """
 
 from __future__ import annotations
@@ -28,14 +28,15 @@ from counterflex.app.unknown_stiffness import ROBOTS, Expected, drawn_deflection
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
-from counterflex.core.units import DEG, MM, MRAD
+from counterflex.core.units import MM, MRAD
 from counterflex.files.cell.cell import Cell
 from counterflex.files.cell.class_stiffness import axis_names, prior_of
+from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.axis_springs import axis_deflections
 from counterflex.robot.elasticity.chain import frames, jacobian
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.model import end_effector_prior
-from counterflex.robot.model.class_prior import DrivePrior, arm_over_axis
+from counterflex.robot.model.class_prior import HALF_BAND_RAD, arm_over_axis, drawn_play
 
 HANDBOOK: Final = 0.3
 """Relative standard deviation of handbook constants: published sets of one alloy differ by up to 1.8."""
@@ -43,13 +44,12 @@ WORN: Final = 0.3
 """A worn tool needs up to 30 % more than handbook constants say (Victor and Kienzle's ``K_ver`` = 1.3)."""
 IDENTIFIED: Final = 0.05
 """The same of identified constants."""
-LOST_MOTION_RAD: Final = DEG / 60.0
-"""What catalogues of precision gears (cycloidal, harmonic) allow: 1 arcmin."""
 _DRAWS: Final = ROBOTS
 _FORCE_SEED: Final = 1001
 _PLAY_SEED: Final = 1002
 _WEAR_SEED: Final = 1003
 _END_EFFECTOR_SEED: Final = 1004
+_SIGN_SEED: Final = 1005
 """Of the random numbers; elements have that of their number."""
 _PULLS: Final = "stiffness --propose 30"
 _PLAY: Final = "play --propose 24"
@@ -92,11 +92,11 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
     return sorted(listed, key=lambda one: -1.0 if one.cost is None else one.cost.median_m, reverse=True)
 
 
-def sources(cell: Cell, points: CutPoints) -> list[Source]:
-    """Everything that is not known of a cell, each drawn by itself."""
+def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[Source]:
+    """Everything that is not known of a cell, each drawn by itself; ``planned``: a plan takes what the class loses."""
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
     listed.append(_force(cell, points))
-    listed += [*_play(cell, points), *_identified_play(cell, points)]
+    listed += [*_play(cell, points, planned=planned), *_identified_play(cell, points)]
     given = cell.class_drives
     if cell.chain.servo is None:
         known = _TYPICAL if given is not None and given.servo_axes else "nothing; shown by what moves"
@@ -235,19 +235,19 @@ def _force(cell: Cell, points: CutPoints) -> Source:
     return Source("cutting force", "handbook constants", d, "cutting --propose 12")
 
 
-def _play(cell: Cell, points: CutPoints) -> list[Source]:
-    """Lost motion of axes without a row of ``[[robot.play]]``."""
+def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[Source]:
+    """Lost motion of axes without a row of ``[[robot.play]]``; ``planned``: beyond what a plan takes of the class."""
     known = cell.chain.play or (None,) * 6
     axes = [axis for axis in range(6) if known[axis] is None]
     if not axes:
         return []
-    columns = jacobian(cell.chain, points.q)[..., :3, axes]
-    rng = np.random.default_rng(_PLAY_SEED)
-    most = 0.5 * LOST_MOTION_RAD + _held_by_friction(cell)[axes]
-    twist = most * rng.uniform(-1.0, 1.0, (_DRAWS, len(axes)))
-    d = np.einsum("nda,ra->rnd", columns, twist)
+    given, columns = cell.class_drives, jacobian(cell.chain, points.q)[..., :3, axes]
+    held, (band, friction) = _held_by_friction(cell), drawn_play(_DRAWS, _PLAY_SEED)
+    taken = 0.0 if given is None or not planned else HALF_BAND_RAD + held
+    sign = np.random.default_rng(_SIGN_SEED).choice([-1.0, 1.0], (_DRAWS, 6))  # of the motion before the point
+    d = np.einsum("nda,ra->rnd", columns, (sign * (band + friction * held - taken))[:, axes])
     name = f"play and friction of {axis_names(tuple(axes))}"
-    return [Source(name, "nothing; that of other robots" if cell.class_drives is None else _TYPICAL, d, _PLAY)]
+    return [Source(name, "nothing; that of other robots" if given is None else _TYPICAL, d, _PLAY)]
 
 
 def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
@@ -271,18 +271,12 @@ def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
 
 
 def _held_by_friction(cell: Cell) -> Float:
-    """(6,) rad, twist of the axes that dry friction holds; zero where the stiffness or the size is not known."""
-    try:
-        prior = prior_of(cell.nominal_robot, cell.tables.robot)
-    except InputError:
-        return np.zeros(6)
-    share = arm_over_axis()
-    compliance = share / prior.median_nm_per_rad
-    for i, axis in enumerate(cell.chain.joint.tolist()):
-        about_x, about_y, about_z = cell.chain.compliance[i, 3:].tolist()
-        if axis >= 0 and about_z > 0.0:  # a spring without tilting stands for the whole arm
-            compliance[axis] = about_z * (share[axis] if about_x == about_y == 0.0 else 1.0)
-    out: Float = DrivePrior(prior.payload_kg, prior.reach_m).friction_nm * compliance
+    """(6,) rad, twist of the axes that the friction of their class holds; axes without stiffness have its median."""
+    chain = cell.planning_chain
+    soft = chain.compliance[chain.torsion, 5]
+    if (axes := list(cell.unknown_axes)) and cell.class_drives is not None and cell.class_stiffness is None:
+        soft[axes] = (arm_over_axis() / prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad)[axes]
+    out: Float = play.arrays(chain)[1].sum(axis=1) * soft
     return out
 
 
