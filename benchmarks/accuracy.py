@@ -41,7 +41,7 @@ from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.evaluate.summary import TRUTH_LEVELS, Variant
+from counterflex.evaluate.summary import Variant
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.schema import write_toml
 from counterflex.plan.compensate import plan as make_plan
@@ -63,7 +63,7 @@ PROGRAMS: Final = {
 }
 """Program and cell file of the part that it machines; ``part`` is the demonstration."""
 FIRST_CUT: Final = "first cut"
-LEVELS: Final = (TRUTH_LEVELS[0], FIRST_CUT, *TRUTH_LEVELS[1:])
+LEVELS: Final = ("catalogue", FIRST_CUT, "identified", "exact")
 FEED_MM_MIN, RPM = 1500.0, 13000.0
 """Of the coupon: those of the groove."""
 GOALS: Final = {

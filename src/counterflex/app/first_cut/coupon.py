@@ -24,6 +24,8 @@ twice. The slot along x is the deepest: the last slot begins in it without a plu
 _AIR: Final = 0.75
 """Path beside the blank, of the tool's diameter."""
 _CLEAR_MM: Final = 20.0
+_FASTEST_MM_MIN: Final = 60_000.0
+_FASTEST_RPM: Final = 200_000.0
 COLUMNS: Final = ("number", "face", "axis", "x_mm", "y_mm", "z_mm", "nominal_mm", "measured_mm")
 
 
@@ -63,6 +65,14 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
     Raises:
         InputError: The blank is too small, or the flutes are too short.
     """
+    for name, value, most in (
+        ("feed, mm/min", feed_mm_min, _FASTEST_MM_MIN),
+        ("spindle speed, rpm", rpm, _FASTEST_RPM),
+    ):
+        if not 1.0 <= value <= most:
+            raise InputError(
+                f"{name}, of the coupon is out of range", where="--propose", value=value, limit=f"1 to {most:g}"
+            )
     stock, cutter = cell.stock(), cell.cutter(tool)
     d = 2.0 * cutter.radius_m / MM
     a = DEPTH * d if depth_mm is None else depth_mm
@@ -92,7 +102,7 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
             "the shoulders are deeper than the flutes are long", value=f"{2.0 * a:g} mm", limit=f"<= {flute:g} mm"
         )
     stretches = _stretches((x0, x1, y0, y1), d, a)
-    places = [place for one in stretches for place in _places(one, d, top)]
+    places = [place for one in stretches for place in _places(one, top)]
     return Coupon(_program(stretches, tool, d, top, feed_mm_min, rpm), tuple(places))
 
 
@@ -106,14 +116,14 @@ def _stretches(box: tuple[float, float, float, float], d: float, a: float) -> li
     along_y = _between(begin, y1 - 0.4 * d)
     along_x = _between(x0 + 0.5 * d, x1 - 0.5 * d)
     between = _between(left + r + 0.1 * d, right - r - 0.1 * d, 2)
-    entry = y1 - 0.15 * d
+    entry, first = y1 - 0.15 * d, x0 + ae + 0.15 * d
     return [
         _Stretch("left shoulder", (x0 - off, y0 - air), (x0 - off, y1 + air), 2 * a, ((0, x0 + ae, along_y),), ()),
         _Stretch("right shoulder", (x1 + off, y1 + air), (x1 + off, y0 - air), 2 * a, ((0, x1 - ae, along_y),), ()),
         _Stretch("front shoulder", (x1 + air, y0 - off), (x0 - air, y0 - off), 2 * a, ((1, y0 + ae, along_x),), ()),
         _Stretch(
             "slot +x", (x0 - air, row), (x1 + air, row), 1.5 * a,
-            ((1, row - r, (x0 + 0.15 * d, *along_x)), (1, row + r, between)), (x0 + 0.2 * d, *between),
+            ((1, row - r, (first, *along_x)), (1, row + r, between)), (first, *between),
         ),
         _Stretch(
             "slot -y", (left, y1 + air), (left, row), a,
@@ -131,7 +141,7 @@ def _between(begin: float, end: float, count: int = 3) -> tuple[float, ...]:
     return tuple(begin + (end - begin) * k / (count - 1) for k in range(count))
 
 
-def _places(one: _Stretch, d: float, top: float) -> list[Place]:
+def _places(one: _Stretch, top: float) -> list[Place]:
     """Places on the walls of a stretch, at half their depth, and on its floor."""
     out = []
     feed = 0 if one.begin[1] == one.end[1] else 1

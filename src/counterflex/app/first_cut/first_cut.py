@@ -150,8 +150,7 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
         off.append(value - nominal)
     if len(row) < LEAST:
         raise FileFormatError("too few measured places", where=str(file), value=len(row), limit=f">= {LEAST}")
-    index = (np.array(values) for values in (row, axis, face, ordinal))
-    return posterior.Measured(*index, np.array(off), sigma_m)
+    return posterior.Measured(np.array(row), np.array(axis), np.array(face), np.array(ordinal), np.array(off), sigma_m)
 
 
 def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:
@@ -214,9 +213,7 @@ def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
     return out
 
 
-def _entry(
-    fit: posterior.Posterior, cell: Cell, narrower: float, unseen: Float, data: list[Path]
-) -> IdentifiedTable:
+def _entry(fit: posterior.Posterior, cell: Cell, narrower: float, unseen: Float, data: list[Path]) -> IdentifiedTable:
     """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
     index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
     before = np.sqrt(np.diag(fit.before))[4 : 4 + k] * narrower
@@ -263,7 +260,6 @@ def _rms(values: Float) -> float:
 def _summary(
     fit: posterior.Posterior, places: posterior.Measured, unseen: Float, narrower: float, cell: Cell, job: Job
 ) -> dict[str, Any]:
-    k = len(fit.elements)
     sigma = np.sqrt(np.diag(fit.covariance))
     constants = [
         {"constant": f"{name} force", "factor": round(float(fit.force[j]), 3), "percent": round(100.0 * sigma[j], 1)}

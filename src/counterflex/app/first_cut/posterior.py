@@ -215,15 +215,15 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
 
 def _play_by_axis(plan: Plan, cell: Cell) -> list[Float]:
     """(n, 3) m, part axes, what the play of each axis that the class gave moves the tool by."""
-    given, out = cell.class_drives, []
-    for axis in () if given is None else given.play_axes:
-        chain = given.given_to(replace(cell.chain, servo=None, play=None), servo=False)
+    given, out, path = cell.class_drives, [], plan.path
+    if given is None:
+        return []
+    chain = given.given_to(replace(cell.chain, servo=None, play=None), servo=False)
+    for axis in given.play_axes:
         only = replace(chain, play=tuple(one if i == axis else None for i, one in enumerate(chain.play or ())))
-        relative = setting_of(cell, chain=only, part_may_be_held=True).relative_motion(plan.path)
-        mode, path = at_largest_force(cell, plan).mode, plan.path
-        out.append(
-            play_deviation(only, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
-        )
+        relative = setting_of(cell, chain=only, part_may_be_held=True).relative_motion(path)
+        mode = at_largest_force(cell, plan).mode
+        out.append(play_deviation(only, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode))
     return out
 
 

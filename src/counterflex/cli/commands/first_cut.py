@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from counterflex.cli import arguments
-from counterflex.cli.arguments import argument, option
+from counterflex.cli.arguments import argument, numbers, option
 from counterflex.cli.commands.program import CellFile, Out
 from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, warn
 from counterflex.core.errors import InputError
@@ -21,16 +21,17 @@ def firstcut(
     out: Out,
     program: Annotated[
         Path | None,
-        argument("Program that the measured part was made by, uncompensated.", arguments.file, "[PROGRAM]"),
+        argument("Program that the measured part was made by, uncompensated.", arguments.file, "PROGRAM"),
     ] = None,
     propose: Annotated[
-        bool, option("--propose", "Write the program of a coupon, and the table of what to measure on it.")
-    ] = False,
-    feed_mm_min: Annotated[
-        float | None, option("--feed-mm-min", "Feed of the coupon: that of later programs.", min=1.0, max=60_000.0)
-    ] = None,
-    rpm: Annotated[
-        float | None, option("--rpm", "Spindle speed of the coupon: that of later programs.", min=1.0, max=200_000.0)
+        str | None,
+        option(
+            "--propose",
+            "Write the program of a coupon and the table of what to measure on it, at a feed in mm/min and a spindle "
+            "speed in rpm: those of the programs that the cell is to mill.",
+            arguments.numbers_of(2),
+            "FEED,RPM",
+        ),
     ] = None,
     tool: Annotated[int, option("--tool", "Number of the tool.", min=1, max=100_000)] = 1,
     depth_mm: Annotated[
@@ -40,7 +41,10 @@ def firstcut(
     measured: Annotated[
         Path | None,
         option(
-            "--measured", "Measured faces, measure.csv filled in. [default: that beside PROGRAM]", arguments.file, "FILE"
+            "--measured",
+            "Measured faces. [default: measure.csv beside PROGRAM]",
+            arguments.file,
+            "FILE",
         ),
     ] = None,
     part: Annotated[
@@ -59,11 +63,11 @@ def firstcut(
 ) -> None:
     """Teach a cell its stiffness and force by a coupon, milled once and measured with a probe or a calliper.
 
-    First --propose: coupon.ngc (three shoulders, three slots in four directions of feed) and measure.csv. Run the
-    coupon as it is, without compensation (`counterflex convert` writes it for the robot), clamped below the shoulders.
-    Probe the faces of measure.csv without taking the part off, and write each coordinate under measured_mm; rows may
-    stay empty. Then, with PROGRAM: a new cell file for every later program, with compliances and force constants and
-    how well the faces show them. Faces are left out in turn, to see what the result foretells.
+    First --propose 1500,13000: coupon.ngc (three shoulders, three slots, four directions of feed) and measure.csv. Run
+    the coupon as it is, without compensation (the command convert writes it for the robot), clamped below the
+    shoulders. Probe the faces of measure.csv before the part is taken off, and write each coordinate under measured_mm;
+    rows may stay empty. Then, with PROGRAM: a new cell file for every later program, with compliances, force constants
+    and how well the faces show them. Faces are left out in turn, to see what the result foretells.
 
     Other programs than the coupon can be measured as well: each row names an axis and a place on a face.
 
@@ -71,25 +75,20 @@ def firstcut(
     """
     from counterflex.app.first_cut import first_cut as job
 
-    if propose == (program is not None):
+    if (propose is None) == (program is None):
         raise InputError(
-            "neither or both of a coupon and a measured part", where="firstcut", limit="--propose, or PROGRAM",
-        )  # fmt: skip
-    if program is None:
-        if feed_mm_min is None or rpm is None:
-            raise InputError(
-                "feed and speed of the coupon are not stated", where="--propose", limit="--feed-mm-min and --rpm",
-                hint="Those of the programs that the cell is to mill",
-            )  # fmt: skip
+            "either a coupon is proposed or a measured part is read", limit="--propose FEED,RPM, or PROGRAM"
+        )
+    if propose is not None:
+        feed_mm_min, rpm = numbers(propose, "--propose", 2) or (0.0, 0.0)
         keep_inputs(out, cell)
         made = job.propose(cell, out, tool=tool, feed_mm_min=feed_mm_min, rpm=rpm, depth_mm=depth_mm)
         print_result(made, as_json, _show_proposal, out, cell)
         return
+    assert program is not None
     keep_inputs(out, program, cell, measured, part)
     with progress_bar(f"identifying from {program.name}") as progress:
-        summary = job.run(
-            program, cell, out, measured=measured, part=part, sigma_m=sigma_um * UM, progress=progress
-        )
+        summary = job.run(program, cell, out, measured=measured, part=part, sigma_m=sigma_um * UM, progress=progress)
     print_result(summary, as_json, _show, out)
 
 
