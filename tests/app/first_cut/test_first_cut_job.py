@@ -9,15 +9,22 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from counterflex.app.compensation.languages import write
 from counterflex.app.first_cut import first_cut
 from counterflex.app.first_cut.coupon import coupon
 from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.proof import simulate
+from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.simulate import undisturbed
+from counterflex.app.proof.truth import truth_of
+from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import read_summary
 from counterflex.plan.compensate import plan as make_plan
+from counterflex.twin.truth.family import FAMILIES
+from counterflex.twin.truth.file import write_truth
 
 CELL = Path(__file__).parents[3] / "examples" / "cells" / "kr300_d16_small.toml"
 FEED_MM_MIN, RPM = 1500.0, 13000.0
@@ -131,3 +138,23 @@ def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], tmp
     assert "bad.csv:5" in refused({4: ",".join([*cells[:3], "30", "30", *cells[5:]])}, "no cut of the program")
     assert "measured_mm" in refused({0: rows[0].replace("measured_mm", "measured")}, "other columns")
     refused({k: ",".join([*row.split(",")[:7], ""]) for k, row in enumerate(rows) if k > 8}, "too few")
+
+
+@pytest.mark.long
+def test_a_simulated_coupon_teaches_its_cell(tmp_path: Path) -> None:
+    """The faces are met, and the plateau of another program keeps less of its error."""
+    first_cut.propose(CELL, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    program, groove = tmp_path / "coupon" / first_cut.PROGRAM, CELL.parents[1] / "programs" / "groove.ngc"
+    cell = read_cell(CELL)
+    truth = truth_of(cell, 6, FAMILIES["wide"])
+    write_truth(tmp_path / "truth.toml", truth)
+    simulate.run(program, CELL, tmp_path / "truth.toml", tmp_path / "part")
+    summary = first_cut.run(program, CELL, tmp_path / "out", part=tmp_path / "part")
+    assert summary["left_rms_um"] < 0.5 * summary["planned_rms_um"]
+    job, left = read_job(groove, cell), []
+    for known in (cell, read_cell(tmp_path / "out" / "cell.toml")):
+        plan = make_plan(job.path, job.line_of_motion, known.stock(), setting_of(known), predict=False)
+        atomic.write_text(tmp_path / groove.name, write(job, plan, known, "gcode")[0][groove.name])
+        record = simulate.machine(read_job(tmp_path / groove.name, cell), cell, truth)
+        left.append(judge(reference_of(job, cell), record, record.stock).variant.path.plateau.p997_m)
+    assert left[1] < 0.7 * left[0]

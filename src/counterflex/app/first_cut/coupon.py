@@ -1,8 +1,8 @@
 """A coupon that loads the arm in many directions, and the places to measure on it.
 
-Three shoulders (feed +y, -y, -x) and three slots (+x, -y, +y) of different depths, each face made by one stretch of the
-path, ribs between them. Forces of slots and shoulders differ in direction, so walls and floors show the deflection in
-all directions of the part; two slots of one direction fed to and fro tell it from an offset of the part frame.
+Four shoulders (feed +y, -y, -x, +x) and three slots (+x, -y, +y) of different depths, each face made by one stretch of
+the path, ribs between them. Forces of slots and shoulders differ in direction, so walls and floors show the deflection
+in all directions of the part; feeds to and fro tell it from an offset of the part frame.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
     half = 0.5 * stock.cell_m / MM
     x0, x1, y0, y1 = x[0] - half, x[-1] + half, y[0] - half, y[-1] + half
     ae, rib = SHOULDER * d, RIB * d
-    needed = (2.0 * (ae + rib + d) + rib, ae + 2.0 * rib + 2.5 * d)
+    needed = (2.0 * (ae + rib + d) + rib, 2.0 * (ae + rib) + 2.5 * d)
     flute = cutter.flute_length_m / MM
     if x1 - x0 < needed[0] or y1 - y0 < needed[1] or float(stock.z.min()) / MM < top - 1e-6:
         raise InputError(
@@ -113,14 +113,15 @@ def _stretches(box: tuple[float, float, float, float], d: float, a: float) -> li
     row = y0 + edge + r  # middle of the slot along x
     left, right = x0 + edge + r, x1 - edge - r  # middles of the slots along y
     begin = row + r + 0.3 * d
-    along_y = _between(begin, y1 - 0.4 * d)
+    along_y = _between(begin, y1 - ae - 0.4 * d)
     along_x = _between(x0 + 0.5 * d, x1 - 0.5 * d)
     between = _between(left + r + 0.1 * d, right - r - 0.1 * d, 2)
-    entry, first = y1 - 0.15 * d, x0 + ae + 0.15 * d
+    entry, first = y1 - ae - 0.15 * d, x0 + ae + 0.15 * d
     return [
         _Stretch("left shoulder", (x0 - off, y0 - air), (x0 - off, y1 + air), 2 * a, ((0, x0 + ae, along_y),), ()),
         _Stretch("right shoulder", (x1 + off, y1 + air), (x1 + off, y0 - air), 2 * a, ((0, x1 - ae, along_y),), ()),
         _Stretch("front shoulder", (x1 + air, y0 - off), (x0 - air, y0 - off), 2 * a, ((1, y0 + ae, along_x),), ()),
+        _Stretch("back shoulder", (x0 - air, y1 + off), (x1 + air, y1 + off), 2 * a, ((1, y1 - ae, between),), ()),
         _Stretch(
             "slot +x", (x0 - air, row), (x1 + air, row), 1.5 * a,
             ((1, row - r, (first, *along_x)), (1, row + r, between)), (first, *between),

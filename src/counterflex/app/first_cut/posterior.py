@@ -95,6 +95,16 @@ class Patterns:
         ]
         return y, np.concatenate(columns).T
 
+    def through(self, predicted: Float, fit: Posterior) -> Patterns:
+        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them.
+
+        The cell has its compliances and forces; drives, play and offset it has as before.
+        """
+        k, theta = self.elements.shape[1], np.zeros(len(fit.value))
+        constants = [*range(3), *range(4, 4 + k)]
+        theta[constants] = fit.value[constants]
+        return replace(self, predicted=self.predicted + predicted - self.at(theta)[0])
+
     def only(self, rows: Int) -> Patterns:
         """Some of the places."""
         return Patterns(*(getattr(self, name)[..., rows] for name in self.__dataclass_fields__))
@@ -109,7 +119,6 @@ class Posterior:
     covariance: Float  # (p, p)
     before: Float  # (p, p) covariance of what was known before
     left_m: Float  # (m,) measured minus estimated coordinate
-    planned_m: Float  # (m,) measured minus planned coordinate
 
     @property
     def force(self) -> Float:
@@ -173,8 +182,7 @@ def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, ce
         theta = theta + np.clip(step, -_LONGEST, _LONGEST)
         left = measured.off_m - patterns.at(theta)[0]
         weight = (FREEDOM + 1.0) / (FREEDOM + left**2 / (own + common**2))
-    planned = measured.off_m - patterns.predicted
-    return Posterior(names, theta, P - gain @ H @ P, P, measured.off_m - patterns.at(theta)[0], planned)
+    return Posterior(names, theta, P - gain @ H @ P, P, measured.off_m - patterns.at(theta)[0])
 
 
 def left_out(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Float:

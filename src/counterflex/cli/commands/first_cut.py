@@ -63,7 +63,7 @@ def firstcut(
 ) -> None:
     """Teach a cell its stiffness and force by a coupon, milled once and measured with a probe or a calliper.
 
-    First --propose 1500,13000: coupon.ngc (three shoulders, three slots, four directions of feed) and measure.csv. Run
+    First --propose 1500,13000: coupon.ngc (four shoulders, three slots, four directions of feed) and measure.csv. Run
     the coupon as it is, without compensation (the command convert writes it for the robot), clamped below the
     shoulders. Probe the faces of measure.csv before the part is taken off, and write each coordinate under measured_mm;
     rows may stay empty. Then, with PROGRAM: a new cell file for every later program, with compliances, force constants
@@ -115,5 +115,8 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     if summary["far_places"]:
         warn(f"far off what all others show, look at them again: places {', '.join(map(str, summary['far_places']))}")
     if summary["left_out_rms_um"] >= summary["planned_rms_um"]:
-        warn("the new constants foretell faces left out no better than the cell file: do not use them")
+        warn(
+            "a face left out is foretold no better than by the cell file: every face is needed, and programs that load "
+            "the arm otherwise than the coupon may gain little. Measure more places"
+        )
     typer.echo(f"wrote {out}: cell.toml, summary.json ({summary['seconds']:.1f} s)")
