@@ -118,7 +118,7 @@ def swinging_chain(cell: Cell, q: Float) -> SwingingChain:
     """The chain of a cell as modes need it; q (6,) rad is any posture."""
     chain, moves = cell.chain, can_move(cell.chain)
     filled = chain if moves else assumed_masses(chain, q)
-    relative = _of_the_class(cell) | identified_sigma(cell)
+    relative = assumed_sigma(cell) | identified_sigma(cell)
     soft = np.array([relative.get(filled.names[i], STATED) for i in coordinates(filled)[0]])
     spread = ModelSpread(soft, np.where(chain.mass > 0.0, MASS, ASSUMED_MASS), COMMON)
     return SwingingChain(filled, spread, "from masses and stiffness" if moves else "from stiffness and assumed masses")
@@ -136,7 +136,7 @@ def posture_at_blank(cell: Cell) -> Float:
     return corner_of_blank(cell)
 
 
-def _of_the_class(cell: Cell) -> dict[str, float]:
+def assumed_sigma(cell: Cell) -> dict[str, float]:
     """Spread of the axes whose stiffness is that of the robot's class."""
     given = cell.class_stiffness
     if given is None:

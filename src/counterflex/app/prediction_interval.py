@@ -180,14 +180,14 @@ def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: Ext
         sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
         softer = np.exp(sigma * rng.standard_normal((ROBOTS, 1, 1)) - 0.5 * sigma**2) - 1.0
         R_base_part = _part_axes(plan, cell, points, places)
-        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, _drives_yield(plan, cell)[points.row])
+        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, drives_yield(plan, cell)[points.row])
     elif cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
         out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
 
 
-def _drives_yield(plan: Plan, cell: Cell) -> Float:
+def drives_yield(plan: Plan, cell: Cell) -> Float:
     """(n, 3) m, part axes: how far the motors yield whose loop gains the robot's class gave."""
     given, chain = cell.class_drives, replace(cell.chain, servo=None, play=None)
     chain = chain if given is None else given.given_to(chain, play=False)

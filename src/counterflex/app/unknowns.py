@@ -221,7 +221,7 @@ def _stated(cell: Cell, points: CutPoints) -> list[Source]:
 
 def _force(cell: Cell, points: CutPoints) -> Source:
     """Constants of the material: they scale every deflection."""
-    known = any(entry.recipe == "cutting" for entry in cell.tables.identified)
+    known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
     if cell.unknown_axes and not why_no_prior(cell):
         k = prior_of(cell.nominal_robot, cell.tables.robot).median_nm_per_rad[list(cell.unknown_axes)]

@@ -90,7 +90,7 @@ _PROVE: Final = ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "repo
 PANELS: Final = {
     "Plan": (*_QUESTIONS, "path", "modes", "plan", "preflight", "compensate", "diff", "convert", "correct"),
     "Prove": (*_PROVE, "inspect", "benchmark-part"),
-    "Identify": ("identify", "production", "dataset", "dcc", "holder", "campaign"),
+    "Identify": ("identify", "firstcut", "production", "dataset", "dcc", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
@@ -105,6 +105,7 @@ _MODULES: Final = {
     **{name: f"operate.{name.removesuffix('-user')}" for name in ("operator", "panel", "panel-user", "opcua")},
     **{name: f"standards.{name}" for name in ("iso9283", "iso230", "dcc")},
     "diff": "difference",
+    "firstcut": "first_cut",
     "inspect": "inspection",
     "plan": "plan.group",
 }

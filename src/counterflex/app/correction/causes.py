@@ -149,7 +149,8 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
         )
     out: list[Change] = []
     if FORCE in names:
-        out.append(CuttingLaw(scaled(cell.force_law, 1.0 + value["force, relative"])))
+        factor = 1.0 + value["force, relative"]
+        out.append(CuttingLaw(scaled(cell.force_law, (factor, factor, factor))))
     for i, segment in enumerate(cell.chain.names):
         own = [f"stiffness of {segment}", ARM if i <= cell.chain.flange_segment else END]
         factor = 1.0
@@ -165,20 +166,20 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
     return tuple(out)
 
 
-def scaled(law: ForceLaw, factor: float) -> ForceLaw:
-    """A law whose forces are all so many times larger. Raises InputError: it is a law of another package."""
+def scaled(law: ForceLaw, factors: tuple[float, float, float]) -> ForceLaw:
+    """A law whose tangential, radial and axial forces are so many times larger.
+
+    Raises:
+        InputError: It is a law of another package.
+    """
+    c, r, a = factors
     if isinstance(law, KienzleLaw):
-        c, r, a = (factor * edge for edge in law.edge_n_m)
-        return replace(
-            law,
-            kc_ref_pa=factor * law.kc_ref_pa,
-            kr_ref_pa=factor * law.kr_ref_pa,
-            ka_ref_pa=factor * law.ka_ref_pa,
-            edge_n_m=(c, r, a),
-        )
+        edge = (c * law.edge_n_m[0], r * law.edge_n_m[1], a * law.edge_n_m[2])
+        pressures = {"kc_ref_pa": c * law.kc_ref_pa, "kr_ref_pa": r * law.kr_ref_pa, "ka_ref_pa": a * law.ka_ref_pa}
+        return replace(law, **pressures, edge_n_m=edge)
     if isinstance(law, LinearEdgeLaw):
-        keys = ("ktc_pa", "krc_pa", "kac_pa", "kte_n_m", "kre_n_m", "kae_n_m")
-        return replace(law, **{key: factor * getattr(law, key) for key in keys})
+        keys = {"ktc_pa": c, "krc_pa": r, "kac_pa": a, "kte_n_m": c, "kre_n_m": r, "kae_n_m": a}
+        return replace(law, **{key: factor * getattr(law, key) for key, factor in keys.items()})
     raise InputError("the force of this law cannot be scaled", value=type(law).__name__)
 
 

@@ -1,0 +1,304 @@
+"""The job ``firstcut``: propose a coupon; from its measured faces write a cell file with stiffness and force."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from counterflex import __version__
+from counterflex.app.correction.causes import scaled
+from counterflex.app.correction.scans import read_scan
+from counterflex.app.first_cut import posterior
+from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
+from counterflex.app.inputs import Job, faults_in, read_in_plane, setting_of
+from counterflex.core import atomic, file_content
+from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import FileFormatError, InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import MM, UM
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
+from counterflex.files.cell.update import check_update, updated_text
+from counterflex.files.small_table import are_columns, number, read_rows
+from counterflex.files.summary_file import write_folder_summary
+from counterflex.identify.data.changes import Change, CuttingLaw, ElementCompliance
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.plan.plan import Plan
+
+RECIPE: Final = "first_cut"
+PROGRAM, TABLE, CELL = "coupon.ngc", "measure.csv", "cell.toml"
+NOISE_M: Final = 15.0 * UM
+"""Standard deviation of a reading of a probe in the spindle or of a calliper."""
+LARGEST_M: Final = 3.0 * MM
+"""Largest error of a face: more is a slip of the pen, or another part."""
+LEAST: Final = 12
+"""Places below which nothing is identified."""
+_NEAR_M: Final = 1.0 * MM
+"""A place belongs to a stretch that passes it so near along the feed; readings of a scan are averaged within it."""
+_ON_FACE_M: Final = 0.05 * MM
+_ROUNDS: Final = 2
+"""Estimates, each about what the cell of the one before predicts."""
+_FAR: Final = 5.0
+"""Standard deviations beyond which a reading is named."""
+_FORCES: Final = ("tangential", "radial", "axial")
+_DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+def propose(
+    cell_file: str | Path, out: str | Path, *, tool: int, feed_mm_min: float, rpm: float, depth_mm: float | None = None
+) -> dict[str, Any]:
+    """Write the program of the coupon and the table to fill in; all files or none.
+
+    Raises:
+        InputError: The blank is too small for the tool, or the tool does not fit.
+    """
+    cell = read_cell(cell_file, assume_class=True)
+    made = coupon(cell, tool, feed_mm_min=feed_mm_min, rpm=rpm, depth_mm=depth_mm)
+    with atomic.atomic_folder(out) as staging:
+        atomic.write_text(staging / PROGRAM, made.text)
+        atomic.write_text(staging / TABLE, table(made.places))
+        summary = shown(cell, tool, made)
+        write_folder_summary(staging, summary)
+    return summary
+
+
+def run(
+    program: str | Path,
+    cell_file: str | Path,
+    out: str | Path,
+    *,
+    measured: str | Path | None = None,
+    part: str | Path | None = None,
+    sigma_m: float = NOISE_M,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Identify from a part and write ``cell.toml`` and ``summary.json``; all files or none.
+
+    Args:
+        program: That the part was made by, uncompensated.
+        measured: Table of measured faces.
+        part: A scanned or simulated part instead, as ``correct`` takes it; its faces are those of the table beside the
+            program.
+        sigma_m: Standard deviation of a reading of the table.
+
+    Raises:
+        CounterflexError: Files do not fit together, or a value is out of its range; one line says what and where.
+    """
+    begin, parts = time.perf_counter(), in_parts(progress, {"planning": 4.0, "identifying": 2.0})
+    cell, job = read_in_plane(program, read_cell(cell_file, assume_class=True))
+    plan = _planned(job, cell, parts["planning"])
+    file = Path(program).parent / TABLE if measured is None else Path(measured)
+    places = _read(file, plan, cell, filled=part is None, sigma_m=sigma_m)
+    if part is not None:
+        places = _of_part(places, Path(part), Path(program), job, cell, plan)
+    parts["identifying"](0.0)
+    names, patterns = posterior.patterns_of(plan, cell, places)
+    parts["identifying"](0.5)
+    unseen = posterior.left_out(names, patterns, places, cell)
+    planned = places.off_m - patterns.predicted
+    with atomic.atomic_folder(out) as staging:
+        for turn in range(_ROUNDS):
+            fit = posterior.estimated(names, patterns, places, cell)
+            narrower = posterior.share_left(fit, patterns)
+            entry = _entry(fit, cell, narrower, unseen, planned, [file if part is None else Path(part)])
+            known = check_update(updated_text(cell, _changes(fit, cell), entry, staging), staging / CELL)
+            if turn + 1 < _ROUNDS:  # a tool that yields more cuts less: what the new cell predicts takes its place
+                again = _planned(job, known, silent).deviation_nominal_part[places.row, places.axis]
+                patterns = patterns.through(again, fit)
+        text = updated_text(cell, _changes(fit, cell), entry, Path(out))
+        (staging / CELL).write_text(text, encoding="utf-8", newline="\n")
+        summary = _summary(fit, places, unseen, planned, narrower, cell, job)
+        summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
+        write_folder_summary(staging, summary)
+    progress(1.0)
+    return summary
+
+
+def _planned(job: Job, cell: Cell, progress: Progress) -> Plan:
+    """Return the plan of a program that is milled as it is."""
+    with faults_in(job):
+        return make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=progress)
+
+
+def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -> posterior.Measured:
+    """The places of a table, each at the row of the plan that made it."""
+    rows = read_rows(file)
+    if not rows or not are_columns(rows[0][1], COLUMNS, COLUMNS):
+        raise FileFormatError(
+            "other columns than those of measured faces", where=str(file),
+            value=",".join(rows[0][1]) if rows else "none", limit=",".join(COLUMNS),
+        )  # fmt: skip
+    names, faces = rows[0][1], dict[str, int]()
+    row, axis, face, ordinal, off = [], [], [], [], []
+    for line, cells in rows[1:]:
+        where, by = f"{file}:{line}", dict(zip(names, cells, strict=False))
+        if len(cells) != len(names):
+            raise FileFormatError("a row of another length", where=where, value=len(cells), limit=len(names))
+        if filled and not by["measured_mm"]:
+            continue
+        if by["axis"] not in ("x", "y", "z"):
+            raise FileFormatError("no axis of the part", where=where, value=by["axis"], limit="x, y or z")
+        p = np.array([number(by[f"{a}_mm"], f"{where} {a}_mm") for a in "xyz"]) * MM
+        nominal = number(by["nominal_mm"], f"{where} nominal_mm") * MM
+        value = number(by["measured_mm"], f"{where} measured_mm") * MM if filled else nominal
+        if abs(value - nominal) > LARGEST_M:
+            raise FileFormatError(
+                "a face is farther from its nominal place than any cut", where=f"{where} measured_mm",
+                value=f"{value / MM:g} mm, nominal {nominal / MM:g} mm", limit=f"within {LARGEST_M / MM:g} mm",
+            )  # fmt: skip
+        axis.append("xyz".index(by["axis"]))
+        row.append(_row_at(plan, cell, p, axis[-1], where))
+        face.append(faces.setdefault(f"{by['face']} {int(plan.line[row[-1]])}", len(faces)))
+        ordinal.append(int(number(by["number"], f"{where} number")))
+        off.append(value - nominal)
+    if len(row) < LEAST:
+        raise FileFormatError("too few measured places", where=str(file), value=len(row), limit=f">= {LEAST}")
+    return posterior.Measured(np.array(row), np.array(axis), np.array(face), np.array(ordinal), np.array(off), sigma_m)
+
+
+def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:
+    """Row of the plan whose tool made a place on a wall or a floor."""
+    path = plan.path
+    tip = path.p_part_tcp
+    radius = np.array([cell.cutter(int(tool)).radius_m if tool > 0 else 0.0 for tool in path.tool])
+    if axis == 2:
+        off, beside = np.abs(tip[:, 2] - p[2]), np.hypot(*(tip[:, :2] - p[:2]).T)
+    else:
+        off = np.abs(np.abs(tip[:, axis] - p[axis]) - radius)
+        beside = np.where(tip[:, 2] <= p[2], np.abs(tip[:, 1 - axis] - p[1 - axis]), np.inf)
+    made = plan.cutting & (off < _ON_FACE_M)
+    if not np.any(made) or np.min(beside[made]) > _NEAR_M:
+        raise InputError(
+            "no cut of the program makes this face", where=where,
+            value=f"{'xyz'[axis]} at X{p[0] / MM:g} Y{p[1] / MM:g} Z{p[2] / MM:g}",
+            limit=f"within {_NEAR_M / MM:g} mm along the feed",
+        )  # fmt: skip
+    return int(np.flatnonzero(made)[np.argmin(beside[made])])
+
+
+def _of_part(
+    places: posterior.Measured, part: Path, program: Path, job: Job, cell: Cell, plan: Plan
+) -> posterior.Measured:
+    """The same places measured on a scanned or simulated part: the median about each."""
+    scan = read_scan(part, program, job, cell, 0).deviations
+    tip, off, sigma = plan.path.p_part_tcp[places.row], [], []
+    keep = []
+    for k, a in enumerate(places.axis.tolist()):
+        normal = scan.normals[:, a]
+        side = np.sign(normal)
+        radius = cell.cutter(int(plan.path.tool[places.row[k]])).radius_m
+        if a == 2:
+            near = np.hypot(*(scan.points[:, :2] - tip[k, :2]).T) < _NEAR_M
+            on = np.abs(scan.points[:, 2] - tip[k, 2]) < _ON_FACE_M
+        else:
+            near = np.abs(scan.points[:, 1 - a] - tip[k, 1 - a]) < _NEAR_M
+            on = np.abs(scan.points[:, a] - (tip[k, a] - side * radius)) < 0.5 * MM
+            on &= scan.points[:, 2] > tip[k, 2]
+        chosen = near & on & (np.abs(normal) > 0.95)
+        if np.any(chosen):
+            keep.append(k)
+            off.append(float(np.median(scan.deviation_m[chosen] * side[chosen])))
+            sigma.append(float(np.median(scan.standard_deviation_m[chosen])))
+    if len(keep) < LEAST:
+        raise InputError(
+            "the part shows too few of the faces of the table", where=str(part), value=len(keep), limit=f">= {LEAST}"
+        )
+    seen = places.only(np.array(keep))
+    return replace(seen, off_m=np.array(off), sigma_m=float(np.median(sigma)))
+
+
+def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
+    c, r, a = fit.force.tolist()
+    out: list[Change] = [CuttingLaw(scaled(cell.force_law, (c, r, a)))]
+    index = {name: i for i, name in enumerate(cell.chain.names)}
+    for name, factor in zip(fit.elements, fit.compliance.tolist(), strict=True):
+        out.append(ElementCompliance(name, factor * cell.chain.compliance[index[name]]))
+    return out
+
+
+def _entry(
+    fit: posterior.Posterior, cell: Cell, narrower: float, unseen: Float, planned: Float, data: list[Path]
+) -> IdentifiedTable:
+    """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
+    index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
+    before = np.sqrt(np.diag(fit.before))[4 : 4 + k] * narrower
+    values = [
+        IdentifiedValue(name=f"force.{name}", value=factor, sigma=factor * _force_sigma(fit, j), unit="")
+        for j, (name, factor) in enumerate(zip(_FORCES, fit.force.tolist(), strict=True))
+    ]
+    for name, factor, sigma in zip(fit.elements, fit.compliance.tolist(), before.tolist(), strict=True):
+        for d, compliance in zip(_DIRECTIONS, (factor * cell.chain.compliance[index[name]]).tolist(), strict=True):
+            if compliance > 0.0:
+                unit = "m/N" if d[0] == "t" else "rad/(N m)"
+                values.append(
+                    IdentifiedValue(name=f"{name}.{d}", value=compliance, sigma=sigma * compliance, unit=unit)
+                )
+    return IdentifiedTable(
+        recipe=RECIPE,
+        date=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
+        data=tuple(file.name for file in data),
+        data_sha256=tuple(_digest(file) for file in data),
+        counterflex=__version__,
+        holdout=f"faces left out in turn: {_rms(unseen) / UM:.0f} um, by the cell file before "
+        f"{_rms(planned) / UM:.0f} um",
+        values=tuple(values),
+    )
+
+
+def _force_sigma(fit: posterior.Posterior, j: int) -> float:
+    return float(np.sqrt(fit.covariance[j, j]))
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, of the names and contents of its files."""
+    files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file_content.content(file))
+    return digest.hexdigest()
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _summary(
+    fit: posterior.Posterior,
+    places: posterior.Measured,
+    unseen: Float,
+    planned: Float,
+    narrower: float,
+    cell: Cell,
+    job: Job,
+) -> dict[str, Any]:
+    sigma = np.sqrt(np.diag(fit.covariance))
+    constants = [
+        {"constant": f"{name} force", "factor": round(float(fit.force[j]), 3), "percent": round(100.0 * sigma[j], 1)}
+        for j, name in enumerate(_FORCES)
+    ]
+    constants += [
+        {"constant": f"compliance of {name}", "factor": round(float(fit.compliance[i]), 3),
+         "percent": round(100.0 * sigma[4 + i], 1)}
+        for i, name in enumerate(fit.elements)
+    ]  # fmt: skip
+    far: Int = np.flatnonzero(np.abs(fit.left_m) > _FAR * np.maximum(places.sigma_m, _rms(fit.left_m)))
+    return {
+        "job": "firstcut",
+        "program": Path(job.program.name).name,
+        "cell": cell.name,
+        "places": len(places.row),
+        "constants": constants,
+        "doubt_of_deflection_left_percent": round(100.0 * narrower, 1),
+        "planned_rms_um": round(_rms(planned) / UM, 1),
+        "left_rms_um": round(_rms(fit.left_m) / UM, 1),
+        "left_out_rms_um": round(_rms(unseen) / UM, 1),
+        "offset_um": [round(float(v) / UM, 1) for v in fit.value[-3:]],
+        "drives_yield_factor": round(float(np.exp(fit.value[3])), 2),
+        "far_places": places.number[far].tolist(),
+    }

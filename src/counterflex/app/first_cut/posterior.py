@@ -1,0 +1,253 @@
+"""Constants of a cell from coordinates measured on one part: Gaussian in the logarithms of their factors.
+
+A face lies off by the displacement of the tool that made it,
+
+    y = n . (d_0 + sum_jk (exp(a_j + c_k) - 1) D_jk + sum_j (exp(a_j + g) - 1) S_j + sum_i (exp(p_i) - 1) P_i + o) + e
+
+with d_0 predicted with the cell file, D_jk the deflection of elastic element k under the cutting force of direction j
+(tangential, radial, axial), S_j what the drives yield to it, P_i the play of axis i and o an offset of the part frame.
+a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is noise, :data:`STRUCTURE` of the
+deflection that a face has in common and :data:`LOCAL` of it place by place. The estimate is the maximum a posteriori
+by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
+
+What one coupon shows of each element by itself is little; of all together, the deflection, it is much. Loop gains and
+play are found with the rest but not kept: such a coupon shows too little of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from counterflex.app.correction.causes import OFFSET_M, scaled
+from counterflex.app.inputs import setting_of
+from counterflex.app.lowest_mode import COMMON, STATED, assumed_sigma, at_largest_force, identified_sigma
+from counterflex.app.prediction_interval import STRUCTURE, drives_yield
+from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
+from counterflex.core.arrays import Float, Int
+from counterflex.core.progress import silent
+from counterflex.core.units import UM
+from counterflex.files.cell.cell import Cell
+from counterflex.plan.inputs import Inputs
+from counterflex.plan.plan import Plan
+from counterflex.plan.sag_and_play import play_deviation
+from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.model.class_prior import PLAY_FACTOR
+
+LOCAL: Final = 0.03
+"""Of the deflection, place by place."""
+DIRECTION: Final = 0.25
+"""Standard deviation of the logarithm of radial and axial force, beside the common one."""
+FREEDOM: Final = 4.0
+_LEAST_M: Final = 5.0 * UM
+_SEEN: Final = 1e-4
+"""Share of the sum of squares of the deflection from which an element counts."""
+_STEPS: Final = 20
+_LONGEST: Final = 0.7
+"""Longest step of a logarithm."""
+_NORMAL: Final = 1.645
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Coordinates measured on a part; m places."""
+
+    row: Int  # (m,) row of the plan whose tool made the place
+    axis: Int  # (m,) 0..2
+    face: Int  # (m,) number of the face
+    number: Int  # (m,) of the place in its table
+    off_m: Float  # (m,) measured minus nominal coordinate
+    sigma_m: float  # standard deviation of a reading
+
+    def only(self, rows: Int) -> Measured:
+        """Some of the places."""
+        values = {name: getattr(self, name)[rows] for name in ("row", "axis", "face", "number", "off_m")}
+        return replace(self, **values)
+
+
+@dataclass(frozen=True, eq=False)
+class Patterns:
+    """What each constant does to the coordinates of m places, m."""
+
+    predicted: Float  # (m,)
+    elements: Float  # (3, k, m) deflection of each element by each direction of force
+    drives: Float  # (3, m)
+    play: Float  # (i, m)
+    offset: Float  # (3, m)
+
+    def at(self, theta: Float) -> tuple[Float, Float]:
+        """Coordinates (m,) and their derivatives (m, p) at logarithms of the factors and the offset (p,)."""
+        k, i = self.elements.shape[1], len(self.play)
+        force, drive = np.exp(theta[:3]), np.exp(theta[3])
+        soft, play = np.exp(theta[4 : 4 + k]), np.exp(theta[4 + k : 4 + k + i])
+        by_force = np.einsum("k,jkm->jm", soft, self.elements) + drive * self.drives
+        still = self.elements.sum(axis=(0, 1)) + self.drives.sum(axis=0) + self.play.sum(axis=0)
+        y = self.predicted - still + force @ by_force + play @ self.play + theta[4 + k + i :] @ self.offset
+        columns = [
+            force[:, None] * by_force,
+            (force @ (drive * self.drives))[None],
+            soft[:, None] * np.einsum("j,jkm->km", force, self.elements),
+            play[:, None] * self.play,
+            self.offset,
+        ]
+        return y, np.concatenate(columns).T
+
+    def through(self, predicted: Float, fit: Posterior) -> Patterns:
+        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them.
+
+        The cell has its compliances and forces; drives, play and offset it has as before.
+        """
+        k, theta = self.elements.shape[1], np.zeros(len(fit.value))
+        constants = [*range(3), *range(4, 4 + k)]
+        theta[constants] = fit.value[constants]
+        return replace(self, predicted=self.predicted + predicted - self.at(theta)[0])
+
+    def only(self, rows: Int) -> Patterns:
+        """Some of the places."""
+        return Patterns(*(getattr(self, name)[..., rows] for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Estimate of the constants."""
+
+    elements: tuple[str, ...]  # names
+    value: Float  # (p,) logarithms of the factors of force (3), drives, elements and play; offset (3) m
+    covariance: Float  # (p, p)
+    before: Float  # (p, p) covariance of what was known before
+    left_m: Float  # (m,) measured minus estimated coordinate
+
+    @property
+    def force(self) -> Float:
+        """(3,) factors of the tangential, radial and axial force."""
+        out: Float = np.exp(self.value[:3])
+        return out
+
+    @property
+    def compliance(self) -> Float:
+        """(k,) factors of the compliance of the elements."""
+        out: Float = np.exp(self.value[4 : 4 + len(self.elements)])
+        return out
+
+
+def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, ...], Patterns]:
+    """Names of the elements that bend, and what each constant does to the measured coordinates.
+
+    Args:
+        plan: Of the program that made the part, as the cell file predicts it.
+    """
+    row, axis, m = measured.row, measured.axis, np.arange(len(measured.row))
+    R, chain = cell.T_base_part[:3, :3], cell.chain
+
+    def along(d: Float) -> Float:
+        """Component (..., m) of displacements (..., m, 3) m along the measured axis."""
+        out: Float = d[..., m, axis]
+        return out
+
+    w = _by_direction(plan, cell)
+    turned = [np.concatenate([v[row, :3] @ R.T, v[row, 3:] @ R.T], axis=1) for v in w]
+    bends = np.stack([shares(chain, plan.q[row], one)[..., :3] @ R for one in turned])  # (3, m, elements, 3)
+    elements = np.stack([[along(bends[j, :, i]) for i in range(chain.n)] for j in range(3)])
+    size = np.sum(bends.sum(axis=0) ** 2, axis=(0, 2))
+    seen = np.flatnonzero(size > _SEEN * np.sum(bends.sum(axis=(0, 2)) ** 2))
+    yields = np.stack([along(drives_yield(replace(plan, w_tcp_part=v), cell)[row]) for v in w])
+    play = [along(one[row]) for one in _play_by_axis(plan, cell)]
+    patterns = Patterns(
+        along(plan.deviation_nominal_part[row]),
+        elements[:, seen],
+        yields,
+        np.reshape(play, (len(play), len(row))),
+        np.eye(3)[:, axis],
+    )
+    return tuple(chain.names[i] for i in seen), patterns
+
+
+def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Posterior:
+    """The likeliest constants with their covariance."""
+    P = _before(names, cell, len(patterns.play))
+    bend = np.abs(patterns.elements.sum(axis=(0, 1)))
+    common = STRUCTURE * bend + _LEAST_M
+    C = (measured.face[:, None] == measured.face[None, :]) * np.outer(common, common)
+    own = measured.sigma_m**2 + (LOCAL * bend) ** 2
+    theta, weight, H = np.zeros(len(P)), np.ones(len(bend)), np.zeros((len(bend), len(P)))
+    gain = np.zeros(H.T.shape)
+    for _ in range(_STEPS):
+        y, H = patterns.at(theta)
+        S = H @ P @ H.T + C + np.diag(own / weight)
+        gain = np.linalg.solve(S, H @ P).T
+        step = gain @ (measured.off_m - y + H @ theta) - theta
+        theta = theta + np.clip(step, -_LONGEST, _LONGEST)
+        left = measured.off_m - patterns.at(theta)[0]
+        weight = (FREEDOM + 1.0) / (FREEDOM + left**2 / (own + common**2))
+    return Posterior(names, theta, P - gain @ H @ P, P, measured.off_m - patterns.at(theta)[0])
+
+
+def left_out(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Float:
+    """(m,) m, measured minus predicted coordinate of each face by the constants that all other faces give."""
+    out = np.empty(len(measured.off_m))
+    for face in np.unique(measured.face).tolist():
+        rest, own = np.flatnonzero(measured.face != face), np.flatnonzero(measured.face == face)
+        fit = estimated(names, patterns.only(rest), measured.only(rest), cell)
+        out[own] = measured.off_m[own] - patterns.only(own).at(fit.value)[0]
+    return out
+
+
+def share_left(fit: Posterior, patterns: Patterns) -> float:
+    """Doubt of the deflection after over that before, as standard deviations, mean square over the places.
+
+    Of the elements and forces together: so much narrower are independent values that leave the same doubt.
+    """
+    _, H = patterns.at(fit.value)
+    constants = [*range(3), *range(4, 4 + len(fit.elements))]
+    H = H[:, constants]
+    after, before = (M[np.ix_(constants, constants)] for M in (fit.covariance, fit.before))
+    return float(np.sqrt(np.trace(H @ after @ H.T) / np.trace(H @ before @ H.T)))
+
+
+def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
+    """(n, 6) N, N m, the mean wrench by tangential, radial and axial force; forces are linear in each."""
+    setting = setting_of(cell, part_may_be_held=True)
+
+    def cut(factors: tuple[float, float, float]) -> Float:
+        changed = replace(setting, law=scaled(cell.force_law, factors))
+        inputs = Inputs(plan.path, plan.line, cell.stock(), changed, plan.q)
+        return undisturbed_cut(inputs, silent).w_tcp_part
+
+    whole = cut((1.0, 1.0, 1.0))
+    radial, axial = cut((1.0, 2.0, 1.0)) - whole, cut((1.0, 1.0, 2.0)) - whole
+    return whole - radial - axial, radial, axial
+
+
+def _play_by_axis(plan: Plan, cell: Cell) -> list[Float]:
+    """(n, 3) m, part axes, what the play of each axis that the class gave moves the tool by."""
+    given, out, path = cell.class_drives, [], plan.path
+    if given is None:
+        return []
+    chain = given.given_to(replace(cell.chain, servo=None, play=None), servo=False)
+    for axis in given.play_axes:
+        only = replace(chain, play=tuple(one if i == axis else None for i, one in enumerate(chain.play or ())))
+        relative = setting_of(cell, chain=only, part_may_be_held=True).relative_motion(path)
+        mode = at_largest_force(cell, plan).mode
+        out.append(play_deviation(only, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode))
+    return out
+
+
+def _before(names: tuple[str, ...], cell: Cell, play: int) -> Float:
+    """(p, p) covariance of what is known of the constants before."""
+    known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
+    force = IDENTIFIED if known else np.hypot(HANDBOOK, 0.5 * WORN)
+    relative = assumed_sigma(cell) | identified_sigma(cell)
+    soft = np.array([relative.get(name, STATED) for name in names])
+    given, k = cell.class_drives, len(names)
+    drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
+    P = np.zeros((4 + k + play + 3, 4 + k + play + 3))
+    P[:3, :3] = force**2
+    P[[0, 1, 2], [0, 1, 2]] += np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else IDENTIFIED**2
+    P[3, 3] = drive**2
+    P[4 : 4 + k, 4 : 4 + k] = np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(k))
+    P[4 + k : 4 + k + play, 4 + k : 4 + k + play] = (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(play)
+    P[-3:, -3:] = OFFSET_M**2 * np.eye(3)
+    return P

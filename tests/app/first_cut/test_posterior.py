@@ -1,0 +1,104 @@
+"""Constants from measured faces: laws of the estimate on faces whose displacement is known in closed form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from hypothesis import given, settings, strategies as st
+
+from counterflex.app.first_cut.posterior import Measured, Patterns, estimated, left_out, share_left
+from counterflex.core.arrays import Float
+from counterflex.core.units import MM, UM
+from counterflex.files.cell.cell import read_cell
+
+CELL = read_cell(Path(__file__).parents[3] / "examples" / "cells" / "kr300_d16_small.toml")
+NAMES = ("axis2", "axis3", "spindle")
+PLACES = 36
+seeds = st.integers(0, 2**31)
+
+
+def patterns(seed: int) -> Patterns:
+    """Faces along three axes under forces of many directions; drives and play yield a tenth of the deflection."""
+    rng = np.random.default_rng(seed)
+    elements = 0.15 * MM * rng.standard_normal((3, len(NAMES), PLACES))
+    drives, play = 0.1 * elements.sum(axis=1), 20.0 * UM * rng.standard_normal((6, PLACES))
+    planned = elements.sum(axis=(0, 1)) + drives.sum(axis=0) + play.sum(axis=0)
+    return Patterns(planned, elements, drives, play, np.eye(3)[:, np.arange(PLACES) % 3])
+
+
+def measured(off_m: Float) -> Measured:
+    k = np.arange(PLACES)
+    return Measured(k, k % 3, k // 3, k + 1, off_m, 15.0 * UM)
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_derivatives_are_those_of_the_coordinates(seed: int) -> None:
+    one, rng = patterns(seed), np.random.default_rng(seed + 1)
+    theta = 0.3 * rng.standard_normal(3 + 1 + len(NAMES) + 6 + 3)
+    theta[-3:] *= MM
+    _, H = one.at(theta)
+    for i, step in enumerate(1e-6 * np.eye(len(theta))):
+        slope = (one.at(theta + step)[0] - one.at(theta - step)[0]) / 2e-6
+        np.testing.assert_allclose(H[:, i], slope, rtol=1e-6, atol=1e-9)
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_faces_as_planned_change_nothing(seed: int) -> None:
+    one = patterns(seed)
+    fit = estimated(NAMES, one, measured(one.predicted), CELL)
+    np.testing.assert_allclose(fit.value, 0.0, atol=1e-9)
+    np.testing.assert_allclose(fit.left_m, 0.0, atol=1e-12)
+
+
+@settings(max_examples=10)
+@given(seeds, st.floats(0.6, 1.7), st.floats(0.6, 1.7))
+def test_a_softer_cell_and_a_larger_force_are_found_together(seed: int, force: float, soft: float) -> None:
+    """Their product is what faces show: the deflection is found, however it is shared out between them."""
+    one = patterns(seed)
+    theta = np.zeros(3 + 1 + len(NAMES) + 6 + 3)
+    theta[:3], theta[4 : 4 + len(NAMES)] = np.log(force), np.log(soft)
+    off, _ = one.at(theta)
+    fit = estimated(NAMES, one, measured(off), CELL)
+    size = float(np.sqrt(np.mean(off**2)))
+    assert float(np.sqrt(np.mean(fit.left_m**2))) < 0.05 * size + 5.0 * UM
+    product = np.mean(np.log(fit.force)) + np.mean(np.log(fit.compliance))
+    assert abs(product - np.log(force * soft)) < 0.2
+
+
+@settings(max_examples=10)
+@given(seeds, st.integers(0, PLACES - 1), st.sampled_from([-2.0, 2.0]))
+def test_a_slip_of_the_pen_leaves_the_others_right(seed: int, place: int, slip_mm: float) -> None:
+    one = patterns(seed)
+    off = one.predicted.copy()
+    off[place] += slip_mm * MM
+    fit = estimated(NAMES, one, measured(off), CELL)
+    others = np.arange(PLACES) != place
+    assert float(np.sqrt(np.mean(fit.left_m[others] ** 2))) < 25.0 * UM
+    assert abs(fit.left_m[place]) > 1.0 * MM
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_more_faces_leave_less_doubt_and_never_more_than_before(seed: int) -> None:
+    one = patterns(seed)
+    every = measured(one.predicted)
+    shares = []
+    for count in (9, 18, 36):
+        rows = np.arange(count)
+        fit = estimated(NAMES, one.only(rows), every.only(rows), CELL)
+        shares.append(share_left(fit, one))
+    assert 0.0 < shares[2] <= shares[1] <= shares[0] < 1.0
+
+
+@settings(max_examples=5)
+@given(seeds)
+def test_faces_left_out_are_foretold_by_the_others(seed: int) -> None:
+    one = patterns(seed)
+    theta = np.zeros(3 + 1 + len(NAMES) + 6 + 3)
+    theta[:3] = np.log(1.4)
+    off, _ = one.at(theta)
+    foretold = left_out(NAMES, one, measured(off), CELL)
+    assert np.sqrt(np.mean(foretold**2)) < 0.5 * np.sqrt(np.mean((off - one.predicted) ** 2))
