@@ -1,5 +1,5 @@
 // The live page of the operator panel: figures, charts and the cell in 3-D, drawn from one message per tick.
-import { CellView } from "counterflex-cell-view";
+import { CellView, COLOURS } from "counterflex-cell-view";
 
 const OLD_MS = 1000; // without a message for so long, what is shown is old
 const CHART_S = 60;

@@ -45,16 +45,19 @@ class CellPage:
             with ui.element("div").classes("st-right"):
                 self._new_cell()
                 self.fault = Fault("cell-fault")
-                with ui.tabs().props("dense no-caps align=left") as tabs:
+                with ui.tabs().props("dense no-caps align=left") as self._tabs:
                     for name in (texts.SET, texts.FILE, texts.UNKNOWN):
                         ui.tab(name).props(f'data-test="tab-{name.split()[0].lower()}"')
-                with ui.tab_panels(tabs, value=texts.SET, animated=False).props("keep-alive").classes("st-panels"):
+                with ui.tab_panels(self._tabs, value=texts.SET, animated=False).props("keep-alive") as self._panels:
                     with ui.tab_panel(texts.SET):
                         self._form = ui.column().classes("st-form")
                     with ui.tab_panel(texts.FILE):
                         self._file()
                     with ui.tab_panel(texts.UNKNOWN):
                         self._unknown = ui.column().classes("st-form")
+        self._panels.classes("st-panels")
+        for element in (self._joints, self._tabs, self._panels):
+            element.bind_visibility_from(desk, "cell", bool)
         desk.changed.append(self.refresh)
 
     def _new_cell(self) -> None:
@@ -93,7 +96,7 @@ class CellPage:
     def _sliders(self) -> None:
         self._pushed = ui.label("").classes("st-note").props('data-test="pushed"')
         self._push_command = command_text("")
-        with ui.element("div").classes("st-joints"):
+        with ui.element("div").classes("st-joints") as self._joints:
             self._axes = [
                 ui.number(f"A{k}", value=0.0, step=1.0, format="%.1f", on_change=self._move).props("dense")
                 for k in range(1, 7)
@@ -188,19 +191,17 @@ class CellPage:
                 self._part_row(dict(chosen.part))
 
     def _tool_row(self, index: int, tool: dict[str, Any]) -> None:
-        with ui.row().classes("st-row"):
-            ui.label(f"{texts.TOOL} {tool.get('number', index + 1)}: {tool.get('name', '')}").classes("st-full")
+        ui.label(f"{texts.TOOL} {tool.get('number', index + 1)}: {tool.get('name', '')}")
+        with ui.element("div").classes("st-fields st-three"):
             for key, title in zip(TOOL_KEYS, (texts.DIAMETER, texts.FLUTES, texts.OVERHANG), strict=True):
                 field = ui.number(title, value=tool.get(key), min=0).props(f'dense data-test="tool-{key}"')
                 field.on("change", lambda _, key=key, field=field: self._enter(tool=(index, {key: field.value})))
 
     def _part_row(self, part: dict[str, float]) -> None:
         ui.label(texts.PART)
-        with ui.row().classes("st-row"):
+        with ui.element("div").classes("st-fields"):
             for key in POSE_KEYS:
-                field = (
-                    ui.number(key[0].upper(), value=part[key]).props(f'dense data-test="part-{key}"').classes("st-six")
-                )
+                field = ui.number(key[0].upper(), value=part[key]).props(f'dense data-test="part-{key}"')
                 field.on("change", lambda _, key=key, field=field: self._enter(part={key: field.value or 0.0}))
 
     async def _enter(self, **values: Any) -> None:

@@ -15,6 +15,7 @@ from counterflex.app.studio.jobs import Job, Queue
 from counterflex.app.studio.project import Project
 from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import printable
+from counterflex.programs.language import LANGUAGES, at_prompt
 
 UPLOAD: Final = 512 << 20
 """Bytes of a file that may be dropped into the project."""
@@ -109,8 +110,8 @@ class Action:
     ) -> None:  # fmt: skip
         self._desk, self._line, self._lacking, self._after, self._also = desk, line, lacking, after, also
         with ui.row().classes("st-action"):
-            self._button = ui.button(title, on_click=self._press, color="primary" if main else "secondary")
-            self._button.props(f'no-caps unelevated data-test="{mark}"')
+            self._button = ui.button(title, on_click=self._press)
+            self._button.props(f'no-caps {"unelevated" if main else "outline"} data-test="{mark}"')
             self._text = command_text("")
         self.refresh()
 
@@ -179,6 +180,13 @@ class Drop:
         self.fault.show("")
         await event.file.save(place)
         await self._taken(name)
+
+
+def language(summary: dict[str, Any]) -> str:
+    """Name of the language of a compensated program, as people call it."""
+    word = str(summary.get("language", ""))
+    dialect = at_prompt("write").get(word, word)
+    return LANGUAGES[dialect].short if dialect in LANGUAGES else word
 
 
 def result_links(desk: Desk, folder: str) -> None:

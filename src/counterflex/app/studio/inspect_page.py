@@ -8,7 +8,17 @@ from typing import Any
 from nicegui import ui
 
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Action, Desk, Drop, Fault, command_text, error_bars, result_links, table
+from counterflex.app.studio.desk import (
+    Action,
+    Desk,
+    Drop,
+    Fault,
+    command_text,
+    error_bars,
+    language,
+    result_links,
+    table,
+)
 from counterflex.app.studio.jobs import Job
 from counterflex.core.next_command import next_command
 
@@ -89,7 +99,7 @@ class InspectPage:
             for folder in project.results("correct", program):
                 summary = project.summary(folder)
                 with ui.element("div").classes("st-card").props(f'data-test="next-{folder}"'):
-                    ui.label(f"{folder}: {summary['language']}").classes("st-title")
+                    ui.label(f"{folder}: {language(summary)}").classes("st-title")
                     headline = summary["prediction"]["headline"]
                     error_bars(texts.EXPECTED, headline["before_mm"], headline["after_mm"], mark=f"bars-{folder}")
                     result_links(self._desk, folder)
@@ -99,19 +109,19 @@ class InspectPage:
         result_links(self._desk, folder)
         rows = []
         for one in summary["features"]:
-            part = next(iter(one["parts"].values()))
+            part = one["part"]
             rows.append(
                 [
                     one["feature"],
                     one["quantity"],
-                    f"{part['value_mm']:.3f} ({one['nominal_mm']:g})",
+                    f"{part['worst_mm']:.3f} ({one['nominal_mm']:g})",
                     f"+- {one['tolerance_mm']:g}",
-                    str(part["within"]),
+                    texts.WITHIN[part["within"]],
                 ]
             )
         made = table(texts.FEATURE_COLUMNS, rows, mark="features")
         for row, line in zip(rows, list(made)[1:], strict=True):
-            line.classes("st-ok" if row[-1] == "yes" else "st-fail")
+            line.classes("st-ok" if row[-1] == texts.WITHIN[True] else "st-fail")
 
 
 class RunPage:

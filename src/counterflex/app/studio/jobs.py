@@ -6,7 +6,6 @@ import contextlib
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import threading
@@ -81,14 +80,14 @@ class Queue:
         return job
 
     def cancel(self, job: Job) -> None:
-        """End a command as Ctrl-C does: it leaves nothing half-written. One that waits is not begun."""
+        """End a command: it leaves nothing half-written. One that waits is not begun."""
         with self._ready:
             if job.state == "waiting":
                 job.state = "cancelled"
             elif job.state == "running" and self._process is not None:
                 job.state = "cancelled"
                 with contextlib.suppress(OSError):
-                    self._process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+                    self._process.terminate()
             self.version += 1
 
     def close(self) -> None:

@@ -8,14 +8,14 @@ from typing import Any, Final
 from nicegui import ui
 
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Action, Desk, Fault, error_bars, result_links, table
+from counterflex.app.studio.desk import Action, Desk, Fault, error_bars, language, result_links, table
 from counterflex.app.studio.jobs import Job
 from counterflex.core.next_command import next_command
 from counterflex.programs.language import LANGUAGES, at_prompt
 
 _WORST: Final = ("fail", "warning")
-_FIRST: Final = ("krl", "rapid", "gcode")
-"""Languages that are chosen at first, where there are these."""
+_FIRST: Final = "krl"
+"""Language that is chosen at first."""
 
 
 class PlanPage:
@@ -37,9 +37,7 @@ class PlanPage:
                 ui.label(texts.LANGUAGES)
                 with ui.row().classes("st-row"):
                     self._languages = {
-                        word: ui.checkbox(LANGUAGES[name].short, value=word == _FIRST[0]).props(
-                            f'data-test="as-{word}"'
-                        )
+                        word: ui.checkbox(LANGUAGES[name].short, value=word == _FIRST).props(f'data-test="as-{word}"')
                         for word, name in words.items()
                     }
                 for box in self._languages.values():
@@ -130,7 +128,7 @@ class PlanPage:
         ]
         made = table(texts.CHECK_COLUMNS, shown, mark="checks")
         for row, line in zip(rows, list(made)[1:], strict=True):
-            line.classes(f"st-{row['verdict'].replace(' ', '-')}")
+            line.classes(f"st-check-{row['verdict'].split()[0]}")
             if row["line"] is not None:
                 with list(line)[4]:
                     button = ui.button(str(row["place"]), on_click=lambda row=row: self._jump(row["line"]))
@@ -144,13 +142,16 @@ class PlanPage:
     def _show_plan(self, folder: str) -> None:
         summary = self._desk.project.summary(folder)
         with ui.element("div").classes("st-card").props(f'data-test="plan-{folder}"'):
-            ui.label(f"{folder}: {summary['language']}").classes("st-title")
+            ui.label(f"{folder}: {language(summary)}").classes("st-title")
             headline = (summary.get("prediction") or {}).get("headline")
             if headline is not None:
                 error_bars(texts.EXPECTED, headline["before_mm"], headline["after_mm"], mark=f"bars-{folder}")
                 ui.label(texts.WORSE.format(percent=100.0 * headline["probability_of_worse"])).classes("st-note")
-            for warning in (summary.get("written") or {}).get("warnings", []):
-                ui.label(warning).classes("st-warn")
+            warnings = (summary.get("written") or {}).get("warnings", [])
+            if warnings:
+                with ui.expansion(texts.WARNINGS.format(count=len(warnings))).props("dense").classes("st-warn"):
+                    for warning in warnings:
+                        ui.label(warning)
             result_links(self._desk, folder)
 
     def _show_proof(self, folder: str) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio import texts
@@ -74,7 +72,7 @@ class ProgramPage:
         """Send everything to the browser."""
         if self._way is None or self._scene is None:
             return
-        asyncio.create_task(self._send(self._scene))
+        background_tasks.create(self._send(self._scene), name="draw the program")
 
     async def _send(self, scene: CellScene) -> None:
         way = await self.fault.during(self._planned)

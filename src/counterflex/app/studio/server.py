@@ -22,7 +22,7 @@ from counterflex.app.studio.shell import Shell
 
 _CSS: Final = Path(__file__).with_name("studio.css")
 _ALONE: Final = {"content-security-policy": "sandbox allow-scripts allow-downloads", "cache-control": "no-store"}
-"""A file of the project is shown without the rights of the studio: its scripts reach neither its sockets nor its pages."""
+"""A file of the project is shown without the rights of the studio: its scripts reach no socket and no page of it."""
 _SPARE: Final = 1 << 20
 
 

@@ -95,15 +95,15 @@ class Shell:
 
     def _commands(self) -> None:
         """The strip of the queue: the command that runs, or ran last, and the list of all."""
-        with ui.element("footer").classes("st-foot"):
-            with ui.expansion(texts.COMMANDS).props('dense expand-icon-toggle data-test="commands"') as expansion:
-                with expansion.add_slot("header"), ui.element("div").classes("st-now"):
-                    self._now = ui.label(texts.NO_COMMANDS).classes("st-command").props('data-test="now"')
-                    self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
-                    self._what = ui.label("").classes("st-note").props('data-test="what"')
-                    self._cancel = ui.button(texts.CANCEL, on_click=self._cancel_now).props("no-caps flat dense")
-                    self._cancel.props('data-test="cancel"')
-                self._list = ui.column().classes("st-jobs")
+        with ui.element("footer").classes("st-foot"), ui.expansion(texts.COMMANDS) as expansion:
+            expansion.props('dense expand-icon-toggle data-test="commands"')
+            with expansion.add_slot("header"), ui.element("div").classes("st-now"):
+                self._now = ui.label(texts.NO_COMMANDS).classes("st-command").props('data-test="now"')
+                self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback")
+                self._what = ui.label("").classes("st-note").props('data-test="what"')
+                self._cancel = ui.button(texts.CANCEL, on_click=self._cancel_now).props("no-caps flat dense")
+                self._cancel.props('data-test="cancel"')
+            self._list = ui.column().classes("st-jobs")
 
     def _cancel_now(self) -> None:
         for job in self._desk.queue.jobs:
@@ -120,10 +120,10 @@ class Shell:
             state = current.error if current.state == "failed" and current.error else texts.STATES[current.state]
             self._what.set_text((current.what if current.state == "running" and current.what else state) + more)
             self._bar.set_value(1.0 if current.ended else current.fraction)
-            self._bar.props(
-                f"color={'negative' if current.state == 'failed' else 'positive' if current.ended else 'primary'}"
-            )
-            self._bar.props(f"indeterminate={current.state == 'running' and current.fraction == 0.0}")
+            colour = "negative" if current.state == "failed" else "positive" if current.ended else "primary"
+            self._bar.props(f"color={colour}")
+            unknown = current.state == "running" and current.fraction == 0.0
+            self._bar.props(add="indeterminate" if unknown else "", remove="" if unknown else "indeterminate")
         self._cancel.set_visibility(current is not None and current.state == "running")
         self._bar.set_visibility(current is not None)
         if queue.version != self._version:

@@ -57,10 +57,8 @@ NOT_AT_REST: Final = "in motion only"
 MEASURE: Final = "Measure"
 MEASURE_HELP: Final = "Propose poses and loads, with a form to fill in: {command}"
 POSE: Final = "Joint angles, deg"
-PUSHED: Final = (
-    "Deflection of the tool tip under 100 N: along x {0:.0f}, y {1:.0f}, z {2:.0f} um; softest {3:.0f} um, {4}"
-)
-PUSHED_SHARE: Final = "{share:.0f} % of it in {segment}"
+PUSHED: Final = "Under 100 N the tool tip deflects by {0:.0f} um along x, {1:.0f} y, {2:.0f} z, at most {3:.0f} um. {4}"
+PUSHED_SHARE: Final = "{share:.0f} % of that is {segment}. Blue: 2000 times larger."
 
 PLAN_COLOUR: Final = "Colour"
 CHANNELS: Final = {
@@ -77,6 +75,7 @@ NOT_REACHED: Final = "The robot is not shown: {fault}"
 THINNED: Final = "{shown} of {points} points are drawn."
 SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
 SCENE: Final = {
+    "empty": "Nothing to show yet.",
     "play": "Play",
     "pause": "Pause",
     "near": "Part",
@@ -101,6 +100,8 @@ PROVE_HELP: Final = "Machines the part before and after on a simulated cell that
 BEFORE, AFTER = "before", "after"
 EXPECTED: Final = "Expected path error, mm (median; nine of ten such cells)"
 PROVED: Final = "Path error on the simulated cell, mm (99.7 % of the cut)"
+WARNINGS: Final = "Warnings: {count}"
+WITHIN: Final = {True: "yes", False: "no", None: "not decided"}
 WORSE: Final = "Probability that compensation makes it worse: {percent:.0f} %"
 REPORT: Final = "Open the report"
 RESULTS: Final = "Results in the folder"
@@ -111,11 +112,11 @@ INSPECT, CORRECT = "Inspect", "Correct the next part"
 MADE_BY: Final = "Made by the plan"
 FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
 CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
-NEEDS: Final = "Choose {what} first."
+NEEDS: Final = "Still missing: {what}"
 
 PANEL_STEPS: Final = (
-    ("Load the program", "Copy the files of the plan to the controller as any other program. report.html lists what must be set there."),
+    ("Load the program", "Copy the files of the plan to the controller. The report lists what must be set there."),
     ("Correct while milling", "Start the loop before the program; without --arm it only watches."),
     ("Watch it", "Open the operator panel in another terminal; it prints the link for this browser."),
-)  # fmt: skip
+)
 NOT_AN_E_STOP: Final = "Neither studio nor panel is an emergency stop: use that of the robot."

@@ -11,16 +11,21 @@ import numpy as np
 from counterflex.app.inputs import read_in_plane, setting_of
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import CounterflexError, ReachError
+from counterflex.core.errors import ReachError
 from counterflex.core.units import DEG, MM, MM_PER_MIN
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
 from counterflex.plan.inputs import joint_angles
+from counterflex.programs.language import LANGUAGES
 
 POINTS: Final = 100_000
 """Most points that are drawn; of longer programs each k-th."""
 FRAMES: Final = 600
 """Postures of the robot along the program."""
+
+_SIZES: Final = (("force", "f{}_n"), ("deflection", "deflection_{}_um"), ("correction", "correction_{}_um"))
+_ERRORS: Final = (("before", "nominal_deviation_{}_um"), ("after", "compensated_deviation_{}_um"))
+"""Channels, and the columns of a plan that they are the sizes of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +57,7 @@ class ToolWay:
         p = path.p_part_tcp @ R.T / MM
         values = {"height": p[:, 2], "feed": path.feed_m_s / MM_PER_MIN}
         about = {
-            "language": job.program.dialect,
+            "language": LANGUAGES[job.program.dialect].short,
             "lines": len(job.program.lines),
             "length": float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum()),
             "seconds": float(path.time_s[-1]),
@@ -70,14 +75,10 @@ class ToolWay:
         shown = table.select(f"q{k}_deg" for k in range(1, 7)).to_numpy() * DEG
         chain = read_cell(cell_file).controller_chain
         values = {"height": p[:, 2], "feed": table["feed_mm_min"].to_numpy()}
-        for channel, columns in (
-            ("force", "f{}_n"),
-            ("deflection", "deflection_{}_um"),
-            ("correction", "correction_{}_um"),
-        ):
+        for channel, columns in _SIZES:
             values[channel] = np.linalg.norm(table.select(columns.format(axis) for axis in "xyz").to_numpy(), axis=1)
         along = _directions(p)
-        for channel, columns in (("before", "nominal_deviation_{}_um"), ("after", "compensated_deviation_{}_um")):
+        for channel, columns in _ERRORS:
             names = [columns.format(axis) for axis in "xyz"]
             if set(names) <= set(table.columns):
                 off = table.select(names).to_numpy().astype(np.float64)

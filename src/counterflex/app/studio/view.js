@@ -14,12 +14,14 @@ class StudioView extends CellView {
 
   theme(dark) {
     this.scene.background = new THREE.Color(dark ? 0x10161c : 0xeef2f6);
+    Object.assign(this.grid.material, { vertexColors: false, needsUpdate: true });
+    this.grid.material.color.set(dark ? 0x2a3a48 : 0xc9d3dc);
     this.dirty = true;
   }
 
   way(points) {
     this.points = points;
-    if (this.lines) this.frame("part").remove(this.lines, this.mark);
+    if (this.lines) this.frame("part").remove(this.lines, this.dots, this.mark);
     const count = points.length / 3;
     const position = new Float32Array(points.length);
     for (let k = 0; k < points.length; k++) position[k] = points[k] / 1000;
@@ -27,11 +29,13 @@ class StudioView extends CellView {
     geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count), 3));
     this.lines = new THREE.Line(geometry, new THREE.LineBasicMaterial({ vertexColors: true }));
-    this.lines.frustumCulled = false;
-    const ball = new THREE.SphereGeometry(0.002, 16, 12);
+    const dots = { vertexColors: true, size: 5, sizeAttenuation: false };
+    this.dots = new THREE.Points(geometry, new THREE.PointsMaterial(dots));
+    this.lines.frustumCulled = this.dots.frustumCulled = false;
+    const ball = new THREE.SphereGeometry(0.0015, 16, 12);
     this.mark = new THREE.Mesh(ball, new THREE.MeshBasicMaterial({ color: 0xff2d95, depthTest: false }));
     this.mark.renderOrder = 5;
-    this.frame("part").add(this.lines, this.mark);
+    this.frame("part").add(this.lines, this.dots, this.mark);
   }
 
   colour(values, low, high, cutting) {
@@ -90,7 +94,8 @@ export default {
   <div class="st-view" :class="{ 'st-with-source': source.length }">
     <div class="st-canvas" data-test="canvas">
       <canvas ref="canvas" @pointerdown="press" @pointerup="pick"></canvas>
-      <button class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
+      <p v-if="!drawn" class="st-empty">{{ words.empty }}</p>
+      <button v-if="drawn" class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
       <div v-if="way && shown" class="st-legend"><b>{{ shown.title }}</b><i></i>
         <span>{{ number(shown.low) }}</span><span>{{ number(shown.high) }} {{ shown.unit }}</span></div>
     </div>
@@ -110,7 +115,7 @@ export default {
   </div>`,
   props: { words: Object },
   data() {
-    return { way: false, shown: null, at: 0, last: 0, line: 0, source: [], first: 0, rows: [], near: false,
+    return { way: false, shown: null, at: 0, last: 0, line: 0, source: [], first: 0, rows: [], near: false, drawn: false,
       playing: false, readout: "", byLine: new Map() };
   },
   mounted() {
@@ -143,6 +148,7 @@ export default {
       this.view = new StudioView(canvas, bodies, document.body.classList.contains("body--dark"));
       this.view.near = this.near;
       this.way = false;
+      this.drawn = true;
       this.view.place(frames, 1);
     },
     pose(frames, compliance) {

@@ -46,6 +46,7 @@ export class CellView {
     const grid = new THREE.GridHelper(6, 24, 0x2a3a48, 0x18222c);
     grid.rotation.x = Math.PI / 2;
     this.scene.add(grid);
+    this.grid = grid;
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => (this.dirty = true));
     this.frames = {};
@@ -204,4 +205,4 @@ export class CellView {
   }
 }
 
-export { THREE };
+export { COLOURS, THREE };
