@@ -16,7 +16,6 @@ import counterflex
 from counterflex.app.log_export.rerun import require_rerun
 from counterflex.app.opcua import settings as opcua
 from counterflex.app.panel import settings as panel
-from counterflex.app.studio import settings as studio
 from counterflex.core.errors import CounterflexError
 from counterflex.files.certificate.schema_check import require_library
 from counterflex.files.dataset import instrument_files
@@ -91,7 +90,7 @@ def test_without_any_extra_all_but_the_servers_can_be_imported() -> None:
     script = WITHOUT.format(names=list(PLACES))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     servers = ("opcua.bounded", "opcua.server", "panel.gated_server", "panel.page", "panel.server")
-    pages = ("cell_page", "desk", "inspect_page", "plan_page", "program_page", "server", "shell", "view")
+    pages = ("cell_page", "desk", "inspect_page", "plan_page", "program_page", "server", "shell")
     assert set(ended.stdout.split()) == {
         f"counterflex.app.{name}" for name in (*servers, *(f"studio.{one}" for one in pages))
     }
@@ -105,7 +104,6 @@ def _tdms(file: Path) -> None:
     ("extra", "library", "use"),
     [
         ("panel", "nicegui", lambda file: panel.require_safe(panel.PanelSettings(file.parent))),
-        ("panel", "nicegui", lambda file: studio.require_studio(studio.StudioSettings(file.parent))),
         ("opcua", "asyncua", lambda file: opcua.require_safe(opcua.OpcuaSettings(file.parent))),
         ("rerun", "rerun", lambda _: require_rerun()),
         ("dcc", "xmlschema", lambda _: require_library()),

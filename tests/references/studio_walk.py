@@ -1,4 +1,4 @@
-"""A walk through the studio, as a person clicks: from an empty folder to programs for three controllers and a report."""
+"""A walk through the studio, as a person clicks: from an empty folder to programs for three controllers."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,15 +33,21 @@ def studio(folder: Path) -> Iterator[str]:
         process.communicate()
 
 
+def click(page: Page, name: str) -> None:
+    """Scroll to an element, as a person does, and click on it."""
+    page.value(f"document.querySelector('[data-test=\"{name}\"]').scrollIntoView({{ block: 'center' }})")
+    page.click(name)
+
+
 def choose(page: Page, name: str, text: str) -> None:
     """Open a list and click on the entry with a text."""
-    page.click(name)
+    click(page, name)
     entry = (
         f"[...document.querySelectorAll('.q-menu .q-item')].find((one) => one.innerText.trim() === {json.dumps(text)})"
     )
     page.wait(f"!!{entry}", f"{text} is offered by {name}")
     page.value(f"{entry}.dataset.test = 'entry'")
-    page.click("entry")
+    click(page, "entry")
     page.wait("!document.querySelector('.q-menu')", f"{name} closes")
 
 
@@ -61,65 +68,57 @@ def drop(page: Page, name: str, file: Path) -> None:
     page.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
 
 
-def until(page: Page, name: str, words: str) -> None:
-    """Wait until the strip of commands says that one has ended, and fail where another word stands there."""
-    page.wait_text("now", words)
-    page.wait_text("what", "done")
-
-
 def cell(page: Page, shot: Shot) -> None:
     """From nothing to a cell file; a mistake in it is shown at its line."""
     page.wait("!!document.querySelector('[data-test=\"make-cell\"]')", "the first page")
     shot("empty")
     assert "counterflex cell example --out cell.toml" in page.text("page-cell")
-    page.click("make-cell")
+    click(page, "make-cell")
     page.wait_text("pushed", "Under 100 N")
     shot("cell")
-    page.click("tab-file")
+    click(page, "tab-file")
     page.wait("!!document.querySelector('.cm-content')", "the editor")
     page.value("document.querySelector('.cm-content').focus()")
     key(page, "Home", 36)
     page.call("Input.insertText", text="nonsense\n")
     page.wait_text("file-state", "Not saved")
-    page.click("save")
+    click(page, "save")
     page.wait_text("cell-fault", "Line 1")
     shot("cell-fault")
     page.value("document.querySelector('.cm-content').focus()")
     key(page, "z", 90)
-    page.click("save")
+    click(page, "save")
     page.wait_text("file-state", "can be used")
     assert page.text("cell-fault") == ""
-    page.click("tab-not")
+    click(page, "tab-not")
     page.wait_text("unknowns", "play and friction")
     shot("unknown")
 
 
 def program(page: Page, shot: Shot) -> None:
     """Source line and point of the path select each other."""
-    page.click("go-program")
+    click(page, "go-program")
     page.wait_text("about", "16 lines")
     page.wait("document.querySelectorAll('.st-line').length > 10", "the source")
     page.value("document.querySelector('[data-line=\"12\"]').dataset.test = 'line12'")
-    page.click("line12")
+    click(page, "line12")
     page.wait_text("at", "line 12")
     shot("program")
 
 
-def plan(page: Page, shot: Shot, folder: Path) -> None:
-    """Check, and compensate for three controllers; each button runs the command that it shows."""
-    page.click("go-plan")
-    page.click("check")
-    page.wait_text("counts", "0 fail")
+def plan(page: Page, shot: Shot) -> None:
+    """Compensate for three controllers: a button runs the commands that it shows."""
+    click(page, "go-plan")
     for language in LANGUAGES:
         if language != "krl":
-            page.click(f"as-{language}")
+            click(page, f"as-{language}")
     page.wait_text("page-plan", "--as gcode")
-    page.click("compensate")
+    click(page, "compensate")
     for language in LANGUAGES:
         page.wait(f"!!document.querySelector('[data-test=\"plan-groove-{language}\"]')", f"the plan in {language}")
     assert "expected" in page.text("bars-groove-krl").lower()
     shot("plan")
-    page.click("go-program")
+    click(page, "go-program")
     choose(page, "plan-of-path", "groove-krl")
     page.wait_text("channel", "")
     page.wait("document.querySelector('.st-legend').innerText.includes('error after')", "the predicted error")
@@ -135,22 +134,25 @@ def report(page: Page, link: str) -> str:
 
 
 def after_the_cut(page: Page, shot: Shot, scan: Path) -> None:
-    """Prove, inspect the scan of a part, correct the next one."""
-    page.click("go-plan")
-    page.click("prove")
+    """Check, prove, inspect the scan of a part, correct the next one."""
+    click(page, "go-plan")
+    click(page, "check")
+    page.wait_text("counts", "0 fail")
+    shot("checked")
+    click(page, "prove")
     page.wait("!!document.querySelector('[data-test=\"proof-groove-proof\"]')", "the proof")
     shot("proof")
-    page.click("go-inspect")
+    click(page, "go-inspect")
     drop(page, "drop-scan", scan)
     page.wait_text("page-inspect", "--scan groove.ply")
-    page.click("inspect")
+    click(page, "inspect")
     page.wait_text("features", "depth")
     choose(page, "made-by", "groove-krl")
     page.wait_text("page-inspect", "--plan groove-krl")
-    page.click("correct")
+    click(page, "correct")
     page.wait("!!document.querySelector('[data-test=\"next-groove-krl-next\"]')", "the next program")
     shot("inspect")
-    page.click("go-run")
+    click(page, "go-run")
     page.wait_text("page-run", "counterflex panel log")
     shot("run")
 
@@ -163,11 +165,17 @@ def first_page_s(page: Page, link: str) -> float:
     return time.monotonic() - begin
 
 
-def status(address: str, **headers: str) -> int:
-    """Status of an answer to somebody without a session."""
-    request = urllib.request.Request(address, headers=headers)
+def answer(address: str, *, key: str = "", **headers: str) -> str:
+    """Text of an answer, or its status where it is refused.
+
+    Args:
+        key: Link that is opened before; none: a stranger asks.
+    """
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
-        with urllib.request.urlopen(request, timeout=30.0) as answer:
-            return int(answer.status)
+        if key:
+            opener.open(key, timeout=60.0).close()
+        with opener.open(urllib.request.Request(address, headers=headers), timeout=60.0) as given:
+            return str(given.read().decode("utf-8", "replace"))
     except urllib.error.HTTPError as fault:
-        return int(fault.code)
+        return str(fault.code)

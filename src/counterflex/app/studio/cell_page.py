@@ -12,11 +12,10 @@ from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.questions import check_cell
 from counterflex.app.robot_list import robots
 from counterflex.app.studio import texts
-from counterflex.app.studio.cell_text import TOOL_KEYS, Chosen, line_of, with_values
-from counterflex.app.studio.desk import Action, Desk, Fault, command_text, table
-from counterflex.app.studio.jobs import Job
+from counterflex.app.studio.cell_text import TOOL_KEYS, CellValues, line_of, with_values
+from counterflex.app.studio.desk import Action, FaultBanner, SceneView, Workbench, command_text, table
+from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.app.studio.tool_way import pushed
-from counterflex.app.studio.view import View
 from counterflex.core import atomic
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
@@ -32,7 +31,7 @@ _PROPOSED = 20
 class CellPage:
     """Everything about the cell file that is chosen."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Workbench) -> None:
         self._desk = desk
         self._cell: Cell | None = None
         self._scene: CellScene | None = None
@@ -40,11 +39,11 @@ class CellPage:
         self._saved = ""
         with ui.element("div").classes("st-two"):
             with ui.element("div").classes("st-left"):
-                self._view = View(self._draw)
+                self._view = SceneView(self._draw)
                 self._sliders()
             with ui.element("div").classes("st-right"):
                 self._new_cell()
-                self.fault = Fault("cell-fault")
+                self.fault = FaultBanner("cell-fault")
                 with ui.tabs().props("dense no-caps align=left") as self._tabs:
                     for name in (texts.SET, texts.FILE, texts.UNKNOWN):
                         ui.tab(name).props(f'data-test="tab-{name.split()[0].lower()}"')
@@ -86,7 +85,7 @@ class CellPage:
             return ""
         return next_command("cell example", out=name, robot=self._robot.value)
 
-    async def _made(self, job: Job) -> None:
+    async def _made(self, job: QueuedCommand) -> None:
         self.fault.show(job.error)
         if job.state == "done":
             self._new.value = False
@@ -96,17 +95,15 @@ class CellPage:
     def _sliders(self) -> None:
         self._pushed = ui.label("").classes("st-note").props('data-test="pushed"')
         self._push_command = command_text("")
+        self._axes: list[ui.number] = []
+        self._slides: list[ui.slider] = []
         with ui.element("div").classes("st-joints") as self._joints:
-            self._axes = [
-                ui.number(f"A{k}", value=0.0, step=1.0, format="%.1f", on_change=self._move).props("dense")
-                for k in range(1, 7)
-            ]
-            self._slides = [
-                ui.slider(min=-180, max=180, step=0.5, value=0.0).props(f'aria-label="A{k}" data-test="a{k}"')
-                for k in range(1, 7)
-            ]
-            for axis, slide in zip(self._axes, self._slides, strict=True):
-                slide.bind_value(axis)
+            for k in range(1, 7):
+                with ui.element("div"):
+                    self._axes.append(ui.number(f"A{k}", value=0.0, step=1.0, format="%.1f", on_change=self._move))
+                    self._slides.append(ui.slider(min=-180, max=180, step=0.5, value=0.0).bind_value(self._axes[-1]))
+                self._axes[-1].props("dense")
+                self._slides[-1].props(f'aria-label="A{k}" data-test="a{k}"')
 
     def _file(self) -> None:
         self._editor = ui.codemirror("", language="TOML", on_change=self._edited).classes("st-editor")
@@ -172,7 +169,7 @@ class CellPage:
     def _fill_form(self) -> None:
         """The form of what the file says."""
         self._form.clear()
-        chosen = Chosen.of(self._saved)
+        chosen = CellValues.of(self._saved)
         if chosen is None:
             return
         with self._form:
@@ -181,7 +178,7 @@ class CellPage:
                 robot = ui.select(names, label=texts.ROBOT, value=chosen.robot, with_input=True).classes("st-full")
                 robot.on_value_change(lambda event: self._enter(robot=event.value))
             here = texts.AS_IN_FILE.format(name=chosen.material_name or chosen.material)
-            options = {"": here, **{name: material.load(name).name or name for name in material.names()}}
+            options = {"": here, **{name: _material(name) for name in material.names()}}
             value = chosen.material if chosen.material in options else ""
             select = ui.select(options, label=texts.MATERIAL, value=value, with_input=True).classes("st-full")
             select.props('data-test="material"').on_value_change(lambda event: self._enter(material=event.value or ""))
@@ -253,7 +250,7 @@ class CellPage:
                 str, self._measured, main=False,
             )  # fmt: skip
 
-    async def _measured(self, job: Job) -> None:
+    async def _measured(self, job: QueuedCommand) -> None:
         self.fault.show(job.error)
 
     def _draw(self) -> None:
@@ -286,6 +283,12 @@ class CellPage:
         more = "" if share is None else texts.PUSHED_SHARE.format(share=100 * share["share"], segment=share["segment"])
         self._pushed.set_text(texts.PUSHED.format(*answer["along_um"], answer["softest_um"], more))
         self._view.stand(self._scene, self._cell, angles, answer["ellipsoid"])
+
+
+def _material(name: str) -> str:
+    """Name of a material, and whether the file has to state ratios of its force."""
+    row = material.load(name)
+    return (row.name or name) + (texts.INCOMPLETE if row.radial is None or row.axial is None else "")
 
 
 def _figure(value: float | None) -> str:

@@ -22,7 +22,7 @@ _PLACE: Final = re.compile(r"^[a-z_]+(\[\d+\])?(\.[a-z0-9_]+(\[\d+\])?)*$", re.I
 
 
 @dataclass(frozen=True)
-class Chosen:
+class CellValues:
     """Values of a cell file that the form shows."""
 
     robot: str = ""  # Name in the catalogue; empty: described in the file
@@ -32,7 +32,7 @@ class Chosen:
     part: Mapping[str, float] | None = None  # By key of a pose; None where the cell has no part
 
     @classmethod
-    def of(cls, text: str) -> Chosen | None:
+    def of(cls, text: str) -> CellValues | None:
         """Values of a text; None where it is no TOML."""
         try:
             doc: Any = tomlkit.parse(text).unwrap()
@@ -93,9 +93,9 @@ def _enter(table: Any, values: Mapping[str, float | None]) -> None:
 
 def line_of(text: str, fault: CounterflexError) -> int | None:
     """Return the line of a text that a fault of its cell file is in, counted from 1; None where it names none."""
-    found = _AT_LINE.search(str(fault))
-    if found is not None:
-        return int(found[1])
+    match = _AT_LINE.search(str(fault))
+    if match is not None:
+        return int(match[1])
     place = str(fault.where or "").rpartition(": ")[2]
     return _line_of_key(text.splitlines(), place) if _PLACE.match(place) else None
 

@@ -7,31 +7,40 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
 from nicegui import Client, events, ui
 from nicegui.element import Element
 
+from counterflex.app.panel import cell_scene
+from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio import texts
-from counterflex.app.studio.jobs import Job, Queue
+from counterflex.app.studio.jobs import CommandQueue, QueuedCommand
 from counterflex.app.studio.project import Project
+from counterflex.app.studio.tool_way import ToolWay
 from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import printable
+from counterflex.core.units import DEG
+from counterflex.files.cell.cell import Cell
 from counterflex.programs.language import LANGUAGES, at_prompt
 
 UPLOAD: Final = 512 << 20
 """Bytes of a file that may be dropped into the project."""
+_SHARED: Final = str(Path(cell_scene.__file__).with_name("cell_view"))
 _Result = TypeVar("_Result")
+Ended = Callable[[QueuedCommand], Awaitable[None]]
+"""Called with a command when it has ended."""
 
 
-class Desk:
+class Workbench:
     """What is chosen on one page of a browser, and the queue of commands of all of them."""
 
-    def __init__(self, client: Client, project: Project, queue: Queue) -> None:
+    def __init__(self, client: Client, project: Project, queue: CommandQueue) -> None:
         self.client, self.project, self.queue = client, project, queue
         self.cell = self.program = ""
         self.changed: list[Callable[[], Awaitable[None]]] = []
         self.go: Callable[[str], None] = lambda _: None
         self.at_line: Callable[[int], Awaitable[None]] | None = None
-        self._ends: list[tuple[Job, Callable[[Job], Awaitable[None]]]] = []
+        self._ends: list[tuple[QueuedCommand, Ended]] = []
 
     @property
     def cell_file(self) -> Path:
@@ -59,8 +68,8 @@ class Desk:
         for one in self.changed:
             await one()
 
-    def run(self, line: str, after: Callable[[Job], Awaitable[None]] | None = None) -> None:
-        """Queue a command; ``after`` is called when it has ended."""
+    def run(self, line: str, after: Ended | None = None) -> None:
+        """CommandQueue a command; ``after`` is called when it has ended."""
         job = self.queue.add(line)
         if after is not None:
             self._ends.append((job, after))
@@ -73,7 +82,7 @@ class Desk:
             await after(job)
 
 
-class Fault:
+class FaultBanner:
     """A fault on a page; nothing where there is none."""
 
     def __init__(self, mark: str) -> None:
@@ -105,8 +114,8 @@ class Action:
     """
 
     def __init__(
-        self, desk: Desk, mark: str, title: str, line: Callable[[], str], lacking: Callable[[], str],
-        after: Callable[[Job], Awaitable[None]], *, also: Callable[[], Iterable[str]] = tuple, main: bool = True,
+        self, desk: Workbench, mark: str, title: str, line: Callable[[], str], lacking: Callable[[], str],
+        after: Ended, *, also: Callable[[], Iterable[str]] = tuple, main: bool = True,
     ) -> None:  # fmt: skip
         self._desk, self._line, self._lacking, self._after, self._also = desk, line, lacking, after, also
         with ui.row().classes("st-action"):
@@ -161,14 +170,14 @@ class Drop:
         taken: Called with its name when it is there.
     """
 
-    def __init__(self, desk: Desk, mark: str, taken: Callable[[str], Awaitable[None]]) -> None:
+    def __init__(self, desk: Workbench, mark: str, taken: Callable[[str], Awaitable[None]]) -> None:
         self._desk, self._taken = desk, taken
         with ui.element("div").props(f'data-test="{mark}"').classes("st-drop"):
             ui.upload(
                 label=texts.UPLOAD, auto_upload=True, max_file_size=UPLOAD, on_upload=self._take,
                 on_rejected=lambda: self.fault.show(texts.TOO_LARGE.format(limit=UPLOAD >> 20)),
             ).props("flat bordered")  # fmt: skip
-            self.fault = Fault(f"{mark}-fault")
+            self.fault = FaultBanner(f"{mark}-fault")
 
     async def _take(self, event: events.UploadEventArguments) -> None:
         name = Path(event.file.name.replace("\\", "/")).name
@@ -189,7 +198,7 @@ def language(summary: dict[str, Any]) -> str:
     return LANGUAGES[dialect].short if dialect in LANGUAGES else word
 
 
-def result_links(desk: Desk, folder: str) -> None:
+def result_links(desk: Workbench, folder: str) -> None:
     """Links to the files of a folder of results: the report first, programs to download."""
     summary = desk.project.summary(folder)
     report = f"{folder}/report.html"
@@ -200,12 +209,15 @@ def result_links(desk: Desk, folder: str) -> None:
             ui.link(str(name), f"/files/{folder}/{name}?save").props(f'data-test="file-{name}"')
 
 
-def error_bars(title: str, before: Sequence[float], after: Sequence[float], *, mark: str) -> None:
+def error_bars(title: str, before_mm: Sequence[float], after_mm: Sequence[float], *, mark: str) -> None:
     """Two bars, before and after, each (value, low, high) in mm; low and high are drawn where they differ."""
-    most = max(*before, *after, 1e-9)
+    most = max(*before_mm, *after_mm, 1e-9)
     with ui.element("div").classes("st-bars").props(f'data-test="{mark}"'):
         ui.label(title).classes("st-note")
-        for word, kind, (value, low, high) in ((texts.BEFORE, "st-red", before), (texts.AFTER, "st-green", after)):
+        for word, kind, (value, low, high) in (
+            (texts.BEFORE, "st-red", before_mm),
+            (texts.AFTER, "st-green", after_mm),
+        ):
             with ui.element("div").classes("st-bar"):
                 ui.label(word)
                 with ui.element("i"):
@@ -215,3 +227,34 @@ def error_bars(title: str, before: Sequence[float], after: Sequence[float], *, m
                         ui.element("u").style(span)
                 text = f"{value:.2f}" + (f" ({low:.2f} to {high:.2f})" if high > low else "")
                 ui.label(text).classes("st-number")
+
+
+class SceneView(Element, component="view.js", esm={"counterflex-cell-view": _SHARED}):  # type: ignore[call-arg, misc]
+    """A cell, and the way of a tool on it.
+
+    Args:
+        ready: Called when the browser can draw.
+    """
+
+    def __init__(self, ready: Callable[[], Any]) -> None:
+        super().__init__()
+        self._props["words"] = texts.SCENE
+        self.classes("st-view-box")
+        self.on("ready", lambda: ready())
+
+    def show_cell(self, scene: CellScene, q_deg: list[float] | None = None) -> None:
+        """Draw the bodies of a cell at angles of the axes in the order of the model, or at zero."""
+        self.run_method("cell", scene.bodies, scene.frames([0.0] * 6 if q_deg is None else [a * DEG for a in q_deg]))
+
+    def stand(self, scene: CellScene, cell: Cell, shown_deg: list[float], compliance_um_per_n: list[float]) -> None:
+        """Move the robot to angles as the controller shows them; the ellipsoid is the deflection under 100 N."""
+        q = cell.controller_chain.axes.model(np.array(shown_deg) * DEG)
+        self.run_method("pose", scene.frames(q), compliance_um_per_n)
+
+    def show_way(self, way: ToolWay, scene: CellScene, source: list[str], *, near: bool) -> None:
+        """Draw the way of the tool, with the text of its program."""
+        self.run_method("path", way.drawn(scene), source, near)
+
+    def paint(self, channel: str) -> None:
+        """Colour the way by a channel."""
+        self.run_method("paint", channel, *texts.CHANNELS[channel])

@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from nicegui import ui
 
 from counterflex.app.studio import texts
 from counterflex.app.studio.desk import (
     Action,
-    Desk,
     Drop,
-    Fault,
+    FaultBanner,
+    Workbench,
     command_text,
     error_bars,
     language,
     result_links,
     table,
 )
-from counterflex.app.studio.jobs import Job
+from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.core.next_command import next_command
+
+_EXPECTED: Final = ("now_p997_um", "next_p997_um", "next_5_percent_um", "next_95_percent_um")
 
 
 class InspectPage:
     """A scan of the part, its judgement, the program of the next part."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Workbench) -> None:
         self._desk = desk
-        self.fault = Fault("inspect-fault")
+        self.fault = FaultBanner("inspect-fault")
         with ui.element("div").classes("st-two st-even"):
             with ui.column().classes("st-block"):
                 self._scan = ui.select([], label=texts.SCAN, on_change=self._refresh_actions).classes("st-full")
@@ -68,7 +70,7 @@ class InspectPage:
         )
 
     def _correct_line(self) -> str:
-        judged = self._desk.project.results("inspect", self._desk.program) if self._desk.program else []
+        judged = self._desk.project.results(self._desk.program, "inspect") if self._desk.program else []
         if self._desk.lacking() or not judged or not self._plan.value:
             return ""
         plan = str(self._plan.value)
@@ -80,7 +82,7 @@ class InspectPage:
         self._inspect.refresh()
         self._correct.refresh()
 
-    async def _ended(self, job: Job) -> None:
+    async def _ended(self, job: QueuedCommand) -> None:
         self.fault.show(job.error if job.state == "failed" else "")
         await self._desk.refresh()
 
@@ -92,16 +94,17 @@ class InspectPage:
         self._refresh_actions()
         self._judged.clear()
         with self._judged:
-            for folder in project.results("inspect", program):
+            for folder in project.results(program, "inspect"):
                 self._show_features(folder, project.summary(folder))
         self._next.clear()
         with self._next:
-            for folder in project.results("correct", program):
+            for folder in project.results(program, "correct"):
                 summary = project.summary(folder)
                 with ui.element("div").classes("st-card").props(f'data-test="next-{folder}"'):
                     ui.label(f"{folder}: {language(summary)}").classes("st-title")
-                    headline = summary["prediction"]["headline"]
-                    error_bars(texts.EXPECTED, headline["before_mm"], headline["after_mm"], mark=f"bars-{folder}")
+                    expected = summary["correct"]["expected"]
+                    now, *after = (expected[key] / 1000.0 for key in _EXPECTED)
+                    error_bars(texts.CORRECTED, (now, now, now), after, mark=f"bars-{folder}")
                     result_links(self._desk, folder)
 
     def _show_features(self, folder: str, summary: dict[str, Any]) -> None:
@@ -127,7 +130,7 @@ class InspectPage:
 class RunPage:
     """What is typed to run the program with correction, and to open the panel."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Workbench) -> None:
         self._desk = desk
         ui.label(texts.NOT_AN_E_STOP).classes("st-warn")
         self._column = ui.column().classes("st-form")
@@ -137,9 +140,10 @@ class RunPage:
         """Show the commands for what is chosen."""
         plans = self._desk.project.plans(self._desk.program) if self._desk.program else []
         plan = f"{plans[-1]}/plan.parquet" if plans else "PLAN"
+        rsi = "rsi.xml" if self._desk.project.inside("rsi.xml") else None
         lines = (
             " ".join(self._desk.project.summary(plans[-1]).get("files", [])) if plans else "",
-            next_command("run", cell=self._desk.cell or "CELL", plan=plan, out="log"),
+            next_command("run", cell=self._desk.cell or "CELL", rsi=rsi, plan=plan, out="log"),
             next_command("panel", "log"),
         )
         self._column.clear()

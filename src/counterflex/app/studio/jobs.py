@@ -27,7 +27,7 @@ _FAILED_CHECK: Final = 1
 
 
 @dataclass(eq=False)
-class Job:
+class QueuedCommand:
     """A command line in the folder of the project."""
 
     line: str
@@ -45,8 +45,8 @@ class Job:
     @property
     def error(self) -> str:
         """What the command says is wrong; empty where it ended well."""
-        said = [line for line in self.lines if line.startswith("error: ")]
-        return said[-1].removeprefix("error: ") if said else ""
+        messages = [line for line in self.lines if line.startswith("error: ")]
+        return messages[-1].removeprefix("error: ") if messages else ""
 
     def take(self, line: str) -> None:
         """Take a line that the command prints."""
@@ -57,7 +57,7 @@ class Job:
             self.fraction, self.what = int(match["percent"]) / 100.0, match["what"] + (match["left"] or "")
 
 
-class Queue:
+class CommandQueue:
     """Runs commands in the order in which they were asked for."""
 
     def __init__(self, folder: Path) -> None:
@@ -65,21 +65,21 @@ class Queue:
         self._ready = threading.Condition()
         self._process: subprocess.Popen[str] | None = None
         self._closed = False
-        self.jobs: list[Job] = []
+        self.jobs: list[QueuedCommand] = []
         self.version = 0  # Counts changes of states
         self._worker = threading.Thread(target=self._work, name="studio commands", daemon=True)
         self._worker.start()
 
-    def add(self, line: str) -> Job:
-        """Queue a command line, ``counterflex ...`` as it would be typed."""
-        job = Job(line)
+    def add(self, line: str) -> QueuedCommand:
+        """CommandQueue a command line, ``counterflex ...`` as it would be typed."""
+        job = QueuedCommand(line)
         with self._ready:
             self.jobs.append(job)
             self.version += 1
             self._ready.notify()
         return job
 
-    def cancel(self, job: Job) -> None:
+    def cancel(self, job: QueuedCommand) -> None:
         """End a command: it leaves nothing half-written. One that waits is not begun."""
         with self._ready:
             if job.state == "waiting":
@@ -112,7 +112,7 @@ class Queue:
                 self._process = self._begin(job)
             self._follow(job, self._process)
 
-    def _begin(self, job: Job) -> subprocess.Popen[str]:
+    def _begin(self, job: QueuedCommand) -> subprocess.Popen[str]:
         words = shlex.split(job.line)[1:]
         environment = {**os.environ, "COUNTERFLEX_PROGRESS_S": _PERIOD_S, "COLUMNS": "120", "PYTHONIOENCODING": "utf-8"}
         return subprocess.Popen(
@@ -121,7 +121,7 @@ class Queue:
             text=True, encoding="utf-8", errors="replace",
         )  # fmt: skip
 
-    def _follow(self, job: Job, process: subprocess.Popen[str]) -> None:
+    def _follow(self, job: QueuedCommand, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
         for line in process.stdout:
             job.take(line.rstrip("\n"))

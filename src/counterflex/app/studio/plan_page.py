@@ -8,8 +8,8 @@ from typing import Any, Final
 from nicegui import ui
 
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Action, Desk, Fault, error_bars, language, result_links, table
-from counterflex.app.studio.jobs import Job
+from counterflex.app.studio.desk import Action, FaultBanner, Workbench, error_bars, language, result_links, table
+from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.core.next_command import next_command
 from counterflex.programs.language import LANGUAGES, at_prompt
 
@@ -21,9 +21,9 @@ _FIRST: Final = "krl"
 class PlanPage:
     """Everything that comes of the program on the cell."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Workbench) -> None:
         self._desk = desk
-        self.fault = Fault("plan-fault")
+        self.fault = FaultBanner("plan-fault")
         words = at_prompt("write")
         with ui.element("div").classes("st-two st-even"):
             with ui.column().classes("st-block"):
@@ -80,7 +80,7 @@ class PlanPage:
         for action in self._actions:
             action.refresh()
 
-    async def _ended(self, job: Job) -> None:
+    async def _ended(self, job: QueuedCommand) -> None:
         self.fault.show(job.error if job.state == "failed" else "")
         await self._desk.refresh()
 
@@ -90,14 +90,14 @@ class PlanPage:
         project, program = self._desk.project, self._desk.program
         self._checks.clear()
         with self._checks:
-            for folder in project.results("preflight", program)[-1:]:
+            for folder in project.results(program, "preflight")[-1:]:
                 self._show_checks(folder)
         self._results.clear()
         with self._results:
             plans = project.plans(program)
             for folder in plans:
                 self._show_plan(folder)
-            for folder in project.results("prove", program):
+            for folder in project.results(program, "prove"):
                 self._show_proof(folder)
             if not plans:
                 ui.label(texts.NO_RESULTS).classes("st-note")

@@ -6,9 +6,8 @@ from nicegui import background_tasks, ui
 
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Desk, Drop, Fault, command_text
+from counterflex.app.studio.desk import Drop, FaultBanner, SceneView, Workbench, command_text
 from counterflex.app.studio.tool_way import ToolWay
-from counterflex.app.studio.view import View
 from counterflex.core.next_command import next_command
 from counterflex.programs.source_text import read_text
 
@@ -16,7 +15,7 @@ from counterflex.programs.source_text import read_text
 class ProgramPage:
     """Everything about the program that is chosen, on the cell that is chosen."""
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: Workbench) -> None:
         self._desk = desk
         self._way: ToolWay | None = None
         self._scene: CellScene | None = None
@@ -29,9 +28,9 @@ class ProgramPage:
             self._about = ui.label("").classes("st-note").props('data-test="about"')
             ui.space()
             Drop(desk, "drop-program", lambda name: desk.choose(program=name))
-        self.fault = Fault("program-fault")
+        self.fault = FaultBanner("program-fault")
         self._note = ui.label("").classes("st-note")
-        self._view = View(self._draw).classes("st-tall")
+        self._view = SceneView(self._draw).classes("st-tall")
         self._command = command_text("")
         desk.changed.append(self.refresh)
 

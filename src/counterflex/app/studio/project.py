@@ -16,7 +16,6 @@ SUMMARY: Final = "summary.json"
 _CELL: Final = "counterflex-cell"
 _MOST: Final = 1 << 20
 """Bytes of a file that may be a cell file."""
-_PLANS: Final = ("compensate", "correct")
 
 
 @dataclass(frozen=True)
@@ -38,20 +37,19 @@ class Project:
         """Files in the folder that may be scans."""
         return [self.name(path) for path in self._files(SCANS)]
 
-    def results(self, job: str, program: str) -> list[str]:
-        """Folders of results of a job for a program, the newest last."""
-        found = []
+    def results(self, program: str, *jobs: str) -> list[str]:
+        """Folders of results of jobs for a program, the newest last."""
+        folders = []
         for path in sorted(self.folder.glob(f"*/{SUMMARY}"), key=lambda one: one.stat().st_mtime):
             summary = self.summary(self.name(path.parent))
-            made_by = summary.get("job", "preflight" if "checks" in summary else "")
-            if made_by == job and summary.get("program") == Path(program).name:
-                found.append(self.name(path.parent))
-        return found
+            job = summary.get("job", "preflight" if "checks" in summary else "")
+            if job in jobs and summary.get("program") == Path(program).name:
+                folders.append(self.name(path.parent))
+        return folders
 
     def plans(self, program: str) -> list[str]:
         """Folders with a plan for a program, the newest last."""
-        both = [name for job in _PLANS for name in self.results(job, program)]
-        return sorted(both, key=lambda name: (self.folder / name / SUMMARY).stat().st_mtime)
+        return self.results(program, "compensate", "correct")
 
     def summary(self, folder: str) -> dict[str, Any]:
         """``summary.json`` of a folder of results; empty where there is none that can be read."""
@@ -72,8 +70,8 @@ class Project:
 
     def _files(self, endings: tuple[str, ...], *, below: bool = False) -> list[Path]:
         patterns = ("*", "*/*") if below else ("*",)
-        found = [path for pattern in patterns for path in self.folder.glob(pattern)]
-        return sorted(path for path in found if path.suffix.lower() in endings and path.is_file())
+        paths = [path for pattern in patterns for path in self.folder.glob(pattern)]
+        return sorted(path for path in paths if path.suffix.lower() in endings and path.is_file())
 
     def _is_cell(self, path: Path) -> bool:
         if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:

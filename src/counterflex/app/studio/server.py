@@ -13,11 +13,11 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from counterflex.app.panel.gated_server import GatedServer
+from counterflex.app.panel.settings import PanelSettings, require_safe
 from counterflex.app.studio import texts
 from counterflex.app.studio.desk import UPLOAD
-from counterflex.app.studio.jobs import Queue
+from counterflex.app.studio.jobs import CommandQueue
 from counterflex.app.studio.project import Project
-from counterflex.app.studio.settings import StudioSettings, require_studio
 from counterflex.app.studio.shell import Shell
 
 _CSS: Final = Path(__file__).with_name("studio.css")
@@ -33,12 +33,12 @@ class StudioServer(GatedServer):
         started: Told the link that opens it, once.
     """
 
-    def __init__(self, settings: StudioSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
+    def __init__(self, settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
         super().__init__(settings, started, roles=("operator",), cookie="counterflex-studio")
         os.chdir(settings.folder)  # files are named as the commands name them, in faults too
         self._title = f"counterflex studio: {Path.cwd().name}"
         self._project = Project(Path())
-        self._queue = Queue(Path())
+        self._queue = CommandQueue(Path())
 
     def serve(self) -> None:
         """Serve until the process is asked to end. Raises OutputError: the port cannot be opened."""
@@ -69,14 +69,14 @@ async def _closed(_: Request) -> Response:
     return PlainTextResponse(texts.CLOSED, headers={"cache-control": "no-store"})
 
 
-def serve(settings: StudioSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
+def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
     """Serve a studio until the process is asked to end.
 
     Args:
         started: Told the link that opens it: whose, and the address.
 
     Raises:
-        InputError: The page library is missing, or the folder cannot be used.
+        InputError: The page library is missing.
     """
-    require_studio(settings)
+    require_safe(settings)
     StudioServer(settings, started).serve()

@@ -8,9 +8,9 @@ from nicegui import Client, ui
 
 from counterflex.app.studio import texts
 from counterflex.app.studio.cell_page import CellPage
-from counterflex.app.studio.desk import Desk, command_text
+from counterflex.app.studio.desk import Workbench, command_text
 from counterflex.app.studio.inspect_page import InspectPage, RunPage
-from counterflex.app.studio.jobs import Job, Queue
+from counterflex.app.studio.jobs import CommandQueue, QueuedCommand
 from counterflex.app.studio.plan_page import PlanPage
 from counterflex.app.studio.program_page import ProgramPage
 from counterflex.app.studio.project import Project
@@ -23,6 +23,7 @@ _PAGES: Final[dict[str, Any]] = {
     "inspect": InspectPage,
     "run": RunPage,
 }
+_COLOURS: Final = {"waiting": "primary", "running": "primary", "failed": "negative"}
 _SHOWN: Final = 30
 """Commands that are listed."""
 
@@ -30,8 +31,8 @@ _SHOWN: Final = 30
 class Shell:
     """One page in one browser."""
 
-    def __init__(self, client: Client, project: Project, queue: Queue, title: str) -> None:
-        self._desk = desk = Desk(client, project, queue)
+    def __init__(self, client: Client, project: Project, queue: CommandQueue, title: str) -> None:
+        self._desk = desk = Workbench(client, project, queue)
         self._version = -1
         self._dark = ui.dark_mode(None)
         with ui.element("header").classes("st-head"):
@@ -113,25 +114,27 @@ class Shell:
     async def _tick(self) -> None:
         queue = self._desk.queue
         current = next((job for job in queue.jobs if not job.ended), queue.jobs[-1] if queue.jobs else None)
-        if current is not None:
-            self._now.set_text(current.line)
-            waiting = sum(job.state == "waiting" for job in queue.jobs)
-            more = f" (+{waiting})" if waiting and current.state == "running" else ""
-            state = current.error if current.state == "failed" and current.error else texts.STATES[current.state]
-            self._what.set_text((current.what if current.state == "running" and current.what else state) + more)
-            self._bar.set_value(1.0 if current.ended else current.fraction)
-            colour = "negative" if current.state == "failed" else "positive" if current.ended else "primary"
-            self._bar.props(f"color={colour}")
-            unknown = current.state == "running" and current.fraction == 0.0
-            self._bar.props(add="indeterminate" if unknown else "", remove="" if unknown else "indeterminate")
         self._cancel.set_visibility(current is not None and current.state == "running")
         self._bar.set_visibility(current is not None)
+        if current is not None:
+            self._show_now(current, sum(job.state == "waiting" for job in queue.jobs))
         if queue.version != self._version:
             self._version = queue.version
             self._show_list(queue.jobs)
             await self._desk.look()
 
-    def _show_list(self, jobs: list[Job]) -> None:
+    def _show_now(self, job: QueuedCommand, waiting: int) -> None:
+        """Show a command: what it does, or how it ended."""
+        running = job.state == "running"
+        self._now.set_text(job.line)
+        text = (running and job.what) or (job.state == "failed" and job.error) or texts.STATES[job.state]
+        self._what.set_text(text + (f" (+{waiting})" if running and waiting else ""))
+        unknown = running and job.fraction == 0.0
+        self._bar.set_value(1.0 if job.ended else job.fraction)
+        self._bar.props(f"color={_COLOURS.get(job.state, 'positive')}")
+        self._bar.props(add="indeterminate" if unknown else "", remove="" if unknown else "indeterminate")
+
+    def _show_list(self, jobs: list[QueuedCommand]) -> None:
         self._list.clear()
         with self._list:
             for job in reversed(jobs[-_SHOWN:]):

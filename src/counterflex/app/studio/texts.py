@@ -19,10 +19,10 @@ INTRO: Final = {
     "inspect": "Drop the scan of the finished part, judge it, and write the program of the next part.",
     "run": "The compensated program runs on the controller as it is. Correction while milling is a step further.",
 }
-CELL, PROGRAM, PLAN, NONE = "Cell file", "Program", "Plan", "none yet"
+CELL, PROGRAM, PLAN = "Cell file", "Program", "Plan"
 DARK: Final = "Light or dark"
 HELP_COMMAND: Final = "The command that does the same; it is run in the folder of the project"
-COPY, COPIED, CANCEL, DOWNLOAD, UPLOAD = "Copy", "Copied", "Cancel", "Download", "Drop a file here, or click +"
+COPIED, CANCEL, UPLOAD = "Copied", "Cancel", "Drop a file here, or click +"
 COMMANDS: Final = "Commands"
 NO_COMMANDS: Final = "No command has run yet."
 STATES: Final = {
@@ -35,7 +35,6 @@ STATES: Final = {
 }
 ALREADY: Final = "There is a file {name} already: give another name."
 NO_NAME: Final = "Give a plain file name that ends in {ending}."
-FAILED: Final = "The command ended with status {status}. Its last lines stand under Commands."
 OUTSIDE: Final = "This file is not in the folder of the project."
 TOO_LARGE: Final = "The file has more than {limit} MB."
 
@@ -44,19 +43,17 @@ NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, p
 ROBOT, FILE_NAME, MAKE_CELL = "Robot", "File name", "Write the cell"
 ROBOT_OPTION: Final = "{model}: {reach} mm, {payload} kg"
 SET, FILE, UNKNOWN = "Choose", "File", "Not known"
+INCOMPLETE: Final = " (state kr_over_kc, ka_over_kc)"
 MATERIAL, AS_IN_FILE = "Material", "as in the file ({name})"
 TOOL, DIAMETER, FLUTES, OVERHANG = "Tool", "Diameter, mm", "Flutes", "Overhang, mm"
-BODIES: Final = "Behind the flange"
 PART: Final = "Place of the part in the robot base, mm and deg"
-SAVE, SAVED, REVERT, UNSAVED = "Save", "Saved", "Read again", "Not saved yet"
+SAVE, REVERT, UNSAVED = "Save", "Read again", "Not saved yet"
 CELL_OK: Final = "The file can be used."
 AT_LINE: Final = "Line {line}: {text}"
 UNKNOWN_OF: Final = "What is not known, by the error it leaves uncorrected {where}"
 UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "")
 NOT_AT_REST: Final = "in motion only"
 MEASURE: Final = "Measure"
-MEASURE_HELP: Final = "Propose poses and loads, with a form to fill in: {command}"
-POSE: Final = "Joint angles, deg"
 PUSHED: Final = "Under 100 N the tool tip deflects by {0:.0f} um along x, {1:.0f} y, {2:.0f} z, at most {3:.0f} um. {4}"
 PUSHED_SHARE: Final = "{share:.0f} % of that is {segment}. Blue: 2000 times larger."
 
@@ -92,7 +89,6 @@ POSTURE: Final = "Choose the posture"
 POSTURE_HELP: Final = "Arm configuration and rotation about the tool with the least deflection; a new cell file"
 PLACE: Final = "Choose the place of the part"
 PLACE_HELP: Final = "Where the arm is stiff and reaches everything; a new cell file"
-CHOICES: Final = "Choices"
 COMPENSATE: Final = "Compensate"
 LANGUAGES: Final = "Languages of the output"
 PROVE: Final = "Prove"
@@ -104,13 +100,13 @@ WARNINGS: Final = "Warnings: {count}"
 WITHIN: Final = {True: "yes", False: "no", None: "not decided"}
 WORSE: Final = "Probability that compensation makes it worse: {percent:.0f} %"
 REPORT: Final = "Open the report"
-RESULTS: Final = "Results in the folder"
 NO_RESULTS: Final = "Nothing yet: compensate the program."
 
 SCAN, SCAN_HELP = "Scan of the part", "PLY, STL, OBJ, E57, LAS, PCD, PTX or a table of points"
 INSPECT, CORRECT = "Inspect", "Correct the next part"
 MADE_BY: Final = "Made by the plan"
 FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
+CORRECTED: Final = "Deviation of the surface, mm (99.7 %): this part, and expected of the next (5 to 95 %)"
 CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
 NEEDS: Final = "Still missing: {what}"
 

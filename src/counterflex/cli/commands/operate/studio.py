@@ -8,13 +8,16 @@ from typing import Annotated
 
 import typer
 
+from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 
 PORT = 8643
 
 
 def studio(
-    folder: Annotated[Path, argument("Folder of the project; made when missing.", metavar="FOLDER")] = Path(),
+    folder: Annotated[
+        Path, argument("Folder of the project; made when missing.", arguments.output_folder, "FOLDER")
+    ] = Path(),
     port: Annotated[int, option("--port", "TCP port; 0 takes a free one.", min=0, max=65535)] = PORT,
     browser: Annotated[bool, option("--browser/--no-browser", "Open the link in the browser.")] = True,
 ) -> None:
@@ -29,12 +32,13 @@ def studio(
 
     Example: `counterflex studio part-17`
     """
-    from counterflex.app.studio.settings import StudioSettings, require_studio
+    from counterflex.app.panel.settings import PanelSettings, require_safe
 
-    settings = StudioSettings(folder, port)
-    require_studio(settings)
+    settings = PanelSettings(folder, port=port)
+    require_safe(settings)
     from counterflex.app.studio.server import serve
 
+    folder.mkdir(parents=True, exist_ok=True)
     serve(settings, _opened if browser else _started)
 
 
