@@ -40,7 +40,9 @@ class ProgramPage:
         plans = desk.project.plans(desk.program) if desk.program else []
         options = {"": texts.NO_PLAN, **{name: name for name in plans}}
         if options != self._plan.options:
-            self._plan.set_options(options, value=self._plan.value if self._plan.value in options else "")
+            new = [name for name in plans if name not in self._plan.options]
+            here = self._plan.value if self._plan.value in options else ""
+            self._plan.set_options(options, value=new[-1] if new else here)
         lack = desk.lacking()
         if lack:
             self.fault.show(lack)

@@ -174,7 +174,9 @@ export default {
     },
     paint(channel, title, unit) {
       const values = this.d.values[channel] || [];
-      const counted = values.filter((value, k) => value !== null && this.d.cutting[k]);
+      // Before and after have one scale, so that the gain is seen.
+      const both = ["before", "after"].includes(channel) ? ["before", "after"] : [channel];
+      const counted = both.flatMap((name) => (this.d.values[name] || []).filter((v, k) => v !== null && this.d.cutting[k]));
       const [low, high] = counted.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
       if (!counted.length) return;
       this.shown = { channel, title, unit, low, high };
