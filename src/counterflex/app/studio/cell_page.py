@@ -79,11 +79,11 @@ class CellPage:
             for element in (self._robot, self._name):
                 element.on_value_change(self._make.refresh)
 
-    def _make_line(self) -> str:
+    def _make_line(self) -> list[str]:
         name = str(self._name.value or "").strip()
         if not name.endswith(".toml") or Path(name).name != name or name.startswith((".", "-")):
-            return ""
-        return next_command("cell example", out=name, robot=self._robot.value)
+            return []
+        return [next_command("cell example", out=name, robot=self._robot.value)]
 
     async def _made(self, job: QueuedCommand) -> None:
         self.fault.show(job.error)
@@ -243,12 +243,16 @@ class CellPage:
         table(texts.UNKNOWN_COLUMNS, rows, mark="unknowns")
         for recipe in dict.fromkeys(row["measure"].split()[1] for row in unknowns["rows"]):
             Action(
-                self._desk, f"measure-{recipe}", f"{texts.MEASURE}: {recipe}",
-                lambda recipe=recipe: next_command(
-                    f"identify {recipe}", propose=_PROPOSED, cell=self._desk.cell, out=f"measure-{recipe}"
-                ),
-                str, self._measured, main=False,
-            )  # fmt: skip
+                self._desk,
+                f"measure-{recipe}",
+                f"{texts.MEASURE}: {recipe}",
+                lambda recipe=recipe: [
+                    next_command(f"identify {recipe}", propose=_PROPOSED, cell=self._desk.cell, out=f"measure-{recipe}")
+                ],
+                str,
+                self._measured,
+                main=False,
+            )
 
     async def _measured(self, job: QueuedCommand) -> None:
         self.fault.show(job.error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -40,6 +40,7 @@ class Workbench:
         self.changed: list[Callable[[], Awaitable[None]]] = []
         self.go: Callable[[str], None] = lambda _: None
         self.at_line: Callable[[int], Awaitable[None]] | None = None
+        self._seen = sum(job.ended for job in queue.jobs)
         self._ends: list[tuple[QueuedCommand, Ended]] = []
 
     @property
@@ -75,11 +76,15 @@ class Workbench:
             self._ends.append((job, after))
 
     async def look(self) -> None:
-        """Call what waits for commands that have ended."""
+        """Call what waits for commands that have ended; show what those of other pages have written."""
         ended = [pair for pair in self._ends if pair[0].ended]
         self._ends = [pair for pair in self._ends if not pair[0].ended]
         for job, after in ended:
             await after(job)
+        count = sum(job.ended for job in self.queue.jobs)
+        if count > self._seen and not ended:
+            await self.refresh()
+        self._seen = count
 
 
 class FaultBanner:
@@ -108,16 +113,16 @@ class Action:
     """A button and the command line that it runs; without one it says what is missing.
 
     Args:
-        line: Command line by what is chosen; empty: it cannot be run yet.
+        lines: Command lines by what is chosen; none: nothing can be run yet.
         lacking: What is missing then.
         after: Called when the command has ended.
     """
 
     def __init__(
-        self, desk: Workbench, mark: str, title: str, line: Callable[[], str], lacking: Callable[[], str],
-        after: Ended, *, also: Callable[[], Iterable[str]] = tuple, main: bool = True,
+        self, desk: Workbench, mark: str, title: str, lines: Callable[[], list[str]], lacking: Callable[[], str],
+        after: Ended, *, main: bool = True,
     ) -> None:  # fmt: skip
-        self._desk, self._line, self._lacking, self._after, self._also = desk, line, lacking, after, also
+        self._desk, self._lines, self._lacking, self._after = desk, lines, lacking, after
         with ui.row().classes("st-action"):
             self._button = ui.button(title, on_click=self._press)
             self._button.props(f'no-caps {"unelevated" if main else "outline"} data-test="{mark}"')
@@ -129,9 +134,6 @@ class Action:
         lines = self._lines()
         self._button.set_enabled(bool(lines))
         self._text.set_text("\n".join(lines) or self._lacking())
-
-    def _lines(self) -> list[str]:
-        return [line for line in (self._line(), *self._also()) if line]
 
     def _press(self) -> None:
         for line in self._lines():

@@ -61,22 +61,20 @@ class InspectPage:
         await self._desk.refresh()
         self._scan.set_value(name)
 
-    def _inspect_line(self) -> str:
+    def _inspect_line(self) -> list[str]:
         if self._desk.lacking() or not self._scan.value:
-            return ""
+            return []
         scan = str(self._scan.value)
-        return next_command(
-            "inspect", self._desk.program, cell=self._desk.cell, scan=scan, out=f"{Path(scan).stem}-inspected"
-        )
+        out = f"{Path(scan).stem}-inspected"
+        return [next_command("inspect", self._desk.program, cell=self._desk.cell, scan=scan, out=out)]
 
-    def _correct_line(self) -> str:
+    def _correct_line(self) -> list[str]:
         judged = self._desk.project.results(self._desk.program, "inspect") if self._desk.program else []
         if self._desk.lacking() or not judged or not self._plan.value:
-            return ""
+            return []
         plan = str(self._plan.value)
-        return next_command(
-            "correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=judged[-1], out=f"{plan}-next"
-        )
+        out = f"{plan}-next"
+        return [next_command("correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=judged[-1], out=out)]
 
     def _refresh_actions(self) -> None:
         self._inspect.refresh()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,38 +44,44 @@ class PlanPage:
                 for box in self._languages.values():
                     box.on_value_change(self._refresh_actions)
                 self._actions += [
-                    self._action("compensate", texts.COMPENSATE, lambda: "", also=self._compensate_lines),
+                    self._action("compensate", texts.COMPENSATE, self._compensate_lines),
                     self._action("prove", texts.PROVE, self._prove_line, tip=texts.PROVE_HELP),
                 ]
                 self._results = ui.column().classes("st-form")
         desk.changed.append(self.refresh)
 
-    def _action(self, mark: str, title: str, line: Any, *, tip: str = "", main: bool = True, **more: Any) -> Action:
+    def _action(
+        self, mark: str, title: str, lines: Callable[[], list[str]], *, tip: str = "", main: bool = True
+    ) -> Action:
         if tip:
             ui.label(tip).classes("st-note")
-        return Action(self._desk, mark, title, line, self._desk.lacking, self._ended, main=main, **more)
+        lacking = self._desk.lacking
+        return Action(self._desk, mark, title, lambda: [] if lacking() else lines(), lacking, self._ended, main=main)
 
-    def _line(self, command: str, kind: str, **options: Any) -> str:
-        if self._desk.lacking():
-            return ""
-        stem = Path(self._desk.program).stem
-        return next_command(command, self._desk.program, cell=self._desk.cell, out=f"{stem}-{kind}", **options)
+    def _out(self, kind: str) -> str:
+        return f"{Path(self._desk.program).stem}-{kind}"
 
-    def _check_line(self) -> str:
-        return self._line("preflight", "preflight")
+    def _check_line(self) -> list[str]:
+        desk = self._desk
+        return [next_command("preflight", desk.program, cell=desk.cell, out=self._out("preflight"))]
 
-    def _posture_line(self) -> str:
-        return self._line("plan posture", "posture")
+    def _posture_line(self) -> list[str]:
+        desk = self._desk
+        return [next_command("plan posture", desk.program, cell=desk.cell, out=self._out("posture"))]
 
-    def _place_line(self) -> str:
-        return self._line("plan placement", "placed")
+    def _place_line(self) -> list[str]:
+        desk = self._desk
+        return [next_command("plan placement", desk.program, cell=desk.cell, out=self._out("placed"))]
 
-    def _prove_line(self) -> str:
-        return self._line("prove", "proof")
+    def _prove_line(self) -> list[str]:
+        desk = self._desk
+        return [next_command("prove", desk.program, cell=desk.cell, out=self._out("proof"))]
 
     def _compensate_lines(self) -> list[str]:
-        chosen = [word for word, box in self._languages.items() if box.value]
-        return [self._line("compensate", word, as_=word) for word in chosen]
+        desk, words = self._desk, [word for word, box in self._languages.items() if box.value]
+        return [
+            next_command("compensate", desk.program, cell=desk.cell, out=self._out(word), as_=word) for word in words
+        ]
 
     def _refresh_actions(self) -> None:
         for action in self._actions:

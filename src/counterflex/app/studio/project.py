@@ -77,6 +77,6 @@ class Project:
         if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:
             return False
         try:
-            return f'format = "{_CELL}"' in path.read_text(encoding="utf-8", errors="replace")
+            return f'"{_CELL}"' in path.read_text(encoding="utf-8", errors="replace")
         except OSError:
             return False

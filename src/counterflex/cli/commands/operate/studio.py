@@ -49,7 +49,8 @@ def _started(links: list[tuple[str, str]]) -> None:
 
 
 def _opened(links: list[tuple[str, str]]) -> None:
+    import threading
     import webbrowser
 
     _started(links)
-    webbrowser.open(links[0][1])
+    threading.Thread(target=webbrowser.open, args=(links[0][1],), daemon=True).start()  # a browser of text stays in it
