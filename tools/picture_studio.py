@@ -10,16 +10,23 @@ import shutil
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "references"))
 import studio_walk  # noqa: E402
-from browser import Browser  # noqa: E402
+from browser import Browser, Page  # noqa: E402
 
 SETTLED_S: Final = 1.5
 """Time for a page to come to rest before its picture."""
+
+
+def keep(page: Page, pictures: Path, name: str) -> None:
+    """Take a picture of a page that has come to rest."""
+    time.sleep(SETTLED_S)
+    page.screenshot(pictures / f"{name}.png")
 
 
 def main(out: Path | None, width: int) -> None:
@@ -34,7 +41,7 @@ def main(out: Path | None, width: int) -> None:
             page.call("Emulation.setDeviceMetricsOverride", **size)
             page.open(link)
             for step in (studio_walk.cell, studio_walk.program, studio_walk.plan):
-                step(page, lambda name: (time.sleep(SETTLED_S), page.screenshot(pictures / f"{name}.png")))
+                step(page, partial(keep, page, pictures))
         if out is None:
             shutil.copy(pictures / "planned.png", ROOT / "docs" / "images" / "studio.png")
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
 from counterflex.app.panel.cell_scene import CellScene
@@ -17,6 +19,7 @@ from counterflex.app.studio.desk import Action, FaultBanner, SceneView, Workbenc
 from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.app.studio.tool_way import pushed
 from counterflex.core import atomic
+from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG
@@ -246,13 +249,15 @@ class CellPage:
                 self._desk,
                 f"measure-{recipe}",
                 f"{texts.MEASURE}: {recipe}",
-                lambda recipe=recipe: [
-                    next_command(f"identify {recipe}", propose=_PROPOSED, cell=self._desk.cell, out=f"measure-{recipe}")
-                ],
+                partial(self._measure_lines, recipe),
                 str,
                 self._measured,
                 main=False,
             )
+
+    def _measure_lines(self, recipe: str) -> list[str]:
+        out = f"measure-{recipe}"
+        return [next_command(f"identify {recipe}", propose=_PROPOSED, cell=self._desk.cell, out=out)]
 
     async def _measured(self, job: QueuedCommand) -> None:
         self.fault.show(job.error)
@@ -263,12 +268,15 @@ class CellPage:
             return
         try:
             self._scene = CellScene(self._cell.path)
-            self._view.show_cell(self._scene, self._angles())
+            self._view.show_cell(self._scene, self._model_angles(self._cell))
         except CounterflexError as fault:
             self._show_fault(fault)
 
     def _angles(self) -> list[float]:
         return [float(axis.value or 0.0) for axis in self._axes]
+
+    def _model_angles(self, cell: Cell) -> Float:
+        return cell.controller_chain.axes.model(np.array(self._angles()) * DEG)
 
     async def _move(self) -> None:
         """Stand at the angles of the sliders, and push the tool."""
@@ -285,8 +293,8 @@ class CellPage:
             return
         share = answer["share"]
         more = "" if share is None else texts.PUSHED_SHARE.format(share=100 * share["share"], segment=share["segment"])
-        self._pushed.set_text(texts.PUSHED.format(*answer["along_um"], answer["softest_um"], more))
-        self._view.stand(self._scene, self._cell, angles, answer["ellipsoid"])
+        self._pushed.set_text(texts.PUSHED.format(*answer["along_um"], answer["softest_um"], more=more))
+        self._view.stand(self._scene, self._model_angles(self._cell), answer["ellipsoid"])
 
 
 def _material(name: str) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import numpy as np
 from nicegui import Client, events, ui
 from nicegui.element import Element
 
@@ -17,10 +16,9 @@ from counterflex.app.studio import texts
 from counterflex.app.studio.jobs import CommandQueue, QueuedCommand
 from counterflex.app.studio.project import Project
 from counterflex.app.studio.tool_way import ToolWay
+from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import printable
-from counterflex.core.units import DEG
-from counterflex.files.cell.cell import Cell
 from counterflex.programs.language import LANGUAGES, at_prompt
 
 UPLOAD: Final = 512 << 20
@@ -174,6 +172,7 @@ class Drop:
 
     def __init__(self, desk: Workbench, mark: str, taken: Callable[[str], Awaitable[None]]) -> None:
         self._desk, self._taken = desk, taken
+        self.fault: FaultBanner
         with ui.element("div").props(f'data-test="{mark}"').classes("st-drop"):
             ui.upload(
                 label=texts.UPLOAD, auto_upload=True, max_file_size=UPLOAD, on_upload=self._take,
@@ -184,7 +183,7 @@ class Drop:
     async def _take(self, event: events.UploadEventArguments) -> None:
         name = Path(event.file.name.replace("\\", "/")).name
         place = self._desk.project.folder / name
-        event.sender.reset()  # type: ignore[attr-defined]
+        event.sender.reset()
         if name.startswith(".") or place.exists():
             self.fault.show(texts.ALREADY.format(name=name))
             return
@@ -244,13 +243,12 @@ class SceneView(Element, component="view.js", esm={"counterflex-cell-view": _SHA
         self.classes("st-view-box")
         self.on("ready", lambda: ready())
 
-    def show_cell(self, scene: CellScene, q_deg: list[float] | None = None) -> None:
-        """Draw the bodies of a cell at angles of the axes in the order of the model, or at zero."""
-        self.run_method("cell", scene.bodies, scene.frames([0.0] * 6 if q_deg is None else [a * DEG for a in q_deg]))
+    def show_cell(self, scene: CellScene, q: Float) -> None:
+        """Draw the bodies of a cell at angles of the axes, rad as the controller computes with them."""
+        self.run_method("cell", scene.bodies, scene.frames(q))
 
-    def stand(self, scene: CellScene, cell: Cell, shown_deg: list[float], compliance_um_per_n: list[float]) -> None:
-        """Move the robot to angles as the controller shows them; the ellipsoid is the deflection under 100 N."""
-        q = cell.controller_chain.axes.model(np.array(shown_deg) * DEG)
+    def stand(self, scene: CellScene, q: Float, compliance_um_per_n: list[float]) -> None:
+        """Move the robot to angles; the ellipsoid is the deflection under 100 N."""
         self.run_method("pose", scene.frames(q), compliance_um_per_n)
 
     def show_way(self, way: ToolWay, scene: CellScene, source: list[str], *, near: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from nicegui import background_tasks, ui
 
 from counterflex.app.panel.cell_scene import CellScene
@@ -81,7 +82,7 @@ class ProgramPage:
             return
         with self._view.client:
             source = read_text(self._desk.program_file)[0].splitlines()
-            self._view.show_cell(scene)
+            self._view.show_cell(scene, np.zeros(6))
             self._view.show_way(way, scene, source, near=True)
             names = {channel: texts.CHANNELS[channel][0] for channel in way.values}
             best = next(name for name in ("after", "before", "height") if name in names)

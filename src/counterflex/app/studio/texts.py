@@ -54,7 +54,9 @@ UNKNOWN_OF: Final = "What is not known, by the error it leaves uncorrected {wher
 UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "")
 NOT_AT_REST: Final = "in motion only"
 MEASURE: Final = "Measure"
-PUSHED: Final = "Under 100 N the tool tip deflects by {0:.0f} um along x, {1:.0f} y, {2:.0f} z, at most {3:.0f} um. {4}"
+PUSHED: Final = (
+    "Under 100 N the tool tip deflects by {0:.0f} um along x, {1:.0f} y, {2:.0f} z, at most {3:.0f} um. {more}"
+)
 PUSHED_SHARE: Final = "{share:.0f} % of that is {segment}. Blue: 2000 times larger."
 
 PLAN_COLOUR: Final = "Colour"
