@@ -116,6 +116,15 @@ def test_the_softest_direction_is_softer_than_any_axis(folder: Path) -> None:
     assert answer["softest_um"] >= max(answer["along_um"])
 
 
+def test_axes_of_unknown_stiffness_are_named_beside_the_deflection(tmp_path: Path) -> None:
+    """The deflection of such a robot is that of its end effector alone."""
+    examples.write_all(tmp_path / "cell.toml", "abb_irb6700_235_265")
+    cell = read_cell(tmp_path / "cell.toml")
+    assert cell.unknown_axes
+    (warning,) = pushed(cell, [0.0, 0.0, 0.0, 0.0, 30.0, 0.0])["warnings"]
+    assert "unknown stiffness" in warning
+
+
 def ended(queue: CommandQueue, *jobs: QueuedCommand) -> None:
     """Wait until commands have ended."""
     waiting = threading.Event()

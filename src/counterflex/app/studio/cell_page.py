@@ -97,6 +97,7 @@ class CellPage:
 
     def _sliders(self) -> None:
         self._pushed = ui.label("").classes("st-note").props('data-test="pushed"')
+        self._push_warning = ui.label("").classes("st-warn").props('data-test="push-warning"')
         self._push_command = command_text("")
         self._axes: list[ui.number] = []
         self._slides: list[ui.slider] = []
@@ -291,6 +292,7 @@ class CellPage:
         answer = await self.fault.during(pushed, self._cell, angles)
         if answer is None:
             return
+        self._push_warning.set_text(" ".join(answer["warnings"]))
         share = answer["share"]
         more = "" if share is None else texts.PUSHED_SHARE.format(share=100 * share["share"], segment=share["segment"])
         self._pushed.set_text(texts.PUSHED.format(*answer["along_um"], answer["softest_um"], more=more))

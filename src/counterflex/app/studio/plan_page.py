@@ -43,6 +43,7 @@ class PlanPage:
                     }
                 for box in self._languages.values():
                     box.on_value_change(self._refresh_actions)
+                self._assume = ui.checkbox(texts.ASSUME, on_change=self._refresh_actions).props('data-test="assume"')
                 self._actions += [
                     self._action("compensate", texts.COMPENSATE, self._compensate_lines),
                     self._action("prove", texts.PROVE, self._prove_line, tip=texts.PROVE_HELP),
@@ -75,13 +76,25 @@ class PlanPage:
 
     def _prove_line(self) -> list[str]:
         desk = self._desk
-        return [next_command("prove", desk.program, cell=desk.cell, out=self._out("proof"))]
+        return [
+            next_command(
+                "prove",
+                desk.program,
+                cell=desk.cell,
+                out=self._out("proof"),
+                assume_class=self._assume.value is True,
+            )
+        ]
 
     def _compensate_lines(self) -> list[str]:
         desk, words = self._desk, [word for word, box in self._languages.items() if box.value]
         return [
-            next_command("compensate", desk.program, cell=desk.cell, out=self._out(word), as_=word) for word in words
-        ]
+            next_command(
+                "compensate", desk.program, cell=desk.cell, out=self._out(word), as_=word,
+                assume_class=self._assume.value is True,
+            )
+            for word in words
+        ]  # fmt: skip
 
     def _refresh_actions(self) -> None:
         for action in self._actions:

@@ -144,5 +144,6 @@ def pushed(cell: Cell, q_deg: list[float], force_n: float = 100.0) -> dict[str, 
         "softest_um": float(softest.S[0] * force_n),
         "direction": direction.tolist(),
         "share": worst["shares"][0] if worst["shares"] else None,
+        "warnings": answer["warnings"],
         "ellipsoid": C_um_per_n.reshape(-1).tolist(),
     }
