@@ -167,6 +167,9 @@ class PlanPage:
             if headline is not None:
                 error_bars(texts.EXPECTED, headline["before_mm"], headline["after_mm"], mark=f"bars-{folder}")
                 ui.label(texts.WORSE.format(percent=100.0 * headline["probability_of_worse"])).classes("st-note")
+            assumed = (summary.get("assumed") or {}).get("stiffness")
+            if assumed is not None:
+                ui.label(texts.ASSUMED.format(source=assumed["from"])).classes("st-warn")
             warnings = (summary.get("written") or {}).get("warnings", [])
             if warnings:
                 with ui.expansion(texts.WARNINGS.format(count=len(warnings))).props("dense").classes("st-warn"):

@@ -92,6 +92,7 @@ POSTURE_HELP: Final = "Arm configuration and rotation about the tool with the le
 PLACE: Final = "Choose the place of the part"
 PLACE_HELP: Final = "Where the arm is stiff and reaches everything; a new cell file"
 ASSUME: Final = "Axes of unknown stiffness: take the median of the robot's class (marked in all results)"
+ASSUMED: Final = "Stiffness of axes is assumed, not measured: {source}"
 COMPENSATE: Final = "Compensate"
 LANGUAGES: Final = "Languages of the output"
 PROVE: Final = "Prove"
