@@ -74,6 +74,7 @@ LIVE = (
     "tracker bridge",
     "operator",
     "panel",
+    "studio",
     "opcua",
     "ads",
 )

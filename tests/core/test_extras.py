@@ -25,9 +25,9 @@ from counterflex.robot.model import urdf
 
 ROOT: Final = Path(counterflex.__file__).parent
 PLACES: Final = {
-    "nicegui": "app/panel/",
+    "nicegui": ("app/panel/", "app/studio/"),
     "fastapi": "app/panel/",
-    "starlette": "app/panel/",
+    "starlette": ("app/panel/", "app/studio/"),
     "uvicorn": "app/panel/",
     "asyncua": "app/opcua/",
     "rerun": "app/log_export/rerun.py",
@@ -85,12 +85,15 @@ def test_the_library_of_an_extra_is_imported_where_the_extra_lies() -> None:
     assert used == set(PLACES)
 
 
-def test_without_any_extra_all_but_the_two_servers_can_be_imported() -> None:
+def test_without_any_extra_all_but_the_servers_can_be_imported() -> None:
     """In a process in which no library of an extra can be imported."""
     script = WITHOUT.format(names=list(PLACES))
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    servers = ("opcua.bounded", "opcua.server", "panel.page", "panel.server")
-    assert set(ended.stdout.split()) == {f"counterflex.app.{name}" for name in servers}
+    servers = ("opcua.bounded", "opcua.server", "panel.gated_server", "panel.page", "panel.server")
+    pages = ("cell_page", "desk", "inspect_page", "plan_page", "program_page", "server", "shell")
+    assert set(ended.stdout.split()) == {
+        f"counterflex.app.{name}" for name in (*servers, *(f"studio.{one}" for one in pages))
+    }
 
 
 def _tdms(file: Path) -> None:

@@ -88,6 +88,7 @@ LAB: Final = ("soak", "faults", "reproduce")
 _QUESTIONS: Final = ("cell", "robots", "pose", "deflection")
 _PROVE: Final = ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "predict", "reveal")
 PANELS: Final = {
+    "Start": ("studio",),
     "Plan": (*_QUESTIONS, "path", "modes", "plan", "preflight", "compensate", "diff", "convert", "correct"),
     "Prove": (*_PROVE, "inspect", "benchmark-part"),
     "Identify": ("identify", "firstcut", "production", "dataset", "dcc", "holder", "campaign"),
@@ -102,7 +103,9 @@ _MODULES: Final = {
     **dict.fromkeys(_QUESTIONS, "question"),
     **dict.fromkeys(("path", "compensate"), "program"),
     **dict.fromkeys(_PROVE, "prove"),
-    **{name: f"operate.{name.removesuffix('-user')}" for name in ("operator", "panel", "panel-user", "opcua")},
+    **{
+        name: f"operate.{name.removesuffix('-user')}" for name in ("operator", "panel", "panel-user", "opcua", "studio")
+    },
     **{name: f"standards.{name}" for name in ("iso9283", "iso230", "dcc")},
     "diff": "difference",
     "firstcut": "first_cut",

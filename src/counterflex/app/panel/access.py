@@ -164,6 +164,8 @@ class Gate:
         opened: Told of each session that such a link began.
         known: Told of each connection of somebody who has a session: address and port that it comes from.
         full: Tells whether there are too many pages to open another one.
+        cookie: Name of the cookie that holds the secret of a session.
+        body: Most bytes of a request of a user.
     """
 
     def __init__(
@@ -177,9 +179,11 @@ class Gate:
         opened: Callable[[Session], None] = lambda _: None,
         known: Callable[[Any], None] = lambda _: None,
         full: Callable[[], bool] = lambda: False,
+        cookie: str = COOKIE,
+        body: int = BODY,
     ) -> None:
-        self._app, self._sessions, self._hosts, self._keys = app, sessions, hosts, keys
-        self._secure, self._opened, self._known, self._full = secure, opened, known, full
+        self._app, self._sessions, self._hosts, self._keys, self._cookie = app, sessions, hosts, keys, cookie
+        self._secure, self._opened, self._known, self._full, self._body = secure, opened, known, full, body
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request or socket."""
@@ -188,7 +192,7 @@ class Gate:
             return
         headers = _headers_of(scope)
         path: str = scope["path"]
-        session = self._sessions.of(cookie_of(headers))
+        session = self._sessions.of(cookie_of(headers, self._cookie))
         if scope["type"] == "http":
             send = _with_headers(send, path, close=session is None)
         if not self._right_host(headers) or not _own_origin(headers, scope):
@@ -215,7 +219,7 @@ class Gate:
         if scope["type"] != "http":
             return None
         length = headers.get("content-length", "0")
-        if "transfer-encoding" in headers or not length.isdecimal() or int(length[:20]) > BODY:
+        if "transfer-encoding" in headers or not length.isdecimal() or int(length[:20]) > self._body:
             return 413, "that is too long"
         if scope["path"] == "/" and self._full():
             return 503, "too many pages are open: close some"
@@ -235,7 +239,7 @@ class Gate:
                 one = self._sessions.of(secret)
                 if one is not None:
                     self._opened(one)
-                return cookie_text(secret, secure=self._secure)
+                return cookie_text(secret, secure=self._secure, name=self._cookie)
         return None
 
 
@@ -243,15 +247,15 @@ def _headers_of(scope: Scope) -> dict[str, str]:
     return {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
 
 
-def cookie_text(secret: str, *, secure: bool) -> str:
+def cookie_text(secret: str, *, secure: bool, name: str = COOKIE) -> str:
     """A cookie that no script can read and no other site sends."""
-    return f"{COOKIE}={secret}; Path=/; HttpOnly; SameSite=Strict" + ("; Secure" if secure else "")
+    return f"{name}={secret}; Path=/; HttpOnly; SameSite=Strict" + ("; Secure" if secure else "")
 
 
-def cookie_of(headers: Mapping[str, str]) -> str:
+def cookie_of(headers: Mapping[str, str], name: str = COOKIE) -> str:
     """The secret that a request brings, or empty."""
     try:
-        match = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        match = SimpleCookie(headers.get("cookie", "")).get(name)
     except CookieError:
         return ""
     return "" if match is None else match.value

@@ -126,7 +126,7 @@ ASKERS: Final = ThreadPoolExecutor(4, "asks")
 _TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
 
 
-class Live(Element, component="live.js"):  # type: ignore[call-arg, misc]
+class Live(Element, component="live.js", esm={"counterflex-cell-view": "cell_view"}):  # type: ignore[call-arg, misc]
     """Figures, charts and the cell, drawn by the browser from one message per tick."""
 
     def __init__(self, session: Session, range_um: float) -> None:

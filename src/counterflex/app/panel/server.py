@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-import os
-import secrets
-import socket
 import time
 from collections import deque
 from collections.abc import Callable
@@ -17,23 +13,21 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import parse_qs
 
-import uvicorn
-from fastapi import FastAPI
 from nicegui import Client, app, ui
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from counterflex.app.panel.access import LOOPBACK, SESSION, Gate, Session, Sessions, cookie_of, cookie_text, source_of
+from counterflex.app.panel.access import COOKIE, SESSION, Session, Sessions, cookie_of, cookie_text, source_of
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.panel.door import AT_A_TIME, Door
+from counterflex.app.panel.gated_server import GatedServer
 from counterflex.app.panel.page import PanelPage
 from counterflex.app.panel.settings import PanelSettings, require_safe
 from counterflex.app.panel.tries import RefusedLogins, Tries
 from counterflex.app.panel.watched_run import WatchedRun
-from counterflex.core.errors import CounterflexError, OutputError
+from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import all_printable
-from counterflex.files.panel_users import PanelUsers, Role
+from counterflex.files.panel_users import PanelUsers
 
 _LONGEST: Final = 2048
 _PAGE: Final = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>counterflex panel</title>
@@ -135,16 +129,12 @@ ACTIONS: Final = 6
 """Actions of operators that a page shows."""
 PAGES: Final = 64
 """Pages that may be open."""
-HEADERS: Final = 1 << 14
-"""Bytes of the headers of a request."""
 USERS_S: Final = 1.0
 """Period at which the file of users is looked at."""
-NICE: Final = 5
-"""Priority below that of everything that runs beside it, the loop above all."""
 _CSS: Final = Path(__file__).with_name("panel.css")
 
 
-class PanelServer:
+class PanelServer(GatedServer):
     """A panel.
 
     Args:
@@ -156,20 +146,14 @@ class PanelServer:
     """
 
     def __init__(self, settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:
-        self._settings, self._started = settings, started
+        self._settings = settings
+        self._users = None if settings.users is None else PanelUsers(settings.users)
+        super().__init__(settings, started, roles=("operator", "viewer") if self._users is None else ())
         self.run = WatchedRun(settings.folder)
         self.run.require_free()
         self.pages: dict[str, PanelPage] = {}
-        self._sessions = Sessions()
-        self._users = None if settings.users is None else PanelUsers(settings.users)
-        self._keys: dict[str, tuple[str, Role]] = (
-            {}
-            if self._users is not None
-            else {secrets.token_urlsafe(24): ("operator", "operator"), secrets.token_urlsafe(24): ("viewer", "viewer")}
-        )
         self._actions: deque[str] = deque(maxlen=ACTIONS)
         self._refused = RefusedLogins(self.run.note)
-        self._door = Door()
         self._users_due = 0.0
         self._scene: CellScene | None = None
         self._scene_of = -1
@@ -178,65 +162,19 @@ class PanelServer:
 
     def serve(self) -> None:
         """Serve until the process is asked to end. Raises OutputError: the port cannot be opened."""
-        settings = self._settings
-        with contextlib.suppress(OSError, AttributeError):
-            os.nice(NICE)
-        behind = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-        behind.router.routes.extend(
-            LoginRoutes(
-                self._users, self._sessions, secure=settings.secure, note=self._note_login, refused=self._refused
-            ).routes()
-        )
+        routes = LoginRoutes(
+            self._users, self._sessions, secure=self._settings.secure, note=self._note_login, refused=self._refused
+        ).routes()
         self._pages()
-        app.on_startup(self._begin)
         app.on_shutdown(self.run.close)
-        ui.run_with(
-            behind, title="counterflex", dark=True, show_welcome_message=False, reconnect_timeout=15.0,
-            message_history_length=0, binding_refresh_interval=None,
-        )  # fmt: skip
-        gate = Gate(
-            behind,
-            self._sessions,
-            hosts=LOOPBACK if settings.local else None,
-            keys=self._keys,
-            secure=settings.secure,
-            opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}"),
-            known=self._door.know,
-            full=lambda: len(self.pages) >= PAGES,
-        )
-        logging.getLogger("nicegui").setLevel(logging.ERROR)
-        config = uvicorn.Config(
-            gate,
-            loop="counterflex.app.panel.server:event_loop",
-            http="h11",  # of the two that there are the one that bounds headers
-            h11_max_incomplete_event_size=HEADERS,
-            backlog=AT_A_TIME,
-            log_level="error",
-            access_log=False,
-            proxy_headers=False,  # a stranger could say that he comes from another address
-            server_header=False,
-            timeout_graceful_shutdown=2,
-            ssl_certfile=settings.certificate,
-            ssl_keyfile=settings.key,
-            ws_max_size=1 << 20,
-        )
-        self._server = server = uvicorn.Server(config)
         try:
-            server.run(self._listening())
+            self._run(
+                routes, title="counterflex",
+                opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}"),
+                full=lambda: len(self.pages) >= PAGES,
+            )  # fmt: skip
         finally:
             self.run.close()
-
-    def _listening(self) -> list[socket.socket]:
-        settings = self._settings
-        try:
-            return self._door.listen(settings.host, settings.port)
-        except OSError as fault:
-            raise OutputError(
-                "the port cannot be opened",
-                where=f"{settings.host}:{settings.port}",
-                value=fault.strerror or str(fault),
-                hint="Is another panel running? Give another --port",
-            ) from None
 
     def _note_login(self, name: str, source: str, what: str) -> None:
         self.run.note({"who": name, "from": source, "action": what, "done": True})
@@ -250,7 +188,7 @@ class PanelServer:
 
     def _live(self, request: Request, client: Client) -> None:
         session: Session = request.scope[SESSION]
-        cookie = request.cookies.get("counterflex-panel", "")
+        cookie = request.cookies.get(COOKIE, "")
         ui.add_css(_CSS, shared=False)
         self.pages[client.id] = PanelPage(
             client,
@@ -263,18 +201,8 @@ class PanelServer:
         client.on_delete(lambda: self.pages.pop(client.id, None))
 
     def _begin(self) -> None:
+        super()._begin()
         asyncio.get_running_loop().create_task(self._tick())
-        asyncio.get_running_loop().create_task(self._announce())
-
-    async def _announce(self) -> None:
-        while not self._server.started:
-            await asyncio.sleep(0.02)
-        self._door.widen()
-        port = self._server.servers[0].sockets[0].getsockname()[1]
-        host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
-        base = f"{'https' if self._settings.secure else 'http'}://{host}:{port}/"
-        links: list[tuple[str, str]] = [(role, f"{base}?key={key}") for key, (_, role) in self._keys.items()]
-        self._started(links or [("log in", base)])
 
     async def _tick(self) -> None:
         """One look at the run after another; what goes wrong in one is shown, and the next one comes all the same."""
@@ -333,11 +261,6 @@ class PanelServer:
         except CounterflexError as fault:
             self._trouble = f"the cell cannot be drawn: {fault}"
             return None
-
-
-def event_loop() -> asyncio.AbstractEventLoop:
-    """Return an event loop that takes connections by ``accept`` of their socket, which counts them."""
-    return asyncio.SelectorEventLoop()
 
 
 def serve(settings: PanelSettings, started: Callable[[list[tuple[str, str]]], None]) -> None:

@@ -1,0 +1,1 @@
+"""The studio: a folder as a project in the browser, each action the command line that is shown beside it."""

@@ -1,0 +1,160 @@
+"""The pages after the cut: inspect a part, correct the next one, and how a program runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from nicegui import ui
+
+from counterflex.app.studio import texts
+from counterflex.app.studio.desk import (
+    Action,
+    Drop,
+    FaultBanner,
+    Workbench,
+    command_text,
+    error_bars,
+    language,
+    result_links,
+    table,
+)
+from counterflex.app.studio.jobs import QueuedCommand
+from counterflex.core.next_command import next_command
+
+_EXPECTED: Final = ("now_p997_um", "next_p997_um", "next_5_percent_um", "next_95_percent_um")
+
+
+class InspectPage:
+    """A scan of the part, its judgement, the program of the next part."""
+
+    def __init__(self, desk: Workbench) -> None:
+        self._desk = desk
+        self.fault = FaultBanner("inspect-fault")
+        with ui.element("div").classes("st-two st-even"):
+            with ui.column().classes("st-block"):
+                self._scan = ui.select([], label=texts.SCAN, on_change=self._refresh_actions).classes("st-full")
+                self._scan.props('data-test="scan"')
+                ui.label(texts.SCAN_HELP).classes("st-note")
+                Drop(desk, "drop-scan", self._dropped)
+                self._inspect = Action(
+                    desk, "inspect", texts.INSPECT, self._inspect_line, lambda: self._lacking(texts.SCAN), self._ended
+                )
+                self._judged = ui.column().classes("st-form")
+            with ui.column().classes("st-block"):
+                self._plan = ui.select([], label=texts.MADE_BY, on_change=self._refresh_actions).classes("st-full")
+                self._plan.props('data-test="made-by"')
+                ui.label(texts.CORRECT_HELP).classes("st-note")
+                self._correct = Action(
+                    desk, "correct", texts.CORRECT, self._correct_line, self._lacking_for_correction, self._ended
+                )
+                self._next = ui.column().classes("st-form")
+        desk.changed.append(self.refresh)
+
+    def _lacking(self, what: str) -> str:
+        return self._desk.lacking() or texts.NEEDS.format(what=what)
+
+    def _lacking_for_correction(self) -> str:
+        return self._lacking(texts.MADE_BY if not self._plan.value else texts.INSPECT)
+
+    async def _dropped(self, name: str) -> None:
+        await self._desk.refresh()
+        self._scan.set_value(name)
+
+    def _inspect_line(self) -> list[str]:
+        if self._desk.lacking() or not self._scan.value:
+            return []
+        scan = str(self._scan.value)
+        out = f"{Path(scan).stem}-inspected"
+        return [next_command("inspect", self._desk.program, cell=self._desk.cell, scan=scan, out=out)]
+
+    def _correct_line(self) -> list[str]:
+        judged = self._desk.project.results(self._desk.program, "inspect") if self._desk.program else []
+        if self._desk.lacking() or not judged or not self._plan.value:
+            return []
+        plan = str(self._plan.value)
+        out = f"{plan}-next"
+        return [next_command("correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=judged[-1], out=out)]
+
+    def _refresh_actions(self) -> None:
+        self._inspect.refresh()
+        self._correct.refresh()
+
+    async def _ended(self, job: QueuedCommand) -> None:
+        self.fault.show(job.error if job.state == "failed" else "")
+        await self._desk.refresh()
+
+    async def refresh(self) -> None:
+        """Show scans, plans and results of the folder."""
+        project, program = self._desk.project, self._desk.program
+        _offer(self._scan, project.scans())
+        _offer(self._plan, project.plans(program))
+        self._refresh_actions()
+        self._judged.clear()
+        with self._judged:
+            for folder in project.results(program, "inspect"):
+                self._show_features(folder, project.summary(folder))
+        self._next.clear()
+        with self._next:
+            for folder in project.results(program, "correct"):
+                summary = project.summary(folder)
+                with ui.element("div").classes("st-card").props(f'data-test="next-{folder}"'):
+                    ui.label(f"{folder}: {language(summary)}").classes("st-title")
+                    expected = summary["correct"]["expected"]
+                    now, *after = (expected[key] / 1000.0 for key in _EXPECTED)
+                    error_bars(texts.CORRECTED, (now, now, now), after, mark=f"bars-{folder}")
+                    result_links(self._desk, folder)
+
+    def _show_features(self, folder: str, summary: dict[str, Any]) -> None:
+        ui.label(folder).classes("st-title")
+        result_links(self._desk, folder)
+        rows = []
+        for one in summary["features"]:
+            part = one["part"]
+            rows.append(
+                [
+                    one["feature"],
+                    one["quantity"],
+                    f"{part['worst_mm']:.3f} ({one['nominal_mm']:g})",
+                    f"+- {one['tolerance_mm']:g}",
+                    texts.WITHIN[part["within"]],
+                ]
+            )
+        made = table(texts.FEATURE_COLUMNS, rows, mark="features")
+        for row, line in zip(rows, list(made)[1:], strict=True):
+            line.classes("st-ok" if row[-1] == texts.WITHIN[True] else "st-fail")
+
+
+class RunPage:
+    """What is typed to run the program with correction, and to open the panel."""
+
+    def __init__(self, desk: Workbench) -> None:
+        self._desk = desk
+        ui.label(texts.NOT_AN_E_STOP).classes("st-warn")
+        self._column = ui.column().classes("st-form")
+        desk.changed.append(self.refresh)
+
+    async def refresh(self) -> None:
+        """Show the commands for what is chosen."""
+        plans = self._desk.project.plans(self._desk.program) if self._desk.program else []
+        plan = f"{plans[-1]}/plan.parquet" if plans else "PLAN"
+        rsi = "rsi.xml" if self._desk.project.inside("rsi.xml") else None
+        lines = (
+            " ".join(self._desk.project.summary(plans[-1]).get("files", [])) if plans else "",
+            next_command("run", cell=self._desk.cell or "CELL", rsi=rsi, plan=plan, out="log"),
+            next_command("panel", "log"),
+        )
+        self._column.clear()
+        with self._column:
+            for (title, text), line in zip(texts.PANEL_STEPS, lines, strict=True):
+                with ui.element("div").classes("st-card"):
+                    ui.label(title).classes("st-title")
+                    ui.label(text)
+                    command_text(line)
+
+
+def _offer(select: ui.select, names: list[str]) -> None:
+    """Offer names; the newest is chosen where none was."""
+    value = select.value if select.value in names else (names[-1] if names else None)
+    if names != select.options or value != select.value:
+        select.set_options(names, value=value)

@@ -1,0 +1,82 @@
+"""The folder of a project: which of its files are cells, programs, plans, results and scans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex.core import file_content
+from counterflex.core.errors import FileFormatError
+from counterflex.programs.language import LANGUAGES
+
+SCANS: Final = (".ply", ".stl", ".obj", ".e57", ".las", ".laz", ".pcd", ".ptx", ".csv", ".xyz", ".asc")
+"""Endings of files that may be a scan of a part."""
+SUMMARY: Final = "summary.json"
+_CELL: Final = "counterflex-cell"
+_MOST: Final = 1 << 20
+"""Bytes of a file that may be a cell file."""
+
+
+@dataclass(frozen=True)
+class Project:
+    """A folder; files are named relative to it, as in the commands that run there."""
+
+    folder: Path
+
+    def cells(self) -> list[str]:
+        """Cell files in the folder and one level below, without the copies that proofs keep."""
+        return [self.name(path) for path in self._files((".toml",), below=True) if self._is_cell(path)]
+
+    def programs(self) -> list[str]:
+        """Programs in the folder itself: those below it are results."""
+        endings = {ending for _, one in LANGUAGES.items() if one.read is not None for ending in one.endings}
+        return [self.name(path) for path in self._files((*sorted(endings), ".ngc", ".nc", ".tap"))]
+
+    def scans(self) -> list[str]:
+        """Files in the folder that may be scans."""
+        return [self.name(path) for path in self._files(SCANS)]
+
+    def results(self, program: str, *jobs: str) -> list[str]:
+        """Folders of results of jobs for a program, the newest last."""
+        folders = []
+        for path in sorted(self.folder.glob(f"*/{SUMMARY}"), key=lambda one: one.stat().st_mtime):
+            summary = self.summary(self.name(path.parent))
+            job = summary.get("job", "preflight" if "checks" in summary else "")
+            if job in jobs and summary.get("program") == Path(program).name:
+                folders.append(self.name(path.parent))
+        return folders
+
+    def plans(self, program: str) -> list[str]:
+        """Folders with a plan for a program, the newest last."""
+        return self.results(program, "compensate", "correct")
+
+    def summary(self, folder: str) -> dict[str, Any]:
+        """``summary.json`` of a folder of results; empty where there is none that can be read."""
+        try:
+            content = file_content.json_value(self.folder / folder / SUMMARY)
+        except (FileFormatError, OSError):
+            return {}
+        return content if isinstance(content, dict) else {}
+
+    def inside(self, name: str) -> Path | None:
+        """A file of the project by its name; None where there is none, or it lies outside."""
+        path = (self.folder / name).resolve()
+        return path if path.is_file() and path.is_relative_to(self.folder.resolve()) else None
+
+    def name(self, path: Path) -> str:
+        """Name of a file or folder in the project."""
+        return path.relative_to(self.folder).as_posix()
+
+    def _files(self, endings: tuple[str, ...], *, below: bool = False) -> list[Path]:
+        patterns = ("*", "*/*") if below else ("*",)
+        paths = [path for pattern in patterns for path in self.folder.glob(pattern)]
+        return sorted(path for path in paths if path.suffix.lower() in endings and path.is_file())
+
+    def _is_cell(self, path: Path) -> bool:
+        if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:
+            return False
+        try:
+            return f'"{_CELL}"' in path.read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            return False

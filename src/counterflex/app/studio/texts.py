@@ -1,0 +1,122 @@
+"""All texts of the studio: a translation replaces this module alone."""
+
+from __future__ import annotations
+
+from typing import Final
+
+CLOSED: Final = "Open the link that counterflex studio has printed: it holds the key."
+STEPS: Final = {
+    "cell": "1 Cell",
+    "program": "2 Program",
+    "plan": "3 Check, plan, prove",
+    "inspect": "4 Inspect, correct",
+    "run": "5 Run",
+}
+INTRO: Final = {
+    "cell": "Which robot holds which tool, and where the part stands. All of it is in one text file.",
+    "program": "The path as the robot will run it. Select a line or a point; drag the slider along the time.",
+    "plan": "Check the program, choose how the robot holds the tool, compensate, and prove it on a simulated cell.",
+    "inspect": "Drop the scan of the finished part, judge it, and write the program of the next part.",
+    "run": "The compensated program runs on the controller as it is. Correction while milling is a step further.",
+}
+CELL, PROGRAM, PLAN = "Cell file", "Program", "Plan"
+DARK: Final = "Light or dark"
+HELP_COMMAND: Final = "The command that does the same; it is run in the folder of the project"
+COPIED, CANCEL, UPLOAD = "Copied", "Cancel", "Drop a file here, or click +"
+COMMANDS: Final = "Commands"
+NO_COMMANDS: Final = "No command has run yet."
+STATES: Final = {
+    "waiting": "waiting",
+    "running": "running",
+    "done": "done",
+    "checked": "done: a check failed",
+    "failed": "failed",
+    "cancelled": "cancelled",
+}
+ALREADY: Final = "There is a file {name} already: give another name."
+NO_NAME: Final = "Give a plain file name that ends in {ending}."
+OUTSIDE: Final = "This file is not in the folder of the project."
+TOO_LARGE: Final = "The file has more than {limit} MB."
+
+NEW_CELL: Final = "New cell"
+NEW_CELL_HELP: Final = "Robot of the catalogue, with an example spindle, tool, part and programs to try it"
+ROBOT, FILE_NAME, MAKE_CELL = "Robot", "File name", "Write the cell"
+ROBOT_OPTION: Final = "{model}: {reach} mm, {payload} kg"
+SET, FILE, UNKNOWN = "Choose", "File", "Not known"
+INCOMPLETE: Final = " (state kr_over_kc, ka_over_kc)"
+MATERIAL, AS_IN_FILE = "Material", "as in the file ({name})"
+TOOL, DIAMETER, FLUTES, OVERHANG = "Tool", "Diameter, mm", "Flutes", "Overhang, mm"
+PART: Final = "Place of the part in the robot base, mm and deg"
+SAVE, REVERT, UNSAVED = "Save", "Read again", "Not saved yet"
+CELL_OK: Final = "The file can be used."
+AT_LINE: Final = "Line {line}: {text}"
+UNKNOWN_OF: Final = "What is not known, by the error it leaves uncorrected {where}"
+UNKNOWN_COLUMNS: Final = ("unknown", "known from", "leaves, mm", "9 of 10 cells, mm", "")
+NOT_AT_REST: Final = "in motion only"
+MEASURE: Final = "Measure"
+PUSHED: Final = (
+    "Under 100 N the tool tip deflects by {0:.0f} um along x, {1:.0f} y, {2:.0f} z, at most {3:.0f} um. {more}"
+)
+PUSHED_SHARE: Final = "{share:.0f} % of that is {segment}. Blue: 2000 times larger."
+
+PLAN_COLOUR: Final = "Colour"
+CHANNELS: Final = {
+    "height": ("Height", "mm"),
+    "feed": ("Feed", "mm/min"),
+    "force": ("Force", "N"),
+    "deflection": ("Deflection", "um"),
+    "correction": ("Correction", "um"),
+    "before": ("Predicted error before", "um"),
+    "after": ("Predicted error after", "um"),
+}
+NO_PLAN: Final = "without a plan"
+NOT_REACHED: Final = "The robot is not shown: {fault}"
+THINNED: Final = "{shown} of {points} points are drawn."
+SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
+SCENE: Final = {
+    "empty": "Nothing to show yet.",
+    "play": "Play",
+    "pause": "Pause",
+    "near": "Part",
+    "far": "Cell",
+    "line": "line",
+    "time": "s",
+    "slider": "Time along the program",
+}
+
+CHECK, CHECK_HELP = "Check the program", "Reach, joints, collisions, speeds, process: {counts}"
+CHECK_COLUMNS: Final = ("check", "verdict", "value", "limit", "place", "")
+ALL_ROWS: Final = "Show all {count} checks"
+POSTURE: Final = "Choose the posture"
+POSTURE_HELP: Final = "Arm configuration and rotation about the tool with the least deflection; a new cell file"
+PLACE: Final = "Choose the place of the part"
+PLACE_HELP: Final = "Where the arm is stiff and reaches everything; a new cell file"
+ASSUME: Final = "Axes of unknown stiffness: take the median of the robot's class (marked in all results)"
+ASSUMED: Final = "Stiffness of axes is assumed, not measured: {source}"
+COMPENSATE: Final = "Compensate"
+LANGUAGES: Final = "Languages of the output"
+PROVE: Final = "Prove"
+PROVE_HELP: Final = "Machines the part before and after on a simulated cell that differs from the cell file"
+BEFORE, AFTER = "before", "after"
+EXPECTED: Final = "Expected path error, mm (median; nine of ten such cells)"
+PROVED: Final = "Path error on the simulated cell, mm (99.7 % of the cut)"
+WARNINGS: Final = "Warnings: {count}"
+WITHIN: Final = {True: "yes", False: "no", None: "not decided"}
+WORSE: Final = "Probability that compensation makes it worse: {percent:.0f} %"
+REPORT: Final = "Open the report"
+NO_RESULTS: Final = "Nothing yet: compensate the program."
+
+SCAN, SCAN_HELP = "Scan of the part", "PLY, STL, OBJ, E57, LAS, PCD, PTX or a table of points"
+INSPECT, CORRECT = "Inspect", "Correct the next part"
+MADE_BY: Final = "Made by the plan"
+FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
+CORRECTED: Final = "Deviation of the surface, mm (99.7 %): this part, and expected of the next (5 to 95 %)"
+CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
+NEEDS: Final = "Still missing: {what}"
+
+PANEL_STEPS: Final = (
+    ("Load the program", "Copy the files of the plan to the controller. The report lists what must be set there."),
+    ("Correct while milling", "Start the loop before the program; without --arm it only watches."),
+    ("Watch it", "Open the operator panel in another terminal; it prints the link for this browser."),
+)
+NOT_AN_E_STOP: Final = "Neither studio nor panel is an emergency stop: use that of the robot."

@@ -1,0 +1,256 @@
+// The cell of the studio in 3-D: robot and part, the way of the tool in colours, its source text beside it.
+import { THREE, CellView, colourOf } from "counterflex-cell-view";
+
+const ROW = 20; // px, height of a line of the source
+const PICK = 14; // px, how near a click has to be to a point
+const UM = 2000; // an ellipsoid of 100 um is drawn 0.2 m large
+
+class StudioView extends CellView {
+  constructor(canvas, bodies, dark) {
+    super(canvas, bodies, 1);
+    this.near = false;
+    this.theme(dark);
+  }
+
+  theme(dark) {
+    this.scene.background = new THREE.Color(dark ? 0x10161c : 0xeef2f6);
+    Object.assign(this.grid.material, { vertexColors: false, needsUpdate: true });
+    this.grid.material.color.set(dark ? 0x2a3a48 : 0xc9d3dc);
+    this.dirty = true;
+  }
+
+  way(points) {
+    this.points = points;
+    if (this.lines) this.frame("part").remove(this.lines, this.dots, this.mark);
+    const count = points.length / 3;
+    const position = new Float32Array(points.length);
+    for (let k = 0; k < points.length; k++) position[k] = points[k] / 1000;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * count), 3));
+    this.lines = new THREE.Line(geometry, new THREE.LineBasicMaterial({ vertexColors: true }));
+    const dots = { vertexColors: true, size: 5, sizeAttenuation: false };
+    this.dots = new THREE.Points(geometry, new THREE.PointsMaterial(dots));
+    this.lines.frustumCulled = this.dots.frustumCulled = false;
+    const ball = new THREE.SphereGeometry(0.0015, 16, 12);
+    this.mark = new THREE.Mesh(ball, new THREE.MeshBasicMaterial({ color: 0xff2d95, depthTest: false }));
+    this.mark.renderOrder = 5;
+    this.frame("part").add(this.lines, this.dots, this.mark);
+  }
+
+  colour(values, low, high, cutting) {
+    const attribute = this.lines.geometry.getAttribute("color");
+    const grey = new THREE.Color(0x8794a0);
+    values.forEach((value, k) => {
+      const c = value === null || !cutting[k] ? grey : colourOf((value - low) / (high - low || 1));
+      attribute.setXYZ(k, c.r, c.g, c.b);
+    });
+    attribute.needsUpdate = true;
+    this.dirty = true;
+  }
+
+  select(k) {
+    this.mark.position.set(...[0, 1, 2].map((i) => this.points[3 * k + i] / 1000));
+    this.dirty = true;
+  }
+
+  // Number of the point that is drawn nearest to a place of the canvas; -1 where none is near.
+  nearest(x, y) {
+    const w = this.canvas.clientWidth, h = this.canvas.clientHeight;
+    const m = new THREE.Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
+    m.multiply(this.frame("part").matrix);
+    const p = new THREE.Vector3();
+    let best = -1, least = PICK * PICK;
+    for (let k = 0; k < this.points.length / 3; k++) {
+      p.set(this.points[3 * k] / 1000, this.points[3 * k + 1] / 1000, this.points[3 * k + 2] / 1000).applyMatrix4(m);
+      const dx = ((p.x + 1) / 2) * w - x, dy = ((1 - p.y) / 2) * h - y;
+      if (p.z < 1 && dx * dx + dy * dy < least) [best, least] = [k, dx * dx + dy * dy];
+    }
+    return best;
+  }
+
+  ellipsoid(c) {
+    if (!this.soft) {
+      const material = new THREE.MeshStandardMaterial({ color: 0x2e9bff, transparent: true, opacity: 0.55 });
+      this.soft = new THREE.Mesh(new THREE.SphereGeometry(1, 32, 20), material);
+      this.soft.matrixAutoUpdate = false;
+      this.scene.add(this.soft);
+    }
+    const s = 100 * UM * 1e-6;
+    const at = this.frame("tcp").matrix.elements;
+    this.soft.matrix.set(
+      s * c[0], s * c[1], s * c[2], at[12],
+      s * c[3], s * c[4], s * c[5], at[13],
+      s * c[6], s * c[7], s * c[8], at[14],
+      0, 0, 0, 1,
+    );
+    this.soft.matrixWorldNeedsUpdate = true;
+    this.dirty = true;
+  }
+}
+
+export default {
+  template: `
+  <div class="st-view" :class="{ 'st-with-source': source.length }">
+    <div class="st-canvas" data-test="canvas">
+      <canvas ref="canvas" @pointerdown="press" @pointerup="pick"></canvas>
+      <p v-if="!drawn" class="st-empty">{{ words.empty }}</p>
+      <button v-if="drawn" class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
+      <div v-if="way && shown" class="st-legend"><b>{{ shown.title }}</b><i></i>
+        <span>{{ number(shown.low) }}</span><span>{{ number(shown.high) }} {{ shown.unit }}</span></div>
+    </div>
+    <div v-if="way" class="st-time">
+      <button class="st-small" type="button" data-test="play" @click="play">{{ playing ? words.pause : words.play }}</button>
+      <input type="range" min="0" :max="last" v-model.number="at" :aria-label="words.slider" data-test="time" @input="moved">
+      <output data-test="at">{{ readout }}</output>
+    </div>
+    <div v-if="source.length" class="st-source" ref="source" tabindex="0" data-test="source"
+      @scroll="scrolled" @keydown.up.prevent="step(-1)" @keydown.down.prevent="step(1)">
+      <div :style="{ height: source.length * ${ROW} + 'px' }"><div :style="{ transform: 'translateY(' + first * ${ROW} + 'px)' }">
+        <div v-for="row in rows" :key="row.number" class="st-line" :data-line="row.number" @click="toLine(row.number)"
+          :class="{ 'st-on': row.number === line, 'st-still': !byLine.has(row.number) }"
+          ><u>{{ row.number }}</u><span>{{ row.text }}</span></div>
+      </div></div>
+    </div>
+  </div>`,
+  props: { words: Object },
+  data() {
+    return { way: false, shown: null, at: 0, last: 0, line: 0, source: [], first: 0, rows: [], near: false, drawn: false,
+      playing: false, readout: "", byLine: new Map() };
+  },
+  mounted() {
+    this.dark = document.body.classList.contains("body--dark");
+    this.resize = new ResizeObserver(() => this.scrolled());
+    const draw = () => {
+      if (this.gone) return;
+      if (this.playing) this.tick();
+      if (this.view && this.$refs.canvas.clientWidth) this.view.draw();
+      requestAnimationFrame(draw);
+    };
+    draw();
+    this.watcher = new MutationObserver(() => this.view && this.view.theme(document.body.classList.contains("body--dark")));
+    this.watcher.observe(document.body, { attributes: true, attributeFilter: ["class"] });
+    this.$emit("ready", 0);
+  },
+  unmounted() {
+    this.gone = true;
+    this.watcher.disconnect();
+    this.resize.disconnect();
+    if (this.view) this.view.renderer.dispose();
+  },
+  methods: {
+    number(value) {
+      return Math.abs(value) >= 100 ? value.toFixed(0) : value.toFixed(1);
+    },
+    cell(bodies, frames) {
+      const canvas = this.$refs.canvas;
+      if (this.view) this.view.renderer.dispose();
+      this.view = new StudioView(canvas, bodies, document.body.classList.contains("body--dark"));
+      this.view.near = this.near;
+      this.way = false;
+      this.drawn = true;
+      this.view.place(frames, 1);
+    },
+    pose(frames, compliance) {
+      if (!this.view) return;
+      this.view.place(frames, 1);
+      if (compliance) this.view.ellipsoid(compliance);
+    },
+    path(data, text, near) {
+      if (!this.view) return;
+      this.d = Object.freeze(data);
+      this.near = this.view.near = near;
+      this.view.way(data.p);
+      [this.way, this.last, this.at] = [true, data.line.length - 1, 0];
+      this.source = Object.freeze(text);
+      this.byLine = new Map();
+      data.line.forEach((line, k) => this.byLine.has(line) || this.byLine.set(line, k));
+      this.view.looked = false;
+      this.$nextTick(() => {
+        if (this.$refs.source) this.resize.observe(this.$refs.source);
+        this.scrolled();
+        this.moved();
+      });
+    },
+    paint(channel, title, unit) {
+      const values = this.d.values[channel] || [];
+      // Before and after have one scale, so that the gain is seen.
+      const both = ["before", "after"].includes(channel) ? ["before", "after"] : [channel];
+      const counted = both.flatMap((name) => (this.d.values[name] || []).filter((v, k) => v !== null && this.d.cutting[k]));
+      const [low, high] = counted.reduce(([a, b], v) => [Math.min(a, v), Math.max(b, v)], [Infinity, -Infinity]);
+      if (!counted.length) return;
+      this.shown = { channel, title, unit, low, high };
+      this.view.colour(values, low, high, this.d.cutting);
+      this.moved();
+    },
+    moved() {
+      if (!this.d) return;
+      const k = this.at, d = this.d;
+      if (d.poses.length) {
+        let j = 0;
+        while (j + 1 < d.posed.length && d.posed[j + 1] <= k) j++;
+        this.view.place(d.poses[j], d.tool[k]);
+      }
+      this.view.select(k);
+      if (this.line !== d.line[k]) {
+        this.line = d.line[k];
+        this.reveal();
+      }
+      const place = [0, 1, 2].map((i) => "XYZ"[i] + d.p[3 * k + i].toFixed(2)).join(" ");
+      const value = this.shown && d.values[this.shown.channel][k];
+      const more = typeof value === "number" ? `, ${this.shown.title} ${this.number(value)} ${this.shown.unit}` : "";
+      this.readout = `${this.words.line} ${this.line}, ${d.time[k].toFixed(2)} ${this.words.time}, ${place}${more}`;
+    },
+    play() {
+      this.playing = !this.playing;
+      if (this.at >= this.last) this.at = 0;
+      this.from = performance.now() - 1000 * this.d.time[this.at];
+    },
+    tick() {
+      const now = (performance.now() - this.from) / 1000;
+      while (this.at < this.last && this.d.time[this.at + 1] <= now) this.at++;
+      if (this.at >= this.last) this.playing = false;
+      this.moved();
+    },
+    toLine(number) {
+      if (!this.byLine.has(number)) return;
+      this.at = this.byLine.get(number);
+      this.moved();
+    },
+    step(by) {
+      for (let n = this.line + by; n > 0 && n <= this.source.length; n += by) {
+        if (this.byLine.has(n)) return this.toLine(n);
+      }
+    },
+    press(event) {
+      this.pressed = [event.offsetX, event.offsetY];
+    },
+    pick(event) {
+      const [x, y] = this.pressed || [-99, -99];
+      if (!this.way || Math.hypot(event.offsetX - x, event.offsetY - y) > 3) return; // the view was turned
+      const k = this.view.nearest(x, y);
+      if (k >= 0) {
+        this.at = k;
+        this.moved();
+      }
+    },
+    look() {
+      this.near = !this.near;
+      this.view.near = this.near;
+      this.view.look();
+    },
+    reveal() {
+      const box = this.$refs.source;
+      if (!box) return;
+      const top = (this.line - 1) * ROW;
+      if (top < box.scrollTop || top + ROW > box.scrollTop + box.clientHeight) box.scrollTop = top - box.clientHeight / 3;
+    },
+    scrolled() {
+      const box = this.$refs.source;
+      if (!box) return;
+      this.first = Math.floor(box.scrollTop / ROW);
+      const count = Math.ceil(box.clientHeight / ROW) + 1;
+      this.rows = this.source.slice(this.first, this.first + count).map((text, k) => ({ text, number: this.first + k + 1 }));
+    },
+  },
+};

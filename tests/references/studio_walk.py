@@ -1,0 +1,181 @@
+"""A walk through the studio, as a person clicks: from an empty folder to programs for three controllers."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from browser import Page
+
+Shot = Callable[[str], None]
+LANGUAGES = {"krl": "groove.src", "rapid": "groove.mod", "gcode": "groove.ngc"}
+"""Languages of the walk, and the program that comes out."""
+
+
+@contextlib.contextmanager
+def studio(folder: Path) -> Iterator[str]:
+    """A studio of a folder, as a process; the link that opens it."""
+    command = [sys.executable, "-m", "counterflex", "studio", str(folder), "--port", "0", "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    try:
+        yield line.strip().partition(": ")[2]
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def click(page: Page, name: str) -> None:
+    """Scroll to an element, as a person does, and click on it."""
+    page.value(f"document.querySelector('[data-test=\"{name}\"]').scrollIntoView({{ block: 'center' }})")
+    page.click(name)
+
+
+def choose(page: Page, name: str, text: str) -> None:
+    """Open a list and click on the entry with a text."""
+    click(page, name)
+    entry = (
+        f"[...document.querySelectorAll('.q-menu .q-item')].find((one) => one.innerText.trim() === {json.dumps(text)})"
+    )
+    page.wait(f"!!{entry}", f"{text} is offered by {name}")
+    page.value(f"{entry}.dataset.test = 'entry'")
+    click(page, "entry")
+    page.wait("!document.querySelector('.q-menu')", f"{name} closes")
+
+
+def key(page: Page, letter: str, code: int) -> None:
+    """Press a key with Ctrl."""
+    for kind in ("keyDown", "keyUp"):
+        page.call(
+            "Input.dispatchKeyEvent", type=kind, key=letter, code=letter if len(letter) > 1 else f"Key{letter.upper()}",
+            windowsVirtualKeyCode=code, modifiers=2,
+        )  # fmt: skip
+
+
+def drop(page: Page, name: str, file: Path) -> None:
+    """Hand a file to a place where files are dropped."""
+    root = page.call("DOM.getDocument")["root"]["nodeId"]
+    selector = f"[data-test='{name}'] input[type=file]"
+    node = page.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
+    page.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
+
+
+def cell(page: Page, shot: Shot) -> None:
+    """From nothing to a cell file; a mistake in it is shown at its line."""
+    page.wait("!!document.querySelector('[data-test=\"make-cell\"]')", "the first page")
+    shot("empty")
+    assert "counterflex cell example --out cell.toml" in page.text("page-cell")
+    click(page, "make-cell")
+    page.wait_text("pushed", "Under 100 N")
+    shot("cell")
+    click(page, "tab-file")
+    page.wait("!!document.querySelector('.cm-content')", "the editor")
+    page.value("document.querySelector('.cm-content').focus()")
+    key(page, "Home", 36)
+    page.call("Input.insertText", text="nonsense\n")
+    page.wait_text("file-state", "Not saved")
+    click(page, "save")
+    page.wait_text("cell-fault", "Line 1")
+    shot("cell-fault")
+    page.value("document.querySelector('.cm-content').focus()")
+    key(page, "z", 90)
+    click(page, "save")
+    page.wait_text("file-state", "can be used")
+    assert page.text("cell-fault") == ""
+    click(page, "tab-not")
+    page.wait_text("unknowns", "play and friction")
+    shot("unknown")
+
+
+def program(page: Page, shot: Shot) -> None:
+    """Source line and point of the path select each other."""
+    click(page, "go-program")
+    page.wait_text("about", "16 lines")
+    page.wait("document.querySelectorAll('.st-line').length > 10", "the source")
+    page.value("document.querySelector('[data-line=\"12\"]').dataset.test = 'line12'")
+    click(page, "line12")
+    page.wait_text("at", "line 12")
+    shot("program")
+
+
+def plan(page: Page, shot: Shot) -> None:
+    """Compensate for three controllers: a button runs the commands that it shows."""
+    click(page, "go-plan")
+    for language in LANGUAGES:
+        if language != "krl":
+            click(page, f"as-{language}")
+    page.wait_text("page-plan", "--as gcode")
+    click(page, "compensate")
+    for language in LANGUAGES:
+        page.wait(f"!!document.querySelector('[data-test=\"plan-groove-{language}\"]')", f"the plan in {language}")
+    assert "expected" in page.text("bars-groove-krl").lower()
+    shot("plan")
+    click(page, "go-program")
+    choose(page, "plan-of-path", "groove-krl")
+    page.wait_text("channel", "")
+    page.wait("document.querySelector('.st-legend').innerText.includes('error after')", "the predicted error")
+    shot("planned")
+
+
+def report(page: Page, link: str) -> str:
+    """Title of the report as the studio serves it: without the rights of the studio."""
+    base = link.partition("?")[0]
+    page.open(f"{base}files/groove-krl/report.html")
+    page.wait("document.readyState === 'complete'", "the report")
+    return str(page.value("document.title"))
+
+
+def after_the_cut(page: Page, shot: Shot, scan: Path) -> None:
+    """Check, prove, inspect the scan of a part, correct the next one."""
+    click(page, "go-plan")
+    click(page, "check")
+    page.wait_text("counts", "0 fail")
+    shot("checked")
+    click(page, "prove")
+    page.wait("!!document.querySelector('[data-test=\"proof-groove-proof\"]')", "the proof")
+    shot("proof")
+    click(page, "go-inspect")
+    drop(page, "drop-scan", scan)
+    page.wait_text("page-inspect", "--scan groove.ply")
+    click(page, "inspect")
+    page.wait_text("features", "depth")
+    choose(page, "made-by", "groove-krl")
+    page.wait_text("page-inspect", "--plan groove-krl")
+    click(page, "correct")
+    page.wait("!!document.querySelector('[data-test=\"next-groove-krl-next\"]')", "the next program")
+    shot("inspect")
+    click(page, "go-run")
+    page.wait_text("page-run", "counterflex panel log")
+    shot("run")
+
+
+def first_page_s(page: Page, link: str) -> float:
+    """Time from the address to the first page that can be clicked."""
+    begin = time.monotonic()
+    page.open(link)
+    page.wait("!!document.querySelector('[data-test=\"make-cell\"]')", "the first page")
+    return time.monotonic() - begin
+
+
+def answer(address: str, *, key: str = "", **headers: str) -> str:
+    """Text of an answer, or its status where it is refused.
+
+    Args:
+        key: Link that is opened before; none: a stranger asks.
+    """
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    try:
+        if key:
+            opener.open(key, timeout=60.0).close()
+        with opener.open(urllib.request.Request(address, headers=headers), timeout=60.0) as given:
+            return str(given.read().decode("utf-8", "replace"))
+    except urllib.error.HTTPError as fault:
+        return str(fault.code)
