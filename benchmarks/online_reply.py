@@ -1,10 +1,12 @@
 """Benchmark of the online loop: one step, and the whole reply to a telegram beside a do-nothing echo in the same run.
 
-``python benchmarks/online_reply.py [--quick] [--seconds S] [--stages] [--json FILE]``. The step: compute time of one
-call in each mode, in blocks that alternate with an empty call. The reply: the real session (telegrams every 4 ms, force
-and tracker at 1 kHz, records into the ring) answers a cell in another process, which times from sending a telegram to
-having its answer; half a cycle later the same telegram goes to a third process that only sends it back. All three are
-prepared as the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
+``python benchmarks/online_reply.py [--quick] [--seconds S] [--stages] [--spin-us US] [--json FILE]``. The step: compute
+time of one call in each mode, in blocks that alternate with an empty call.
+
+The reply: the real session (telegrams every 4 ms, force and tracker at 1 kHz, records into the ring) answers a cell in
+another process, which times from sending a telegram to having its answer; half a cycle later the same telegram goes to
+a third process that only sends it back: compiled, two system calls, the first one blocks, as a program in C. All three
+are prepared as the loop is: real-time priority, locked memory, no garbage collection, as far as the system allows.
 
 A machine that stands still for some cycles makes the loop hold or stop the robot. The robot program obeys a feed hold
 and is started again when it was stopped, and this program is the operator, who acknowledges and arms again; all of it
@@ -33,19 +35,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba import types
 
 from counterflex.app.doctor import feed
 from counterflex.app.environment import environment
 from counterflex.app.run import session as online_session
+from counterflex.core.arrays import Int
+from counterflex.core.jit import kernel
 from counterflex.files.cell.cell import read_cell
 from counterflex.integrations.ati.simulated import NetftServer
 from counterflex.integrations.kuka.link.config import read_config
 from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
+from counterflex.protocols.decimal_kernel import Bytes
 from counterflex.protocols.processes.control_array import Request
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
 from counterflex.protocols.system.realtime import prepare
+from counterflex.protocols.system.system_calls import NAME, THERE, send_to
 from counterflex.runtime.loop import Loop
 from counterflex.runtime.loop_plan import LoopPlan
 from counterflex.runtime.record_ring import RecordRing
@@ -101,10 +108,29 @@ def steps(blocks: int, calls: int) -> dict[str, dict[str, float]]:
     return {name: micro(1e-9 * np.array(t, dtype=np.float64)) for name, t in times.items()}
 
 
+if THERE:
+    _recvfrom: Any = types.ExternalFunction(
+        "recvfrom", types.intp(types.int32, types.intp, types.uintp, types.int32, types.intp, types.intp)
+    )
+
+    @kernel("void(int64, uint8[::1], uint8[::1], int64[::1])", waits=True)
+    def _echo(fd: int, data: Bytes, name: Bytes, size: Int) -> None:
+        """Send every datagram back, as a program in C does: two system calls, the first one blocks."""
+        while True:
+            size[0] = NAME
+            length = _recvfrom(fd, data.ctypes.data, data.shape[0], 0, name.ctypes.data, size.ctypes.data)
+            if length > 0:
+                send_to(fd, data, length, name)
+
+
 def _echo_process(own: socket.socket) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     prepare()
-    timing_probe.echo(own)
+    if THERE:
+        own.setblocking(True)
+        _echo(own.fileno(), np.zeros(2048, dtype=np.uint8), np.zeros(NAME, dtype=np.uint8), np.zeros(1, dtype=np.int64))
+    else:
+        timing_probe.echo(own)
 
 
 def _cell_process(rsi: Path, played: RecordedPass, cycles: int, pipe: Any) -> None:
@@ -177,7 +203,7 @@ class _Operator:
                 self.requests[action] += 1
 
 
-def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
+def reply(seconds: float, spin_us: float | None, stages: bool = False) -> dict[str, Any]:
     """Times of the reply and of the echo, of the loop's own part, and the machine's condition."""
     cycles = GATE + round(seconds / 4e-3)
     context = multiprocessing.get_context("spawn")
@@ -186,6 +212,8 @@ def reply(seconds: float, stages: bool = False) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         job = steady.prepare(Path(folder), cycles)
         _lengthen(job.rsi)
+        if spin_us is not None:
+            job.cell.write_text(f"{job.cell.read_text()}spin_us = {spin_us:g}\n")
         cell = context.Process(target=_cell_process, args=(job.rsi, job.played, cycles, there), daemon=True)
         echo = context.Process(target=_echo_process, args=(own,), daemon=True)
         ring = RecordRing()
@@ -293,16 +321,17 @@ def _telegram_bytes(job: steady.SteadyJob) -> int:
     return len(FakeRsi(read_config(job.rsi), RsiContext()).telegram(report))
 
 
-def run(seconds: float, quick: bool, stages: bool = False) -> dict[str, Any]:
+def run(seconds: float, quick: bool, spin_us: float | None = None, stages: bool = False) -> dict[str, Any]:
     """Measure everything; ``quick`` only shows that it runs, ``stages`` times the parts of the reply too."""
     return {
         "schema": "counterflex-benchmark-online-reply",
-        "version": 3,
+        "version": 4,
         "quick": quick,
         "seconds": seconds,
         "machine": environment(),
         "step_us": steps(4 if quick else 200, 50 if quick else 200),
-        **reply(seconds, stages),
+        "spin_us": spin_us,
+        **reply(seconds, spin_us, stages),
     }
 
 
@@ -351,10 +380,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Benchmark of the online loop's reply")
     parser.add_argument("--quick", action="store_true", help="a smoke run of a few seconds")
     parser.add_argument("--seconds", type=float, default=60.0, help="how long the reply is timed")
+    parser.add_argument("--spin-us", type=float, help="[online] spin_us instead of its default")
     parser.add_argument("--stages", action="store_true", help="time the parts of the reply too")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     arguments = parser.parse_args()
-    result = run(1.0 if arguments.quick else arguments.seconds, arguments.quick, arguments.stages)
+    result = run(1.0 if arguments.quick else arguments.seconds, arguments.quick, arguments.spin_us, arguments.stages)
     show(result)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")

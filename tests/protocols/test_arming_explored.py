@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -110,7 +109,7 @@ class Session:
             self.cycle()
         assert self.state == State.READY
         self._words = {name: as_words(array).copy() for name, array in self.run.loop.memory.items()}
-        self._control, self._watch = self.control.copy(), copy.deepcopy(self.run.watch)
+        self._control, self._watch = self.control.copy(), self.run.watch.records.copy()
 
     def back(self) -> None:
         """Ready again, everything as it should be."""
@@ -120,7 +119,7 @@ class Session:
         robot, force, run = self.robot, self.force, self.run
         robot.enable, robot.clamped, robot.job, robot.elapsed, force.new = False, False, JOB, 1, 1
         force.saturated, self.ring.count, run.trouble = False, 0, ""
-        run.watch = copy.deepcopy(self._watch)
+        run.watch.records[:] = self._watch
         run._tare.accepted, run._tare.refusals, run._senses.force_age = True, 0, 0
         run._senses._pause = 0.0
         run._silent_cycles = 0
@@ -152,7 +151,7 @@ def _word(place: int, value: int) -> Callable[[Session], None]:
 
 
 WRONG: Final = {
-    "a telegram too few since the last gap": _set("run.watch.good", SETTLE - 2),
+    "a telegram too few since the last gap": _set("run.watch.now.good", SETTLE - 2),
     "no zero of the force sensor": _set("run._tare.accepted", False),
     "no reading of the force sensor": _set("force.new", 0),
     "a force sensor at its end": _set("force.saturated", True),
@@ -169,7 +168,7 @@ WRONG: Final = {
 }
 """By name: how it is brought about, just beyond its limit."""
 ALLOWED: Final = {
-    "just enough telegrams": _set("run.watch.good", SETTLE - 1),
+    "just enough telegrams": _set("run.watch.now.good", SETTLE - 1),
     "a panel that spoke a second ago": _word(Panel.NS, NOW_NS - 1_000_000_000),
     "a starting process that spoke 80 ms ago": _word(Life.RUN_NS, NOW_NS - 80_000_000),
     "a program that says no job": _set("robot.job", 0),

@@ -7,6 +7,7 @@ import json
 import multiprocessing
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,6 +19,7 @@ from counterflex.core.errors import InputError, OutputError
 from counterflex.core.held import boot_id
 from counterflex.protocols.processes.instance_lock import InstanceLock
 from counterflex.protocols.robot.port import RobotPort, Verdict
+from counterflex.protocols.robot.wire import UdpWire
 from counterflex.protocols.system import system_calls
 
 
@@ -184,6 +186,27 @@ def test_rubbish_does_not_end_a_wait(sender: socket.socket) -> None:
     try:
         assert port.wait(20.0, read)
         assert port.counters.malformed == 1
+    finally:
+        port.close()
+
+
+@pytest.mark.skipif(not system_calls.THERE, reason="other systems sleep")
+@pytest.mark.parametrize("due_us", [-3_600_000_000, -100, 0, 100, 400, 3_600_000_000])
+def test_a_poll_misses_no_telegram_and_ends_in_time(sender: socket.socket, due_us: int) -> None:
+    """Whatever moment was learnt: a telegram that is there is taken, and without one the wait ends as without polls."""
+    wire = UdpWire("127.0.0.1", 0, 1000)
+    port = RobotPort("127.0.0.1", 0, 1000, wire=wire)
+    port.poll(4e-3, 500e-6)
+    try:
+        for there in (True, False, True):
+            wire.window["due_ns"], wire.window["jitter_ns"] = time.monotonic_ns() + 1000 * due_us, 100_000
+            if there:
+                sender.sendto(b"good", port.address)
+            before = time.monotonic_ns()
+            assert port.wait(6e-3, lambda _: Verdict.NEW) == there
+            assert there or time.monotonic_ns() - before >= 6_000_000
+        due_ns = int(wire.window["due_ns"][0]) - 4_000_000
+        assert abs(due_us) < 1000 or before <= due_ns <= time.monotonic_ns()  # far off: learnt anew
     finally:
         port.close()
 

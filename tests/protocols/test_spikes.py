@@ -12,7 +12,8 @@ from counterflex.protocols.session.spikes import LEAST_N, SpikeGate
 def means(samples: Float, per_cycle: int) -> list[Float | None]:
     gate = SpikeGate()
     parts = samples.reshape(-1, per_cycle, 6)
-    return [gate.cleaned(part.mean(axis=0), part) for part in parts]
+    found = (gate.cleaned(part.mean(axis=0), part, per_cycle) for part in parts)
+    return [None if w is None else w.copy() for w in found]
 
 
 def force(y_n: Float) -> Float:
@@ -58,8 +59,8 @@ def test_what_is_not_far_off_is_the_mean_itself_and_counts_nothing() -> None:
     for k in range(400):
         part = force(150.0 * np.sin(0.8 * (4 * k + np.arange(4))) + rng.standard_normal(4))  # a mill's tooth passing
         w = part.mean(axis=0)
-        clean = gate.cleaned(w, part)
+        clean = gate.cleaned(w, part, 4)
         assert k < 60 or clean is w
     before = gate.count
-    gate.cleaned(w, force(np.array([0.0, 4000.0, 0.0, 0.0])))
+    gate.cleaned(w, force(np.array([0.0, 4000.0, 0.0, 0.0])), 4)
     assert gate.count == before + 1

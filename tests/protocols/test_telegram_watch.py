@@ -41,7 +41,7 @@ class _Line:
 def test_nothing_is_wrong_with_good_telegrams() -> None:
     line = _Line()
     assert {line.come() for _ in range(600)} == {(0, 0)}
-    assert line.watch.good == 600
+    assert line.watch.now.good == 600
 
 
 def test_answers_late_in_a_row_hold_after_three_and_fault_after_ten() -> None:
@@ -107,7 +107,7 @@ def test_unreadable_telegrams_that_were_answered_accuse_nobody() -> None:
     for _ in range(30):
         line.lose(counted=False)
         assert line.come(repeated=1)[1] == 0
-    assert line.watch.unexplained == 0
+    assert line.watch.now.unexplained == 0
 
 
 def test_a_count_that_starts_anew_accuses_nobody() -> None:
@@ -117,7 +117,7 @@ def test_a_count_that_starts_anew_accuses_nobody() -> None:
     line.k += 2
     line.late = 2
     assert line.come()[1] == 0
-    assert line.watch.unexplained == 0
+    assert line.watch.now.unexplained == 0
 
 
 def test_silence_on_purpose_is_not_late() -> None:
@@ -137,7 +137,7 @@ def test_a_clock_that_jumps_holds_in_the_same_cycle_and_once(jump_ns: int) -> No
         line.come()
     assert line.come(skew_ns=jump_ns)[0] == Cause.CLOCK
     assert {line.come(skew_ns=jump_ns) for _ in range(400)} == {(0, 0)}
-    assert line.watch.clock_jumps == 1
+    assert line.watch.now.clock_jumps == 1
 
 
 def test_a_clock_that_drifts_keeps_holding() -> None:
@@ -146,7 +146,7 @@ def test_a_clock_that_drifts_keeps_holding() -> None:
     found = [line.come(skew_ns=-100_000 * k)[0] for k in range(600)]
     assert found.index(Cause.CLOCK) <= 82
     assert set(found[100:]) == {Cause.CLOCK}
-    assert line.watch.clock_jumps == 1
+    assert line.watch.now.clock_jumps == 1
 
 
 @given(st.lists(st.integers(0, 7_900_000), min_size=1, max_size=300))
@@ -166,7 +166,7 @@ def test_late_telegrams_are_told_once_and_are_never_the_reference(late_ms: tuple
     told = [line.come(skew_ns=1_000_000 * ms)[0] for ms in late_ms]
     assert sum(cause == Cause.CLOCK for cause in told) <= sum(ms > 8 for ms in late_ms)
     assert {line.come() for _ in range(600)} == {(0, 0)}
-    assert line.watch.clock_jumps == 0
+    assert line.watch.now.clock_jumps == 0
 
 
 def test_a_clock_that_jumps_or_drifts_is_found_behind_late_telegrams() -> None:
@@ -175,10 +175,10 @@ def test_a_clock_that_jumps_or_drifts_is_found_behind_late_telegrams() -> None:
         line.come(skew_ns=1_000_000 * ms)
     found = [line.come(skew_ns=9_000_000)[0] for _ in range(100)]
     assert found[0] == Cause.CLOCK
-    assert line.watch.clock_jumps == 1
+    assert line.watch.now.clock_jumps == 1
     drifting = [line.come(skew_ns=9_000_000 + 100_000 * k)[0] for k in range(200)]
     assert drifting.index(Cause.CLOCK) <= 92
-    assert line.watch.clock_jumps == 2
+    assert line.watch.now.clock_jumps == 2
 
 
 def test_the_clock_is_not_looked_at_where_the_controller_waits() -> None:

@@ -41,7 +41,7 @@ def _clock_jump(effort: Effort, *, jump_s: float) -> Outcome:
     hold, since = after.first(State.HOLD), slice(after.begin, None)
     causes = {c for s, c in zip(rig.seen.state[since], rig.seen.cause[since], strict=True) if s == State.HOLD}
     return after.outcome(
-        hold == 1 and rig.session.watch.clock_jumps == 1 and causes == {Cause.CLOCK},
+        hold == 1 and rig.session.watch.now.clock_jumps == 1 and causes == {Cause.CLOCK},
         f"hold in the same cycle, counted once; {described(after.path)}",
         safe_s=after.first_s(State.HOLD),
     )

@@ -18,6 +18,7 @@ from counterflex.app.run.robot_links import ROBOT_LINKS, Chosen, LinkOrder, Robo
 from counterflex.app.run.tools import tools_of
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
+from counterflex.core.units import US
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.sensing import SensorTable, flange_sensor
@@ -40,7 +41,6 @@ from counterflex.runtime.sensing.spindle_inertia import SpindleInertia
 
 QUIET_S = 2.0
 """Without a telegram for so long, a run has ended."""
-
 _MEAN_OF = 8
 """Most poses of a tracker in a cycle of which the mean is taken; more have piled up."""
 
@@ -382,6 +382,8 @@ def _link(settings: RunSettings, cell: Cell, loop: Loop, plan: Plan | None) -> R
         )
     )
     _require_reported(settings, loop, link)
+    if hasattr(link, "poll"):  # a link of another package may leave it out
+        link.poll(loop.settings.period_s, (cell.tables.online or OnlineTable()).spin_us * US)
     return link
 
 

@@ -128,6 +128,7 @@ class OnlineTable(Table):
     axis_pid: AxisPidTable | None = None
     own_play_urad: tuple[Level, Level, Level, Level, Level, Level] = (0.0,) * 6
     period_ms: Literal[4, 12, 24, 48, 72, 96] = 4
+    spin_us: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
     along_feed: bool = False
     orientation: bool = False
     proportional: Proportional | tuple[Proportional, Proportional, Proportional] = 1.0

@@ -148,6 +148,16 @@ class RobotPort:
         allowed = self._allowed
         return allowed is None or (sender >> 16 == allowed[0] and allowed[1] in (0, sender & 0xFFFF))
 
+    def poll(self, period_s: float, most_s: float) -> None:
+        """Poll when a telegram is due instead of sleeping; a wire that is no UDP port goes on sleeping.
+
+        Args:
+            period_s: Cycle of the controller.
+            most_s: Longest time before and behind that moment; 0 sleeps.
+        """
+        if isinstance(self._wire, UdpWire):
+            self._wire.window["period_ns"], self._wire.window["most_ns"] = round(period_s * 1e9), round(most_s * 1e9)
+
     def forget(self) -> None:
         """Take the next good telegram of the controller's computer, never of another, as a session on any port."""
         self._sender = self.counters.sender = _NOBODY

@@ -11,6 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Int
 from counterflex.core.errors import InputError, OutputError
+from counterflex.core.records import records
 from counterflex.protocols.decimal_kernel import ByteRows, Bytes
 from counterflex.protocols.system import system_calls
 from counterflex.protocols.system.system_calls import await_datagrams
@@ -82,7 +83,7 @@ class UdpWire:
         self._pieces, self._heads = system_calls.heads(self._inbox, self.names)
         self.lengths: Int = np.zeros(_ROWS, dtype=np.int64)
         self.senders: Int = np.zeros(_ROWS, dtype=np.int64)
-        self._waiting: Int = np.zeros(system_calls.WAITING, dtype=np.int64)
+        self.window = records(system_calls.WINDOW)  # When to poll, see :meth:`RobotPort.poll`
 
     now_ns = staticmethod(time.monotonic_ns)
 
@@ -90,7 +91,7 @@ class UdpWire:
         """See :class:`Wire`."""
         if self._many:
             return await_datagrams(
-                self._fd, self._heads, self.names, self.lengths, self.senders, timeout_ns, self._waiting
+                self._fd, self._heads, self.names, self.lengths, self.senders, timeout_ns, self.window
             )
         self._socket.settimeout(max(0, timeout_ns) * 1e-9)
         try:

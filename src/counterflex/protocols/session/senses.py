@@ -157,7 +157,7 @@ class Senses:
             self.force_age += 1  # where there is a plan, the step goes on by it for a while, then holds
             return soft or (_SATURATED if force.saturated else 0)
         self._learn_pause()
-        w_sensor = self._spikes.cleaned(force.w_sensor, force.samples[: min(good, len(force.samples))])
+        w_sensor = self._spikes.cleaned(force.w_sensor, force.samples, good)
         if w_sensor is None:  # the last one goes on
             self.force_age = 0
             return soft

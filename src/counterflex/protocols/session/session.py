@@ -200,7 +200,7 @@ class OnlineSession:
             soft = _CLAMPED
         soft, hard = self._watch_program(soft, hard, received_ns)
         if soft == 0 and result.state <= _READY:
-            soft = senses.lacking(self.watch.good, self.cycles, self._silent_cycles)
+            soft = senses.lacking(self.watch.now.good, self.cycles, self._silent_cycles)
         self._fill_flags(received, soft, hard, new)
         loop.run()
         self._serve_requests()
@@ -261,7 +261,7 @@ class OnlineSession:
             if self._tools is not None:
                 changed = self._tools.watch(self._result.state, self._result.cause, self.loop.place, self._tare)
                 soft = soft or changed
-            soft = senses.read_force(soft, self.watch.good)
+            soft = senses.read_force(soft, self.watch.now.good)
             new = senses.read_tracker()
             senses.read_currents(received)
         except Exception as fault:  # whatever it is: the robot is told to stop, not left with what stood last
@@ -275,7 +275,7 @@ class OnlineSession:
                 sent,
                 received=received,
                 cycles=self.cycles,
-                clock_jumps=self.watch.clock_jumps,
+                clock_jumps=self.watch.now.clock_jumps,
                 set_back=self.set_back,
                 force_age=self._senses.force_age,
                 tracker_age=self._senses.tracker_age,
@@ -318,7 +318,7 @@ class OnlineSession:
         link, given, control = self.link, self._given, self.control
         given.elapsed = link.elapsed if received else 0
         self._senses.fill_ages()
-        given.tracker_new, given.healthy = new, self._senses.healthy(self.watch.good)
+        given.tracker_new, given.healthy = new, self._senses.healthy(self.watch.now.good)
         again = self._tools is not None and self._tools.arms and self._tare.accepted
         given.arm, given.stop = int(control[_ARM] or again), int(control[_STOP])
         given.reset = int(control[_RESET])

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-
 from counterflex.core.arrays import Float
+from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, attributes, record, records
 
 LEAST_N: Final = 60.0
 """Change from one sample to the next that is never a spike: a cutter enters at full depth within some samples."""
@@ -24,45 +24,73 @@ _SEVERAL: Final = 3
 """Samples in a cycle from which on two are held back."""
 
 
-class SpikeGate:
-    """Leaves samples out that are far off.
+GATE: Final = record(
+    last=(float, 3),  # N, last sample that was used
+    usual=float,  # N, usual change from one sample to the next
+    w=(float, 6),  # N, N m, mean of the samples of a cycle that were used
+    known=int,  # 1: there is a last one
+    held=int,  # samples held back so far
+    count=int,  # spikes so far
+)
 
-    Attributes:
-        count: Spikes so far.
-    """
+
+@kernel("boolean(Gate, float64, float64, float64, int64)", Gate=GATE)
+def _takes(g: Record, x: float, y: float, z: float, most: int) -> bool:
+    change = math.sqrt((x - g.last[0]) ** 2 + (y - g.last[1]) ** 2 + (z - g.last[2]) ** 2)
+    limit = max(LEAST_N, USUAL * g.usual)
+    if g.known == 1 and change > limit and g.held < most:
+        g.held += 1
+        return False
+    if change <= limit:
+        g.count += g.held
+    g.held = 0
+    g.usual = g.usual + _SHARE * (min(change, limit) - g.usual) if g.known == 1 else 0.0
+    g.last[0], g.last[1], g.last[2] = x, y, z
+    g.known = 1
+    return True
+
+
+@kernel("int64(float64[:, ::1], int64, Gate[::1])", Gate=GATE, entry=True)
+def _clean(samples: Float, count: int, gates: Records) -> int:
+    """Samples of a cycle left out; the mean of the others is written where there are both."""
+    g, used = gates[0], 0
+    most = 2 if count >= _SEVERAL else 1
+    g.w[:] = 0.0
+    for row in range(count):
+        if _takes(g, samples[row, 0], samples[row, 1], samples[row, 2], most):
+            used += 1
+            for k in range(6):
+                g.w[k] += samples[row, k]
+    if 0 < used < count:
+        for k in range(6):
+            g.w[k] /= used
+    return count - used
+
+
+class SpikeGate:
+    """Leaves samples out that are far off."""
 
     def __init__(self) -> None:
-        self._last = (0.0, 0.0, 0.0)
-        self._usual_n = 0.0
-        self._known = False
-        self._held = 0
-        self.count = 0
+        self._gates = records(GATE)
+        self._mean: Float = self._gates[0].w
+        self._quick = attributes(self._gates)
 
-    def cleaned(self, w: Float, samples: Float) -> Float | None:
+    @property
+    def count(self) -> int:
+        """Spikes so far."""
+        return int(self._quick.count)
+
+    def cleaned(self, w: Float, samples: Float, count: int) -> Float | None:
         """Mean of the samples of a cycle without spikes.
 
         Args:
             w: (6,) mean of all of them, N, N m.
             samples: (m, 6) in time.
+            count: Samples of the cycle; those beyond the rows were not kept.
 
         Returns:
             ``w`` itself where nothing is left out, the mean of the others, or None where none remains.
         """
-        most = 2 if len(samples) >= _SEVERAL else 1
-        taken = [self._takes(x, y, z, most) for x, y, z, *_ in samples.tolist()]
-        if all(taken):
-            return w
-        return np.asarray(samples[taken].mean(axis=0)) if any(taken) else None
-
-    def _takes(self, x: float, y: float, z: float, most: int) -> bool:
-        change = math.dist((x, y, z), self._last)
-        limit = max(LEAST_N, USUAL * self._usual_n)
-        if self._known and change > limit and self._held < most:
-            self._held += 1
-            return False
-        if change <= limit:
-            self.count += self._held
-        self._held = 0
-        self._usual_n += _SHARE * (min(change, limit) - self._usual_n) if self._known else 0.0
-        self._last, self._known = (x, y, z), True
-        return True
+        count = min(count, len(samples))
+        left_out = _clean(samples, count, self._gates)
+        return w if left_out == 0 else None if left_out == count else self._mean

@@ -7,9 +7,11 @@ the gaps in its counter.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from counterflex.core.errors import InputError
+from counterflex.core.jit import kernel
+from counterflex.core.records import Record, Records, attributes, record, records
 from counterflex.protocols.robot.port import Counters
 from counterflex.runtime.state.supervisor import Cause
 from counterflex.runtime.step.place import FAULT_LOST
@@ -55,6 +57,129 @@ class WatchSettings:
             raise InputError("share of late answers, or parting of clocks", value=(self.share_late, self.clock_cycles))
 
 
+WATCH: Final = record(
+    share_late=float,
+    clock_ns=float,  # by which clock and counter may part
+    count=float,  # the controller's, of late answers
+    recent=(float, _SETTLED),  # ns, clock less counter
+    floors=(float, _CLOCK_SPAN),  # ns, least of the recent ones
+    hold_late=int,
+    fault_late=int,
+    malformed_hold=int,
+    malformed_fault=int,
+    clock=int,  # 1: compare them
+    good=int,  # telegrams in a row without a gap
+    late_in_a_row=int,  # answers that the controller did not get in time, up to the newest telegram
+    clock_jumps=int,  # how often the clocks parted
+    unexplained=int,  # cycles that we did not answer and that the controller does not count as late
+    lates=int,  # late cycles within the window
+    place=int,
+    late=(int, WINDOW),
+    known=int,  # telegrams whose clocks were compared
+    ahead=int,  # of them in a row, late against all before
+    parted=int,
+)
+"""Settings, and what is known of the telegrams. Numbers that a telegram says are floats: a damaged one says any."""
+
+
+@kernel("void(Watch, float64)", Watch=WATCH)
+def _anew(w: Record, offset_ns: float) -> None:
+    """Forget the drift of the clocks."""
+    w.recent[:] = offset_ns
+    w.floors[:_SETTLED] = offset_ns
+    w.known, w.ahead, w.parted = _SETTLED, 0, 0
+
+
+@kernel("boolean(Watch, float64)", Watch=WATCH)
+def _clocks_part(w: Record, offset_ns: float) -> bool:
+    """Return whether the clocks moved apart too far: at once, or against where they stood up to a second ago."""
+    # A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
+    # telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
+    # late telegram when ten in a row do. One that lies below it is the clock at once, after the first ten.
+    most, known = w.clock_ns, w.known
+    if known == 0:
+        w.recent[:] = offset_ns
+        w.floors[0], w.known = offset_ns, 1
+        return False
+    floor = w.floors[(known - 1) % _CLOCK_SPAN]
+    w.recent[known % _SETTLED] = offset_ns
+    now = offset_ns
+    for recent in w.recent:
+        now = min(now, recent)
+    if offset_ns > floor + most:
+        w.ahead += 1
+        if w.ahead >= _SETTLED:
+            _anew(w, now)
+            w.clock_jumps += 1
+            return False  # told when it began
+    else:
+        w.ahead = 0
+        if offset_ns < floor - most and known >= _SETTLED:
+            _anew(w, offset_ns)
+            w.clock_jumps += 1
+            return True
+    if known < _SETTLED and offset_ns < w.floors[0] - most / 2.0:  # the first ones were late
+        w.floors[:known] = now
+    oldest = w.floors[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0]
+    parted = abs(now - oldest) > most
+    w.clock_jumps += int(parted and w.parted == 0)
+    w.parted = int(parted)
+    w.floors[known % _CLOCK_SPAN] = now
+    w.known = known + 1
+    return bool(parted or w.ahead == 1)
+
+
+@kernel("UniTuple(int64, 2)(Watch, int64, int64, int64)", Watch=WATCH)
+def _judge(w: Record, malformed: int, soft: int, hard: int) -> tuple[int, int]:
+    if malformed >= w.malformed_fault:
+        hard = hard or _TELEGRAM_MALFORMED
+    elif malformed >= w.malformed_hold:
+        soft = soft or _TELEGRAM_MALFORMED
+    if w.late_in_a_row >= w.fault_late:
+        hard, soft = hard or _TELEGRAMS_LATE, soft or _TELEGRAMS_LATE
+    elif w.late_in_a_row >= w.hold_late:
+        soft = soft or _TELEGRAMS_LATE
+    if w.lates > w.share_late * WINDOW:
+        soft = soft or _TELEGRAMS_SCATTERED
+    return soft, hard
+
+
+@kernel("UniTuple(int64, 2)(Watch[::1], int64)", Watch=WATCH, entry=True)
+def _silent(watches: Records, malformed: int) -> tuple[int, int]:
+    w = watches[0]
+    w.good = 0
+    return _judge(w, malformed, 0, 0)
+
+
+@kernel("UniTuple(int64, 2)(Watch[::1], int64, float64, float64, int64, boolean, int64)", Watch=WATCH, entry=True)
+def _received(
+    watches: Records, elapsed: int, offset_ns: float, count: float, malformed: int, answered: bool, repeated: int
+) -> tuple[int, int]:
+    w, lost = watches[0], elapsed - 1
+    late = lost
+    soft = hard = 0
+    if answered and count != UNKNOWN and w.count != UNKNOWN:
+        risen = count - w.count
+        late = int(min(float(elapsed), risen if risen >= 0.0 else count))
+        if late < lost:
+            w.unexplained += max(0, lost - late - repeated)
+            late = lost
+            if w.unexplained >= _UNEXPLAINED:
+                hard = _FOREIGN_PEER
+        elif lost > 0:
+            w.unexplained = 0
+    w.count = count
+    w.late_in_a_row = w.late_in_a_row + elapsed if late >= elapsed else late
+    for k in range(min(WINDOW, elapsed)):
+        now, place = int(k < late), w.place
+        w.lates += now - w.late[place]
+        w.late[place], w.place = now, (place + 1) % WINDOW
+    w.good = w.good + 1 if lost == 0 else 0
+    if w.clock == 1 and _clocks_part(w, offset_ns):
+        soft = _CLOCK
+    return _judge(w, malformed, soft, hard)
+
+
 class TelegramWatch:
     """Judges one session's telegrams, cycle by cycle.
 
@@ -63,34 +188,28 @@ class TelegramWatch:
         settings: See :class:`WatchSettings`.
 
     Attributes:
-        good: Telegrams in a row without a gap.
-        late_in_a_row: Answers that the controller did not get in time, up to the newest telegram.
-        clock_jumps: How often the clocks parted.
-        unexplained: Cycles that we did not answer and that the controller does not count as late.
+        records: (1,) :data:`WATCH`; ``now`` are the same numbers, read and written faster.
     """
 
     def __init__(self, period_s: float, settings: WatchSettings | None = None) -> None:
-        self.settings = settings if settings is not None else WatchSettings()
-        self._period_ns = round(period_s * 1e9)
-        self._late = [0] * WINDOW
-        self._lates = 0
-        self._place = 0
-        self._recent = [0] * _SETTLED
-        self._floors = [0] * _CLOCK_SPAN
-        self._known = self._ahead = 0
-        self._parted = False
-        self._count = UNKNOWN
-        self.good = self.late_in_a_row = self.clock_jumps = self.unexplained = 0
+        chosen = settings if settings is not None else WatchSettings()
+        self.records = records(WATCH)
+        self.now: Any = attributes(self.records)
+        self.now.clock_ns = chosen.clock_cycles * round(period_s * 1e9)
+        for name in ("share_late", "hold_late", "fault_late", "malformed_hold", "malformed_fault", "clock"):
+            setattr(self.now, name, getattr(chosen, name))
+        self.now.count = UNKNOWN
 
     @property
     def share_late(self) -> float:
         """Share 0..1 of late cycles within the window."""
-        return self._lates / WINDOW
+        return float(self.now.lates / WINDOW)
 
     def restart(self) -> None:
         """The controller began another session: its counts mean something else."""
-        self._known, self._ahead, self._parted, self._count = 0, 0, False, UNKNOWN
-        self.good = self.late_in_a_row = self.unexplained = 0
+        w = self.now
+        w.known = w.ahead = w.parted = w.good = w.late_in_a_row = w.unexplained = 0
+        w.count = UNKNOWN
 
     def silent(self, malformed_in_a_row: int) -> tuple[int, int]:
         """A cycle without a telegram.
@@ -101,8 +220,7 @@ class TelegramWatch:
         Returns:
             Causes of a hold and of a fault, or 0.
         """
-        self.good = 0
-        return self._judge(malformed_in_a_row, 0, 0)
+        return _silent(self.records, malformed_in_a_row)
 
     def received(
         self,
@@ -129,85 +247,8 @@ class TelegramWatch:
         Returns:
             Causes of a hold and of a fault, or 0.
         """
-        lost = elapsed - 1
-        late = lost
-        soft = hard = 0
-        if answered and late_count != UNKNOWN and self._count != UNKNOWN:
-            risen = late_count - self._count
-            late = min(elapsed, risen if risen >= 0 else late_count)
-            if late < lost:
-                self.unexplained += max(0, lost - late - repeated)
-                late = lost
-                if self.unexplained >= _UNEXPLAINED:
-                    hard = _FOREIGN_PEER
-            elif lost > 0:
-                self.unexplained = 0
-        self._count = late_count
-        self.late_in_a_row = self.late_in_a_row + elapsed if late >= elapsed else late
-        for k in range(min(WINDOW, elapsed)):
-            now, place = int(k < late), self._place
-            self._lates += now - self._late[place]
-            self._late[place], self._place = now, (place + 1) % WINDOW
-        self.good = self.good + 1 if lost == 0 else 0
-        if self.settings.clock and self._clocks_part(now_ns - counter_ms * 1_000_000):
-            soft = _CLOCK
-        return self._judge(malformed_in_a_row, soft, hard)
-
-    def _judge(self, malformed: int, soft: int, hard: int) -> tuple[int, int]:
-        settings = self.settings
-        if malformed >= settings.malformed_fault:
-            hard = hard or _TELEGRAM_MALFORMED
-        elif malformed >= settings.malformed_hold:
-            soft = soft or _TELEGRAM_MALFORMED
-        if self.late_in_a_row >= settings.fault_late:
-            hard, soft = hard or _TELEGRAMS_LATE, soft or _TELEGRAMS_LATE
-        elif self.late_in_a_row >= settings.hold_late:
-            soft = soft or _TELEGRAMS_LATE
-        if self._lates > settings.share_late * WINDOW:
-            soft = soft or _TELEGRAMS_SCATTERED
-        return soft, hard
-
-    def _clocks_part(self, offset_ns: int) -> bool:
-        """Return whether the clocks moved apart too far: at once, or against where they stood up to a second ago."""
-        # A telegram can be late and never early. So the clocks' offset is the least ``clock - counter`` of the last ten
-        # telegrams, and no late one is ever the reference. One that lies above it is told once; it is the clock and no
-        # late telegram when ten in a row do. One that lies below it is the clock at once, after the first ten.
-        most = self.settings.clock_cycles * self._period_ns
-        known, recent, floors = self._known, self._recent, self._floors
-        if known == 0:
-            recent[:] = [offset_ns] * _SETTLED
-            floors[0], self._known = offset_ns, 1
-            return False
-        floor = floors[(known - 1) % _CLOCK_SPAN]
-        recent[known % _SETTLED] = offset_ns
-        if offset_ns > floor + most:
-            self._ahead += 1
-            if self._ahead >= _SETTLED:
-                self._anew(min(recent))
-                self.clock_jumps += 1
-                return False  # told when it began
-        else:
-            self._ahead = 0
-            if offset_ns < floor - most and known >= _SETTLED:
-                self._anew(offset_ns)
-                self.clock_jumps += 1
-                return True
-        now = min(recent)
-        if known < _SETTLED and offset_ns < floors[0] - most / 2.0:  # the first ones were late
-            floors[:known] = [now] * known
-        oldest = floors[known % _CLOCK_SPAN if known >= _CLOCK_SPAN else 0]
-        parted = abs(now - oldest) > most
-        self.clock_jumps += int(parted and not self._parted)
-        self._parted = parted
-        floors[known % _CLOCK_SPAN] = now
-        self._known = known + 1
-        return parted or self._ahead == 1
-
-    def _anew(self, offset_ns: int) -> None:
-        """Forget the drift of the clocks."""
-        self._recent[:] = [offset_ns] * _SETTLED
-        self._floors[:_SETTLED] = [offset_ns] * _SETTLED
-        self._known, self._ahead, self._parted = _SETTLED, 0, False
+        offset_ns = now_ns - counter_ms * 1_000_000
+        return _received(self.records, elapsed, offset_ns, late_count, malformed_in_a_row, answered, repeated)
 
 
 class AnotherSession:

@@ -19,6 +19,7 @@ from numba import carray, types
 
 from counterflex.core.arrays import Int
 from counterflex.core.jit import compile_stated, kernel
+from counterflex.core.records import Record, Records, record
 from counterflex.protocols.decimal_kernel import ByteRows, Bytes
 
 THERE: Final = (
@@ -91,8 +92,23 @@ else:
         return 0
 
 
-WAITING: Final = 3
-"""Numbers of eight bytes that a wait needs: ``struct pollfd``, ``struct timespec``."""
+WINDOW: Final = record(
+    polled=int,  # struct pollfd
+    time=(int, 2),  # struct timespec
+    period_ns=int,
+    most_ns=int,
+    due_ns=int,
+    jitter_ns=int,
+)
+"""Wait for the next datagram of a sender that keeps a cycle: work space, and when to poll instead of sleeping.
+
+``most_ns``: longest time of polling before the datagram is due, and as long behind it; 0: sleep only. ``due_ns``: when
+the next one is expected, CLOCK_MONOTONIC; 0: not known. ``jitter_ns``: mean distance of datagrams from that.
+"""
+_LEAST_NS: Final = 30_000
+"""Half of the shortest window: waking up takes that long on an idle machine."""
+_JITTERS: Final = 4
+"""Half of a window, in mean distances: 1 in 700 of normal ones lies outside."""
 
 
 def heads(inbox: ByteRows, names: ByteRows) -> tuple[Int, Int]:
@@ -143,27 +159,78 @@ def receive(fd: int, heads: Int, names: ByteRows, lengths: Int, hosts: Int) -> i
             return 0
 
 
-@kernel("int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1], int64, int64[::1])", waits=True, entry=True)
+@kernel("int64(Window[::1])", Window=WINDOW)
+def _now(windows: Records) -> int:
+    """Monotonic clock, ns."""
+    w = windows[0]
+    _clock_gettime(_MONOTONIC, windows.ctypes.data + 8)
+    return int(w.time[0] * 1_000_000_000 + w.time[1])
+
+
+@kernel("int64(int64, int64, Window[::1])", Window=WINDOW)
+def _sleep(fd: int, longest_ns: int, windows: Records) -> int:
+    """Sleep until a datagram is there: 1; 0 where none received, below 0 where a signal ended it."""
+    w = windows[0]
+    w.polled = fd | (_READABLE << 32)
+    w.time[0], w.time[1] = longest_ns // 1_000_000_000, longest_ns % 1_000_000_000
+    return int(_ppoll(windows.ctypes.data, 1, windows.ctypes.data + 8, 0))
+
+
+@kernel("void(Window, int64)", Window=WINDOW)
+def _learn(w: Record, now: int) -> None:
+    """Learn from a datagram when the next one is due, and how exactly."""
+    error = now - w.due_ns
+    if w.due_ns == 0 or abs(error) > w.period_ns // 2:  # the first one, or some were lost: no measure of the jitter
+        w.due_ns = now
+    else:
+        w.due_ns += error // 8
+        w.jitter_ns += (abs(error) - w.jitter_ns) // 16
+    w.due_ns += w.period_ns
+
+
+@kernel(
+    "int64(int64, int64[:, ::1], uint8[:, ::1], int64[::1], int64[::1], int64, Window[::1])",
+    Window=WINDOW,
+    waits=True,
+    entry=True,
+)
 def await_datagrams(
-    fd: int, heads: Int, names: ByteRows, lengths: Int, senders: Int, timeout_ns: int, waiting: Int
+    fd: int, heads: Int, names: ByteRows, lengths: Int, senders: Int, timeout_ns: int, windows: Records
 ) -> int:
     """As :func:`receive`, but waits for the first datagram, and tells address and port of each sender.
+
+    With ``most_ns`` it sleeps until shortly before the datagram is due and polls from there: a processor that does not
+    sleep answers sooner. At most once a cycle, and for no longer than twice ``most_ns``.
 
     Args:
         heads: As for :func:`receive`.
         senders: (n,) ``address << 16 | port``; written.
         timeout_ns: Longest wait; 0 or less: none.
-        waiting: (WAITING,) work space.
+        windows: (1,) WINDOW.
 
     Returns:
         Datagrams taken; 0 also where a signal ended the wait.
     """
+    w, count = windows[0], 0
     if timeout_ns > 0:
-        waiting[0] = fd | (_READABLE << 32)
-        waiting[1], waiting[2] = timeout_ns // 1_000_000_000, timeout_ns % 1_000_000_000
-        if _ppoll(waiting.ctypes.data, 1, waiting[1:].ctypes.data, 0) <= 0:
+        now, half = 0, 0
+        if w.most_ns > 0:
+            now, half = _now(windows), min(w.most_ns, _LEAST_NS + _JITTERS * w.jitter_ns)
+        end, begin, last = now + timeout_ns, w.due_ns - half, w.due_ns + half
+        received = 0
+        if half > 0 and now < last < end:
+            received = _sleep(fd, begin - now, windows) if begin > now else 0
+            while received == 0 and count == 0 and _now(windows) < last:
+                count = receive(fd, heads, names, lengths, senders)
+            now = _now(windows)
+        if received == 0 and count == 0:
+            received = _sleep(fd, max(0, end - now), windows)
+        if received <= 0 and count == 0:
             return 0
-    count = receive(fd, heads, names, lengths, senders)
+    if count == 0:
+        count = receive(fd, heads, names, lengths, senders)
+    if w.most_ns > 0 and count > 0 and timeout_ns > 0:
+        _learn(w, _now(windows))
     for k in range(count):
         senders[k] = (senders[k] << 16) | (int(names[k, 2]) << 8) | int(names[k, 3])
     return count

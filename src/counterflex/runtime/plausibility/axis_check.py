@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from counterflex.core.array_table import ArrayTable
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.records import Record, records
 from counterflex.geometry import pose
@@ -50,12 +51,11 @@ class AxisCheck:
         T_base_tcp: Float | None = None,
     ) -> None:
         chosen = AxisTolerance() if tolerance is None else tolerance
-        self._chain = chain.compact
+        compact = chain.compact
         T_part_base = pose.inverse(as_float("T_base_part", T_base_part, (4, 4)))
         rows = max(2, round(_TRAIL_S / as_positive("period_s", period_s)))
-        self._frame: Float = np.zeros((len(self._chain.stations), 12))
-        self._trail, self._checks = records(ak.TRAIL, rows), records(ak.CHECK)
-        c = self._checks[0]
+        checks = records(ak.CHECK)
+        c = checks[0]
         c.T_part_base = np.concatenate([T_part_base[:3, :3].reshape(-1), T_part_base[:3, 3]])
         if T_base_tcp is not None:
             c.T_base_tcp = np.concatenate([T_base_tcp[:3, :3].reshape(-1), T_base_tcp[:3, 3]])
@@ -63,9 +63,15 @@ class AxisCheck:
         c.limit_m, c.limit_rad = chosen.position_m, chosen.rotation_rad
         c.offset_limit_m, c.offset_limit_rad = chosen.offset_m, chosen.offset_rad
         self._check: Record = c
-        # Views of single fields: written in every telegram, and an open record takes 1 us for each.
-        self._commanded_is, self._measured_is = self._checks["commanded_is"], self._checks["measured_is"]
-        self._learn = self._checks["learn"]
+        self._table = ArrayTable(
+            ak.ARRAYS,
+            stations=compact.stations,
+            surroundings=compact.surroundings,
+            regions=compact.regions,
+            frame=np.zeros((len(compact.stations), 12)),
+            trail=records(ak.TRAIL, rows),
+            checks=checks,
+        )
 
     def __call__(
         self,
@@ -93,15 +99,11 @@ class AxisCheck:
         Returns:
             Cause of a hold, or 0.
         """
-        self._commanded_is[0], self._learn[0] = commanded_is, learn
-        self._measured_is[0] = ABSENT if measured is None else measured_is
-        reported = commanded if measured is None else measured
+        reported, reported_is = (commanded, ABSENT) if measured is None else (measured, measured_is)
         verdict = ak.angles_agree(
-            q, correction, commanded, reported, self._chain, self._frame, self._trail, self._checks
+            self._table.rows, q, correction, commanded, reported, commanded_is, reported_is, learn
         )
-        if verdict == ak.DISAGREE and self._check.good == 1:
-            q[:] = self._check.angles
-        return _CAUSES[int(verdict)]
+        return _CAUSES[verdict]
 
     @property
     def offset(self) -> Float:

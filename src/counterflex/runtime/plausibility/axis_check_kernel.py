@@ -10,10 +10,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from numba import carray
+
+from counterflex.core.array_table import addresses, matrix, to_pointer
 from counterflex.core.arrays import Float
 from counterflex.core.jit import kernel
 from counterflex.core.records import Record, Records, record
-from counterflex.robot.elasticity.kernels.records import CHAIN, Compact
+from counterflex.robot.elasticity.kernels.records import REGION, STATION, SURROUNDINGS, Compact
 from counterflex.robot.elasticity.kernels.scalar import chain_pass, joint_trig
 from counterflex.runtime.primitives.frames import all_finite, pose_deviation
 
@@ -25,10 +28,6 @@ CHECK: Final = record(
     limit_rad=float,
     offset_limit_m=float,  # largest frame offset
     offset_limit_rad=float,
-    # Given with each telegram.
-    commanded_is=int,  # how the commanded pose belongs to the angles: EXACT, ABOUT or ABSENT
-    measured_is=int,  # likewise the pose that the controller reports
-    learn=int,  # 1: nothing is corrected and the loop is not armed: the offset is learnt
     # Remembered.
     offset=(float, 6),  # pose of the telegram minus that of the angles, m and rotation vector, part axes
     place=(float, 12),  # pose at which it was learnt
@@ -52,6 +51,8 @@ CHECK: Final = record(
 
 TRAIL: Final = record(commanded=(float, 12), own=(float, 12))
 """Poses that agreed: commanded and that of the angles."""
+
+ARRAYS: Final = addresses("stations", "surroundings", "regions", "frame", "trail", "checks")
 
 # How a pose belongs to the angles.
 ABSENT: Final = 0
@@ -185,21 +186,19 @@ def _follow(c: Record, trail: Records, commanded: Float) -> None:
 
 
 @kernel(
-    "int64(float64[::1], float64[::1], float64[::1], float64[::1], Chain, float64[:, ::1], Trail[::1], Check[::1])",
-    Chain=CHAIN,
-    Trail=TRAIL,
-    Check=CHECK,
+    "int64(Arrays[::1], float64[::1], float64[::1], float64[::1], float64[::1], int64, int64, int64)",
+    Arrays=ARRAYS,
     entry=True,
 )
 def angles_agree(
+    tables: Records,
     q: Float,
     correction: Float,
     commanded: Float,
     measured: Float,
-    chain: Compact,
-    frame: Float,
-    trail: Records,
-    checks: Records,
+    commanded_is: int,
+    measured_is: int,
+    learn: int,
 ) -> int:
     """Hold the angles of a telegram against its poses.
 
@@ -213,23 +212,30 @@ def angles_agree(
     agreed, over the trail. Until an offset is known its largest size takes the place of L and l.
 
     Args:
-        q: (6,) rad.
+        tables: (1,) ARRAYS: compact chain of the nominal robot, (m + 1, 12) work space, TRAIL and CHECK; changed.
+        q: (6,) rad; those that do not agree are replaced by the last that did.
         correction: (6,) m and rotation vector.
         commanded: (12,) rotation by rows and position, part frame.
         measured: (12,) pose that the controller reports.
-        chain: Compact chain of the nominal robot.
-        frame: (m + 1, 12) work space.
-        trail: (n,) TRAIL; changed.
-        checks: (1,) CHECK; how the poses belong to the angles and whether the offset is learnt are given; changed.
+        commanded_is: EXACT, ABOUT or ABSENT: how it belongs to the angles.
+        measured_is: Likewise.
+        learn: 1: nothing is corrected and the loop is not armed: the offset is learnt.
 
     Returns:
         AGREE, DISAGREE, or OFFSET_TOO_LARGE: while it is learnt the offset is beyond its limit. What is not finite is
         not judged.
     """
-    c = checks[0]
+    table = tables[0]
+    c = carray(to_pointer(table.checks.place), (1,), CHECK)[0]
     if not (all_finite(q) and all_finite(commanded)):
         return AGREE
-    measured_is = c.measured_is
+    trail, frame = carray(to_pointer(table.trail.place), (table.trail.rows,), TRAIL), matrix(table.frame)
+    stations, surroundings, regions = table.stations, table.surroundings, table.regions
+    chain = Compact(
+        carray(to_pointer(stations.place), (stations.rows,), STATION),
+        carray(to_pointer(surroundings.place), (1,), SURROUNDINGS),
+        carray(to_pointer(regions.place), (regions.rows,), REGION),
+    )
     if measured_is != ABSENT and not all_finite(measured):
         measured_is = ABSENT
     joint_trig(q, c.trig[:])
@@ -237,18 +243,21 @@ def angles_agree(
     _place_in_part(c, frame[len(chain.stations) - 1])
     for k in range(12):
         c.lead[k] = measured[k] if measured_is == EXACT else commanded[k]
-    learn = c.learn == 1
-    if learn:
-        _learn_offset(c, trail, measured_is == EXACT or c.commanded_is == EXACT)
+    if learn == 1:
+        _learn_offset(c, trail, measured_is == EXACT or commanded_is == EXACT)
     least_m, least_rad = _allowed(c, correction)
     c.distance_m = c.angle_rad = 0.0
-    agreed = _agrees(c, trail, commanded, c.commanded_is, least_m, least_rad)
+    agreed = _agrees(c, trail, commanded, commanded_is, least_m, least_rad)
     agreed = _agrees(c, trail, measured, measured_is, least_m, least_rad) and agreed
-    if learn or agreed:  # a pose that is doubted does not widen what is allowed
+    if learn == 1 or agreed:  # a pose that is doubted does not widen what is allowed
         _follow(c, trail, commanded)
-    if learn and not (_length(c.offset[:], 0) <= c.offset_limit_m and _length(c.offset[:], 3) <= c.offset_limit_rad):
+    if learn == 1 and not (
+        _length(c.offset[:], 0) <= c.offset_limit_m and _length(c.offset[:], 3) <= c.offset_limit_rad
+    ):
         return OFFSET_TOO_LARGE
     if not agreed:
+        if c.good == 1:
+            q[:] = c.angles
         return DISAGREE
     for k in range(6):
         c.angles[k] = q[k]

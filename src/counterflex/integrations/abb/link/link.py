@@ -217,6 +217,10 @@ class EgmLink:
         self._sequence = (self._sequence + 1) % _WRAP
         return sequence, ((self._clock_ns() - self._clock_zero) // 1_000_000) % _WRAP
 
+    def poll(self, period_s: float, most_s: float) -> None:
+        """Poll when a telegram is due, see :meth:`RobotPort.poll`."""
+        self._port.poll(period_s, most_s)
+
     def forget(self) -> None:
         """Another session may come from another port of the controller."""
         self._port.forget()

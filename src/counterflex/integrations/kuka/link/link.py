@@ -288,6 +288,10 @@ class RsiLink:
         self._again = stop, feed_hold, override, state
         return self._send(self._line.newest, stop, feed_hold, override, state)
 
+    def poll(self, period_s: float, most_s: float) -> None:
+        """Poll when a telegram is due, see :meth:`RobotPort.poll`."""
+        self._port.poll(period_s, most_s)
+
     def forget(self) -> None:
         """Another session may come from another port of the controller."""
         self._port.forget()
