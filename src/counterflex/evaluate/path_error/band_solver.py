@@ -40,6 +40,11 @@ class Prior:
     narrow_m: float  # standard deviation of the narrow one, m
     narrow_length_m: float
 
+    def sigma_m(self, unrest: Float) -> Float:
+        """(k,) m, standard deviation of both together at nodes of that unrest (k,)."""
+        out: Float = np.hypot(self.wide_m, self.narrow_m * unrest)
+        return out
+
 
 def precision(nodes: Nodes, prior: Prior) -> tuple[Float, float]:
     """Precision of all states as a lower band matrix, and the logarithm of its determinant.

@@ -32,9 +32,9 @@ SPACING_M: Final = 0.5 * MM
 """Distance of the nodes at which the error of the path is looked for, on short programs."""
 UNREST: Final = 3.0
 UNREST_M: Final = 8.0 * MM
-"""Where the deflection changes by its largest size within that way to either side, narrow errors are 1 + UNREST times as
-large: entries, exits, corners. Tuning seeds of the groove: peaks of 40 to 230 um in the last millimetres are missed by
-16 to 21 um instead of 21 to 37; with 4 mm by 16 to 27, with 8 times by 16 to 24."""
+"""Narrow errors are 1 + UNREST times as large where the deflection changes, within that way to either side, by its
+largest size: entries, exits, corners. Tuning seeds of the groove: peaks of 40 to 230 um in the last millimetres are
+missed by 16 to 21 um instead of 21 to 37; with 4 mm by 16 to 27, with 8 times by 16 to 24."""
 _FACING: Final = 0.5
 """Cosine of the angle between surface and tool beyond which a stretch does not make a place, but ends beside it."""
 _MOST_NODES: Final = 4000

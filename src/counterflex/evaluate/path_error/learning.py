@@ -57,7 +57,7 @@ SPREAD: Final = 1.5
 """Factor within which the size of what the tool may do besides is known (log-normal): friction differs among robots."""
 RESTLESS: Final = 0.6
 """Scatter of parts by narrow errors, as a share of scatter times unrest: without it third parts of the groove, tuning
-seeds, lay above their interval on 6 of 12 truths."""
+seeds, lay above their interval on 5 of 11 truths."""
 _SHARE: Final = 0.997
 _SEED: Final = 21
 
