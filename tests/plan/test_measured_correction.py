@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.inputs import Inputs, Limits
-from counterflex.plan.measured_correction import LEAD_S, earlier, entering_share, leaving_share, with_measured
+from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, earlier, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
@@ -91,24 +91,26 @@ def test_a_displacement_is_sent_early_within_its_run() -> None:
     time = np.arange(0.0, 2.0, 0.01)
     run = (time >= 1.0).astype(np.int64)
     ramp = np.column_stack([time, 2.0 * time, 0.0 * time])
-    ahead = earlier(ramp, time, run)
+    lead = np.full(len(time), LEAD_S)
+    ahead = earlier(ramp, time, run, lead)
     inside = (time < 1.0 - 0.01 - LEAD_S) | ((time >= 1.0) & (time < 1.99 - LEAD_S))
-    np.testing.assert_allclose(ahead[inside], earlier(ramp, time, 0 * run)[inside], atol=1e-12)
+    np.testing.assert_allclose(ahead[inside], earlier(ramp, time, 0 * run, lead)[inside], atol=1e-12)
     np.testing.assert_allclose(ahead[inside, 0], time[inside] + LEAD_S, atol=1e-12)
     assert ahead[99, 0] == pytest.approx(0.99)  # nothing comes over from the next run
 
 
-def test_an_entry_lasts_from_before_contact_on_and_each_cut_has_its_own() -> None:
+def test_the_lead_is_longer_while_the_tool_enters_the_cut_and_time_never_runs_back() -> None:
     time = np.arange(0.0, 8.0, 0.01)
     run = (time >= 4.0).astype(np.int64)
     contact = ((time > 1.0) & (time < 3.5)) | ((time > 4.0) & (time < 5.0)) | ((time > 6.0) & (time < 7.0))
-    share = entering_share(time, run, contact)
+    lead = lead_s(time, run, contact)
     for meets in (1.0, 4.0, 6.0):  # once in the first run, and twice in the second, after a second of air
-        np.testing.assert_allclose(share[(time > meets) & (time < meets + 0.69)], 1.0)
-        assert 0.4 < share[np.argmin(np.abs(time - meets - 0.9))] < 0.6
+        np.testing.assert_allclose(lead[(time > meets) & (time < meets + 0.69)], ENTRY_LEAD_S)
     for rest in ((0.0, 0.69), (2.2, 3.99), (5.2, 5.69), (7.2, 8.0)):
-        np.testing.assert_allclose(share[(time > rest[0]) & (time < rest[1])], 0.0)
-    np.testing.assert_allclose(entering_share(time, run, np.zeros_like(contact)), 0.0)
+        np.testing.assert_allclose(lead[(time > rest[0]) & (time < rest[1])], LEAD_S)
+    for number in (0, 1):
+        assert np.all(np.diff((time + lead)[run == number]) > 0.0)
+    np.testing.assert_allclose(lead_s(time, run, np.zeros_like(contact)), LEAD_S)
 
 
 def test_an_exit_begins_half_a_second_before_contact_ends_and_each_cut_has_its_own() -> None:

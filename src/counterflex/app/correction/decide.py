@@ -17,7 +17,7 @@ from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
 from counterflex.evaluate.path_error.estimate import path_error
 from counterflex.evaluate.path_error.learning import LOCAL, Learned, MeasuredError, ToolResponse, best_step, learned
 from counterflex.files.cell.cell import Cell
-from counterflex.plan.measured_correction import entering_share, leaving_share, with_measured
+from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot
 
@@ -116,7 +116,8 @@ def tool_response_of(loaded: LoadedRobot) -> ToolResponse:
         loaded: The robot under load along the path.
     """
     time_s, run, contact = loaded.inputs.path.time_s, loaded.feed_run, loaded.cut.contact
-    entering, leaving = entering_share(time_s, run, contact), leaving_share(time_s, run, contact)
+    entering = (lead_s(time_s, run, contact) - LEAD_S) / (ENTRY_LEAD_S - LEAD_S)
+    leaving = leaving_share(time_s, run, contact)
     whole = np.ones(len(time_s))
     gains = [GAIN * whole[:, None] * axis for axis in np.eye(3)]
     gains += [WINDOW_GAIN * window[:, None] * np.ones(3) for window in (entering, leaving)]
