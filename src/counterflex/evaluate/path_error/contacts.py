@@ -116,8 +116,8 @@ def nodes_of(path: ToolPath, deflection_m: Float | None = None) -> Nodes:
         rows += kept
         chains += [number] * len(kept)
         stations += station[np.array(kept) - begin].tolist()
-    row = np.array(rows, dtype=np.int64)
-    return Nodes(row, np.array(chains, dtype=np.int64), np.array(stations), _unrest(row, step, deflection_m))
+    unrest = _unrest(np.array(rows, dtype=np.int64), step, deflection_m)
+    return Nodes(np.array(rows, dtype=np.int64), np.array(chains, dtype=np.int64), np.array(stations), unrest)
 
 
 def _unrest(row: Int, step_m: Float, deflection_m: Float | None) -> Float:
