@@ -57,6 +57,8 @@ PROGRAMS: Final = {
     "groove": ("groove.ngc", "kr300_d16_small.toml"),
     "pocket": ("pocket_grooves.ngc", "kr300_d16_small.toml"),
     "form": ("cylinder_ball.ngc", "kr300_d10_ball.toml"),
+    "corner": ("corner.ngc", "kr300_d16_small.toml"),
+    "profile": ("fc_profile.ngc", "kr300_d16_small.toml"),
     "part": None,
 }
 """Program and cell file; ``part`` is the demonstration, ``form`` a free form under a ball mill."""
@@ -105,7 +107,7 @@ def prepared(name: str, out: str) -> tuple[Cell, Job, Plan, LoadedRobot, Referen
 def one(name: str, family: str, seed: int, out: str) -> list[dict[str, Any]]:
     """Three parts on one truth."""
     cell, job, plan, loaded, reference = prepared(name, out)
-    truth, nodes = truth_of(cell, seed, FAMILIES[family]), nodes_of(plan.path)
+    truth, nodes = truth_of(cell, seed, FAMILIES[family]), nodes_of(plan.path, plan.deflection_part[:, :3])
     parts, rows, predicted = [], [], None
     taken = np.zeros((len(plan.path), 3))
     for number in range(1, PARTS + 1):
@@ -139,7 +141,7 @@ _NONE: Final = MeasuredPart("", "", "", "mm", (), 0.0)
 def noise_only(name: str, seed: int, out: str) -> dict[str, Any]:
     """Change of the program by a part that is right but for the noise of its scan."""
     cell, job, plan, loaded, reference = prepared(name, out)
-    nodes = nodes_of(plan.path)
+    nodes = nodes_of(plan.path, plan.deflection_part[:, :3])
     judged = machined(job, cell, plan, truth_of(cell, None), reference)
     scan = simulated_scan(reference.surface, judged, seed=seed)
     noise = NOISE_M * np.random.default_rng(seed).standard_normal(len(scan))

@@ -20,16 +20,17 @@ def nodes() -> Nodes:
     station = np.concatenate([np.cumsum(rng.uniform(0.5, 2.0, 9)) * MM for _ in range(2)])
     chain = np.repeat([0, 1], 9)
     station -= np.where(chain == 0, station[0], station[9])
-    return Nodes(np.arange(18), chain, station)
+    return Nodes(np.arange(18), chain, station, rng.uniform(1.0, 4.0, 18))
 
 
 def covariance(n: Nodes) -> Float:
-    """Closed form: Matern 3/2 of both lengths; runs and components independent."""
+    """Closed form: Matern 3/2 of both lengths, the narrow one larger where it is restless; runs independent."""
     apart = np.abs(n.station_m[:, None] - n.station_m[None, :])
     K = np.zeros((18, 18))
-    for sigma, length in ((PRIOR.wide_m, PRIOR.wide_length_m), (PRIOR.narrow_m, PRIOR.narrow_length_m)):
+    wide, narrow = np.full(18, PRIOR.wide_m), PRIOR.narrow_m * n.unrest
+    for sigma, length in ((wide, PRIOR.wide_length_m), (narrow, PRIOR.narrow_length_m)):
         r = np.sqrt(3.0) * apart / length
-        K += sigma**2 * (1.0 + r) * np.exp(-r)
+        K += np.outer(sigma, sigma) * (1.0 + r) * np.exp(-r)
     return np.kron(K * (n.chain[:, None] == n.chain[None, :]), np.eye(3))
 
 

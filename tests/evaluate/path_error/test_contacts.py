@@ -11,7 +11,7 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.path_error.contacts import contacts_of, left_on, nodes_of
+from counterflex.evaluate.path_error.contacts import UNREST, contacts_of, left_on, nodes_of
 from counterflex.evaluate.surface import nominal_surface, surface_deviation
 from counterflex.path.toolpath import ToolPath
 
@@ -84,6 +84,21 @@ def test_places_that_the_program_did_not_make_are_left_out(mill: Cutter) -> None
     up = np.tile([0.0, 0.0, 1.0], (3, 1))
     contacts = contacts_of(path, nodes_of(path), lambda _: mill, points, up, 1.0 * MM)
     assert contacts.made.tolist() == [True, False, False]
+
+
+def test_narrow_errors_are_larger_where_the_force_changes_whatever_its_size() -> None:
+    """1 where it is even, 1 + UNREST within UNREST_M of where it comes or goes whole, half of that for half of it."""
+    path = straight_path()
+    x = path.p_part_tcp[:, 0]
+    bend = np.column_stack([0.0 * x, np.where(x > 30.0 * MM, 40.0 * UM, 20.0 * UM), 0.0 * x])
+    bend[x > 50.0 * MM] = 0.0
+    nodes = nodes_of(path, bend)
+    at = x[nodes.row]
+    for low, high, factor in ((11, 21, 1.0), (23, 37, 1.0 + 0.5 * UNREST), (39, 41, 1.0), (43, 57, 1.0 + UNREST)):
+        np.testing.assert_allclose(nodes.unrest[(at > low * MM) & (at < high * MM)], factor)
+    np.testing.assert_allclose(nodes_of(path, 1e3 * bend).unrest, nodes.unrest)
+    for even in (nodes_of(path), nodes_of(path, 0.0 * bend), nodes_of(path, 0.0 * bend + 1.0)):
+        np.testing.assert_array_equal(even.unrest, 1.0)
 
 
 def test_nodes_end_every_motion_and_begin_every_run() -> None:

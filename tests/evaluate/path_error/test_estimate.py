@@ -10,9 +10,9 @@ from tests.evaluate.path_error.conftest import Groove
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.path_error.contacts import left_on
+from counterflex.evaluate.path_error.contacts import UNREST, left_on, nodes_of
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.learning import expected, surface_now
+from counterflex.evaluate.path_error.learning import RESTLESS, expected, surface_now
 
 
 def an_error(groove: Groove) -> np.ndarray:
@@ -51,6 +51,21 @@ def test_noise_alone_is_no_error(groove: Groove, together: bool) -> None:
     assert found.noise_m == pytest.approx(20 * UM, rel=0.1)
 
 
+@pytest.mark.parametrize("seed", [8, 9])
+def test_a_peak_where_the_force_ends_is_seen_by_nodes_that_expect_it(groove: Groove, seed: int) -> None:
+    """A peak of 2 mm at the exit of an error that is even otherwise: less of it is taken for noise."""
+    x = groove.path.p_part_tcp[:, 0]
+    restless = nodes_of(groove.path, np.where(x < 50.0 * MM, 1.0, 0.0)[:, None] * np.array([0.0, 1.0, 0.0]))
+    peak = 80 * UM * np.exp(-(((groove.nodes.station_m - 50.0 * MM) / (1.0 * MM)) ** 2))
+    true = np.column_stack([0.0 * peak, 40 * UM + peak, 0.0 * peak - 30 * UM])
+    scan = groove.scan(true, 20 * UM, seed)
+    missed = []
+    for nodes in (groove.nodes, restless):
+        found = path_error(scan, nodes, groove.contacts)
+        missed.append(float(np.max(np.abs(found.error_m - true)[10:-10, 1])))
+    assert missed[1] < 0.6 * missed[0]
+
+
 NOTHING = np.zeros((0, 1, 3))
 
 
@@ -75,6 +90,23 @@ def test_nine_of_ten_parts_of_the_same_program_lie_in_the_interval(groove: Groov
     figures = np.array([np.quantile(np.abs(left_on(groove.contacts, part)), 0.997) for part in parts])
     inside = float(np.mean((predicted.low_m <= figures) & (figures <= predicted.high_m)))
     assert 0.8 <= inside <= 0.98
+
+
+def test_the_interval_of_a_program_that_does_not_change_is_wider_where_the_force_changes(groove: Groove) -> None:
+    """Parts differ there by narrow errors; the interval covers their 99.7 %."""
+    x = groove.path.p_part_tcp[:, 0]
+    found = path_error(groove.scan(an_error(groove), 20 * UM, 6), groove.nodes, groove.contacts)
+    nodes = nodes_of(groove.path, np.where(x < 50.0 * MM, 1.0, 0.0)[:, None] * np.array([0.0, 1.0, 0.0]))
+    one, other = (
+        expected(replace(found, nodes=n), groove.contacts, -found.error_m, NOTHING, 8 * UM)
+        for n in (groove.nodes, nodes)
+    )
+    assert one.now_m == other.now_m
+    sigma = RESTLESS * UNREST * 8 * UM
+    assert other.high_m**2 > one.high_m**2 + sigma**2
+    assert other.median_m > one.median_m
+    none = expected(replace(found, nodes=nodes), groove.contacts, -found.error_m, NOTHING, 0.0)
+    assert none.high_m < one.high_m
 
 
 def test_a_scan_of_another_part_is_refused(groove: Groove) -> None:

@@ -68,6 +68,34 @@ def test_a_tool_that_follows_as_it_should_is_right_after_one_part_in_closed_form
     assert size(errors[2]) < 0.01 * size(errors[0])
 
 
+@pytest.mark.parametrize("gain", [0.6, 0.9, 1.2])
+def test_a_plant_whose_gain_is_wrong_and_not_learned_converges_geometrically(gain: float) -> None:
+    """The error is ``|1 - g|^k`` of the first, with g the gain times the share 1 / (1 + LOCAL^2) of a step."""
+    even = np.tile([0.0, 20.0, -10.0], (N, 1)) * 1e3 * UM
+    errors, _ = run(even, lambda taken: gain * taken, 4, following(gain=0.0, delay_s=0.0))
+    left = 1.0 - gain / (1.0 + learning.LOCAL**2)
+    for k, error in enumerate(errors):
+        np.testing.assert_allclose(error[:, 1:], left**k * even[:, 1:], rtol=0.1 * k, atol=1e-9)
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.2])
+def test_the_secant_recovers_the_gain_of_a_scalar_plant(gain: float) -> None:
+    """From two parts, within two of its standard deviations; no axis lends its gain to another."""
+    even = np.tile([0.0, 400.0, 0.0], (N, 1)) * UM
+    ways = following(gain=0.2, delay_s=0.0)
+    step = np.tile([0.0, 350.0, 0.0], (N, 1)) * UM
+    state = learned([part_of(0.0 * step, even), part_of(step, even - gain * step)], ways)
+    sigma = 0.2 * np.sqrt(state.covariance[1, 1])
+    assert 1.0 - 0.2 * state.response[1] == pytest.approx(gain, abs=2.0 * sigma)
+    assert sigma < 0.1
+    np.testing.assert_array_equal(state.response[[0, 2]], 0.0)
+
+
+def test_parts_without_error_change_nothing() -> None:
+    parts = [part_of(smooth(), np.zeros((N, 3)))] * 3
+    np.testing.assert_array_equal(best_step(learned(parts, following()), following()), 0.0)
+
+
 @pytest.mark.parametrize("gain", [0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
 @pytest.mark.parametrize("delay_s", [0.0, 0.03])
 def test_a_tool_that_follows_too_little_or_too_far_converges_from_part_to_part(gain: float, delay_s: float) -> None:

@@ -157,7 +157,7 @@ def correct(
     with faults_in(job):
         inputs = Inputs(plan.path, plan.line, cell.stock(), setting, plan.q)
         loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
-    nodes = nodes_of(plan.path)
+    nodes = nodes_of(plan.path, plan.deflection_part[:, :3])
     measured = []
     for number, path in enumerate(scans):
         scan = read_scan(path, program, job, cell, number)

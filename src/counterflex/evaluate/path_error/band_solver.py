@@ -40,10 +40,10 @@ class Prior:
     narrow_m: float  # standard deviation of the narrow one, m
     narrow_length_m: float
 
-    @property
-    def sigma_m(self) -> float:
-        """Standard deviation of both together, m."""
-        return float(np.hypot(self.wide_m, self.narrow_m))
+    def sigma_m(self, unrest: Float) -> Float:
+        """(k,) m, standard deviation of both together at nodes of that unrest (k,)."""
+        out: Float = np.hypot(self.wide_m, self.narrow_m * unrest)
+        return out
 
 
 def precision(nodes: Nodes, prior: Prior) -> tuple[Float, float]:
@@ -60,12 +60,14 @@ def precision(nodes: Nodes, prior: Prior) -> tuple[Float, float]:
     band, logdet = np.zeros((BAND + 1, WIDTH * k)), 0.0
     first = np.diff(nodes.chain, prepend=-1) != 0
     step = np.diff(nodes.station_m, prepend=0.0)
-    for j, (sigma, length) in enumerate(((prior.wide_m, prior.wide_length_m), (prior.narrow_m, prior.narrow_length_m))):
+    wide, narrow = np.full(k, prior.wide_m), prior.narrow_m * nodes.unrest
+    for j, (sigma, length) in enumerate(((wide, prior.wide_length_m), (narrow, prior.narrow_length_m))):
         x = np.where(first, 0.0, np.maximum(step, 1e-6) * np.sqrt(3.0) / length)
         decay = np.exp(-x)
         A = decay[:, None, None] * np.stack([np.stack([1.0 + x, x], -1), np.stack([-x, 1.0 - x], -1)], -2)
         A[first] = 0.0
-        Q = sigma**2 * (np.eye(2) - A @ np.swapaxes(A, 1, 2))
+        Q = (sigma**2)[:, None, None] * (np.eye(2) - A @ np.swapaxes(A, 1, 2))
+        A *= (sigma / np.roll(sigma, 1))[:, None, None]
         P = np.linalg.inv(Q)
         logdet -= COMPONENTS * float(np.sum(np.linalg.slogdet(Q)[1]))
         PA = P @ A

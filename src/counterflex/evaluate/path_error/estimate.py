@@ -177,7 +177,7 @@ def _believed(
         error_m=np.where(believed[:, None], mean, 0.0),
         sigma_m=sigma,
         draws_m=draws,
-        seen=sigma < SEEN * prior.sigma_m,
+        seen=sigma < SEEN * prior.sigma_m(nodes.unrest)[:, None],
         believed=believed,
         noise_m=float(np.median(scatter)),
         inflation=inflation,
