@@ -17,12 +17,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
-from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_file import read_run
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex_lab.reproduce import mandiola_case, mandiola_report
+from counterflex_lab.reproduce import mandiola_case, mandiola_report, tracking
 from counterflex_lab.reproduce.experiment import SAID, Experiment, Own, Run, mill, plan_task
 from counterflex_lab.reproduce.mandiola_case import VARIANTS, Case
 from counterflex_lab.reproduce.way import Way

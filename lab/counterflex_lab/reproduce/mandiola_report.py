@@ -13,11 +13,8 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.units import DEG, MM, MS
-from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.online import OnlineTable, tracker_plant
-from counterflex.report.tracking_figures import OpenLoop, TrackedRun
-from counterflex.report.tracking_page import TrackingData, tracking_page
 from counterflex.runtime.design.tracker import (
     Margins,
     TrackerGains,
@@ -28,7 +25,10 @@ from counterflex.runtime.design.tracker import (
 )
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import OnlineSettings
+from counterflex_lab.reproduce import tracking
 from counterflex_lab.reproduce.mandiola_case import RUN_IN_DEG, VARIANTS, Case
+from counterflex_lab.reproduce.tracking_figures import OpenLoop, TrackedRun
+from counterflex_lab.reproduce.tracking_page import TrackingData, tracking_page
 
 COLUMNS: Final = (
     "seed",

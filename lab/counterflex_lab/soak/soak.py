@@ -33,7 +33,6 @@ from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
 from counterflex.protocols.system.realtime import Prepared, prepared
 from counterflex.protocols.system.signals import heard_when_asked
-from counterflex.twin.live.timed_block import Block
 from counterflex_lab.reproduce.closed_loop import free_port
 from counterflex_lab.soak import replayed_cell as steady
 from counterflex_lab.soak.figures import figures, minute
@@ -49,6 +48,7 @@ from counterflex_lab.soak.processes import (
     next_message,
     run_process,
 )
+from counterflex_lab.soak.timed_block import Block
 
 MINUTES: Final = "minutes.csv"
 MEMORY: Final = "memory.csv"
