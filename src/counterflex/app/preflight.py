@@ -51,6 +51,28 @@ class Checked:
     result: Preflight
     summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
 
+    def _page(self) -> Any:
+        from counterflex.report.preflight.page import PreflightData
+
+        result, n = self.result, len(self.result.q)
+        path = result.path
+        return PreflightData(
+            title=f"Preflight: {self.summary['program']}",
+            subtitle=f"{self.summary['cell']}, {self.summary['robot']}",
+            checks=self.summary["checks"],
+            failed=result.failed,
+            time_s=path.time_s[:n],
+            margin_deg=result.margin_rad / DEG,
+            least_deg=next(
+                (r["limit"] for r in self.summary["checks"] if r["check"] == "joint limits" and r["limit"]), 0.0
+            ),
+            line=self.job.line_of_motion[path.motion[:n]],
+            points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
+            cutting=path.kind[:n] == 1,
+            bodies=self.summary["bodies"],
+            curves=_curves(result),
+        )
+
 
 def check(
     program: str | Path,
@@ -215,33 +237,9 @@ def run(
         done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
-        from counterflex.report.preflight.page import preflight_page
 
-        write_page(preflight_page(_page(done)), staging / "report.html")
+        write_page(done._page().page(), staging / "report.html")
     return done.summary
-
-
-def _page(done: Checked) -> Any:
-    from counterflex.report.preflight.page import PreflightData
-
-    result, n = done.result, len(done.result.q)
-    path = result.path
-    return PreflightData(
-        title=f"Preflight: {done.summary['program']}",
-        subtitle=f"{done.summary['cell']}, {done.summary['robot']}",
-        checks=done.summary["checks"],
-        failed=result.failed,
-        time_s=path.time_s[:n],
-        margin_deg=result.margin_rad / DEG,
-        least_deg=next(
-            (r["limit"] for r in done.summary["checks"] if r["check"] == "joint limits" and r["limit"]), 0.0
-        ),
-        line=done.job.line_of_motion[path.motion[:n]],
-        points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
-        cutting=path.kind[:n] == 1,
-        bodies=done.summary["bodies"],
-        curves=_curves(result),
-    )
 
 
 def _curves(result: Preflight) -> Any:

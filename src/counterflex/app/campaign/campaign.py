@@ -17,7 +17,7 @@ from typing import Any, Final
 import polars
 
 from counterflex import __version__
-from counterflex.app.campaign.axes import IDENTIFY_ONLY, Grid, Setup, setups_of
+from counterflex.app.campaign.axes import IDENTIFY_ONLY, Grid, Setup
 from counterflex.app.campaign.plan import Measurement, campaign_of
 from counterflex.app.campaign.step import CELL, RESULT
 from counterflex.app.campaign.tasks import Layout, Place, machined_name, tasks_of
@@ -157,7 +157,7 @@ def run(
         InputError: Neither or both of ``seeds`` and ``truth_file``, an unknown recipe, nothing to do, no scheduler, or
             no set-up could be run.
     """
-    setups = setups_of(grid)
+    setups = grid.setups()
     _require_task(seeds, truth_file, setups, recipes)
     if isinstance(workers, str):
         require_scheduler(workers)

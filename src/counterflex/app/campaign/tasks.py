@@ -27,7 +27,6 @@ from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.core.units import DEG
-from counterflex.evaluate.summary import variant_summary
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_placed_as, text_with_part, text_with_posture
 from counterflex.files.run_file import read_run
@@ -132,7 +131,7 @@ def machined(
         simulate.check_same_cell(cell, truth, truth_file)
         record = simulate.machine(read_job(program, cell), cell, truth, progress=machining)
         run, surface = record, record.stock
-    return variant_summary(judge(reference, run, surface).variant)
+    return judge(reference, run, surface).variant.summary()
 
 
 _references: Final[dict[str, Reference]] = {}

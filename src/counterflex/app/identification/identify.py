@@ -162,6 +162,76 @@ class Task:
     settings: Mapping[str, Any]  # Of the recipe, with ``seed``
     remark: str = ""  # What the cell begins with besides what its file says; may be empty
 
+    def provenance(self, result: Identification, date: str, outcome: Outcome = "better") -> IdentifiedTable:
+        """The entry ``[[identified]]`` of the cell file."""
+        head = result.headline[0]
+        unit = unit_of_name(head.name)
+        before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
+        how = "a separate file" if self.holdout else "folds of the data"
+        prefix = "confirmed, " if outcome == "confirmed" else ""
+        values = tuple(
+            IdentifiedValue(
+                name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"]
+            )
+            for fit in result.fits.values()
+            for row in parameter_rows(fit)
+            if row["free"]
+        )
+        return IdentifiedTable(
+            recipe=self.recipe.name,
+            date=date,
+            data=tuple(Path(d.where).name for d in self.data),
+            data_sha256=tuple(d.fingerprint for d in self.data),
+            counterflex=__version__,
+            holdout=f"{prefix}{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
+            values=values,
+        )
+
+    def result(self, result: Identification, date: str, outcome: Outcome = "better") -> dict[str, Any]:
+        """Everything that was found, as plain values."""
+        place = self.place_of(result)
+        return {
+            "recipe": self.recipe.name,
+            "title": self.recipe.title,
+            "outcome": outcome,
+            "date": date,
+            "cell": self.cell.name,
+            "cell_file": self.cell.path.name,
+            "data": _described(self.data),
+            "holdout_data": _described(self.holdout),
+            "holdout": "separate data" if self.holdout else "folds of the data",
+            "headline": figure_rows(result.headline),
+            "figures": figure_rows(result.figures),
+            "fits": {key: fit_table(fit, place) for key, fit in result.fits.items()},
+            "remarks": [*self._few(), *grown(result), *result.remarks],
+            "settings": dict(self.settings),
+            "versions": {
+                "counterflex": __version__,
+                "Python": platform.python_version(),
+                **{library: importlib.metadata.version(library) for library in _LIBRARIES},
+            },
+        }
+
+    def _few(self) -> list[str]:
+        """A warning where the error on data not used rests on few measurements."""
+        count = sum(len(np.unique(d.group)) for d in self.holdout or self.data)
+        if count >= FEW or any("time_s" in d.channels for d in self.data):
+            return []
+        return [f"The error on data not used rests on {count} measurements only and says little; measure more"]
+
+    def place_of(self, result: Identification) -> Any:
+        """Place of a row of a block of residuals in the files."""
+
+        def place(block: str, row: int) -> str:
+            named = [d for d in self.data if d.name == block]
+            counts = {len(r) for fit in result.fits.values() for r in fit.residuals}
+            alike = named or [d for d in self.data if len(d) in counts]
+            if len(alike) == 1 and row < len(alike[0]):
+                return alike[0].place(row)
+            return f"{block}: row {row + 1}"
+
+        return place
+
 
 def prepare(
     name: str,
@@ -234,9 +304,9 @@ def run(
         identified = replace(identified, remarks=(*identified.remarks, *([task.remark] if task.remark else [])))
         identified, outcome = judged(identified, separate=bool(task.holdout))
         date = datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        entry = provenance(task, identified, date, outcome)
+        entry = task.provenance(identified, date, outcome)
         text = updated_text(task.cell, identified.changes, entry, folder)
-        result = result_of(task, identified, date, outcome)
+        result = task.result(identified, date, outcome)
         result["seconds"] = round(time.perf_counter() - begin, 3)
         _check_cell(text, folder, staging)
         atomic.write_text(staging / CELL, text)
@@ -263,30 +333,6 @@ def plain(result: Mapping[str, Any]) -> dict[str, Any]:
     return values
 
 
-def provenance(task: Task, result: Identification, date: str, outcome: Outcome = "better") -> IdentifiedTable:
-    """The entry ``[[identified]]`` of the cell file."""
-    head = result.headline[0]
-    unit = unit_of_name(head.name)
-    before = "" if head.nominal is None else f" ({head.nominal:.4g} before)"
-    how = "a separate file" if task.holdout else "folds of the data"
-    prefix = "confirmed, " if outcome == "confirmed" else ""
-    values = tuple(
-        IdentifiedValue(name=row["name"], value=row["value"], sigma=row["sigma"], unit=row["unit"], seen=row["seen"])
-        for fit in result.fits.values()
-        for row in parameter_rows(fit)
-        if row["free"]
-    )
-    return IdentifiedTable(
-        recipe=task.recipe.name,
-        date=date,
-        data=tuple(Path(d.where).name for d in task.data),
-        data_sha256=tuple(d.fingerprint for d in task.data),
-        counterflex=__version__,
-        holdout=f"{prefix}{head.text}: {head.value:.4g} {unit}".rstrip() + f"{before}, on {how}",
-        values=values,
-    )
-
-
 def _described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
     return [
         {
@@ -306,32 +352,6 @@ def _described(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
     ]
 
 
-def result_of(task: Task, result: Identification, date: str, outcome: Outcome = "better") -> dict[str, Any]:
-    """Everything that was found, as plain values."""
-    place = place_of(task, result)
-    return {
-        "recipe": task.recipe.name,
-        "title": task.recipe.title,
-        "outcome": outcome,
-        "date": date,
-        "cell": task.cell.name,
-        "cell_file": task.cell.path.name,
-        "data": _described(task.data),
-        "holdout_data": _described(task.holdout),
-        "holdout": "separate data" if task.holdout else "folds of the data",
-        "headline": figure_rows(result.headline),
-        "figures": figure_rows(result.figures),
-        "fits": {key: fit_table(fit, place) for key, fit in result.fits.items()},
-        "remarks": [*_few(task), *grown(result), *result.remarks],
-        "settings": dict(task.settings),
-        "versions": {
-            "counterflex": __version__,
-            "Python": platform.python_version(),
-            **{library: importlib.metadata.version(library) for library in _LIBRARIES},
-        },
-    }
-
-
 def grown(result: Identification) -> list[str]:
     """A warning for each figure of the data not used that has become worse, the largest error first of all."""
     return [
@@ -344,28 +364,6 @@ def grown(result: Identification) -> list[str]:
         and figure.value > _GROWN * figure.nominal
         and unit_of_name(figure.name)
     ]
-
-
-def _few(task: Task) -> list[str]:
-    """A warning where the error on data not used rests on few measurements."""
-    count = sum(len(np.unique(d.group)) for d in task.holdout or task.data)
-    if count >= FEW or any("time_s" in d.channels for d in task.data):
-        return []
-    return [f"The error on data not used rests on {count} measurements only and says little; measure more"]
-
-
-def place_of(task: Task, result: Identification) -> Any:
-    """Place of a row of a block of residuals in the files."""
-
-    def place(block: str, row: int) -> str:
-        named = [d for d in task.data if d.name == block]
-        counts = {len(r) for fit in result.fits.values() for r in fit.residuals}
-        alike = named or [d for d in task.data if len(d) in counts]
-        if len(alike) == 1 and row < len(alike[0]):
-            return alike[0].place(row)
-        return f"{block}: row {row + 1}"
-
-    return place
 
 
 def _check_cell(text: str, folder: Path, staging: Path) -> None:

@@ -15,7 +15,7 @@ from counterflex.core.units import MM
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import groove_sections
 from counterflex.report.data import Fact
-from counterflex.report.inspection.page import InspectionData, inspection_page
+from counterflex.report.inspection.page import InspectionData
 from counterflex.report.inspection.path_figures import MeasuredPath
 
 NOT_SURFACE: Final = (
@@ -43,28 +43,26 @@ def page_of(inspection: Inspection) -> str:
         for name, one in logged.items()
     }
     files = " and ".join(one.file for one in inspection.parts.values())
-    return inspection_page(
-        InspectionData(
-            title=Path(inspection.job.program.name).name,
-            subtitle=f"{files} against what {program} makes in {inspection.cell.name}",
-            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            surface=surface,
-            deviations={name: part.surface_deviation() for name, part in parts.items()},
-            features=inspection.features,
-            sections=groove_sections(candidates, parts),
-            facts={
-                name: (facts if isinstance(one, Inspected) else log_facts)(inspection.summary["parts"][name])
-                for name, one in inspection.parts.items()
-            },
-            coverage=inspection.covered,
-            notes=(
-                *(() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ()))),
-                *_unseen(inspection.covered, bool(paths)),
-                *_scales(inspection.parts),
-            ),
-            paths=paths,
-        )
-    )
+    return InspectionData(
+        title=Path(inspection.job.program.name).name,
+        subtitle=f"{files} against what {program} makes in {inspection.cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        surface=surface,
+        deviations={name: part.surface_deviation() for name, part in parts.items()},
+        features=inspection.features,
+        sections=groove_sections(candidates, parts),
+        facts={
+            name: (facts if isinstance(one, Inspected) else log_facts)(inspection.summary["parts"][name])
+            for name, one in inspection.parts.items()
+        },
+        coverage=inspection.covered,
+        notes=(
+            *(() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ()))),
+            *_unseen(inspection.covered, bool(paths)),
+            *_scales(inspection.parts),
+        ),
+        paths=paths,
+    ).page()
 
 
 def _unseen(covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]], logged: bool) -> tuple[str, ...]:

@@ -172,6 +172,25 @@ class LoggedRun:
     compensated: bool  # The robot ran the compensated program
     begun_s: float  # When it began, seconds since 1970, 0 where the log does not say
 
+    def plan_among(self, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:
+        """The plan of a run among those given. Raises InputError: the run had none, or it is not among them."""
+        if not self.plan_sha256:
+            raise InputError(
+                "the run was made without a plan",
+                where=self.record.name,
+                hint="Give run --plan, also where it only watches",
+            )
+        for plan in plans:
+            if digests[plan] == self.plan_sha256:
+                return plan
+        raise InputError(
+            "the run was made with another plan",
+            where=self.record.name,
+            value=", ".join(f"{p.name} {digests[p][:12]}" for p in plans),
+            limit=f"SHA-256 {self.plan_sha256[:12]}...",
+            hint="Give the plan of that run with a --plan of its own",
+        )
+
 
 def read_runs(folder: Path) -> list[LoggedRun]:
     """Read all runs of a folder.
@@ -264,21 +283,3 @@ def _fresh(rows: Float) -> Bool:
         last = np.maximum.accumulate(np.where(samples, cycle, -_STALE_CYCLES - 1))
         fresh &= cycle - last <= _STALE_CYCLES
     return np.array(fresh, dtype=np.bool_)
-
-
-def plan_of(run: LoggedRun, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:
-    """The plan of a run among those given. Raises InputError: the run had none, or it is not among them."""
-    if not run.plan_sha256:
-        raise InputError(
-            "the run was made without a plan", where=run.record.name, hint="Give run --plan, also where it only watches"
-        )
-    for plan in plans:
-        if digests[plan] == run.plan_sha256:
-            return plan
-    raise InputError(
-        "the run was made with another plan",
-        where=run.record.name,
-        value=", ".join(f"{p.name} {digests[p][:12]}" for p in plans),
-        limit=f"SHA-256 {run.plan_sha256[:12]}...",
-        hint="Give the plan of that run with a --plan of its own",
-    )

@@ -25,7 +25,6 @@ from counterflex.evaluate.iso230.circular_test import (
     Turn,
     bi_directional,
     fitted_circle,
-    turn_figures,
     turns,
 )
 from counterflex.evaluate.iso230.straightness import straightness
@@ -208,7 +207,7 @@ def _on_circle(p: Float) -> Float:
 
 
 def _turn_row(turn: Turn, radius_m: float | None, nominal: bool) -> dict[str, Any]:
-    f = turn_figures(turn, radius_m, nominal_centre=nominal)
+    f = turn.figures(radius_m, nominal_centre=nominal)
     values = {name: value for name, value in asdict(f).items() if name not in ("direction", "radius_m", "centre_m")}
     out: dict[str, Any] = {"direction": f.direction, "readings": len(turn.points), **_in_um(values)}
     out["radius_mm"] = round(f.radius_m / MM, 5)

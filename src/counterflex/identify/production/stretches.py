@@ -16,7 +16,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.alignment import Aligned, PlannedCut, RunRecord, force_of, steady
+from counterflex.identify.production.alignment import Aligned, PlannedCut, RunRecord, force_of
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 AIR_ROWS: Final = 20
@@ -194,7 +194,7 @@ class _StretchReader:
         self.expected = force_of(plan.maps_m, self.terms)
         self.chain, self.R_base_part = cell.chain, cell.T_base_part[:3, :3]
         settle = max(1, round(0.1 / run.period_s))
-        self.air = ~plan.cutting[row] & run.good & steady(run, settle) & (at.row >= 0)
+        self.air = ~plan.cutting[row] & run.good & run.steady(settle) & (at.row >= 0)
         near = np.convolve((~self.air & plan.cutting[row]).astype(float), np.ones(2 * settle + 1), mode="same") > 0.0
         self.air &= ~near
         time = run.time_s

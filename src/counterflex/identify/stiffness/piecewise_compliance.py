@@ -141,6 +141,12 @@ class PiecewiseSearch:
     # mean error on data not used before any and after each region, m; empty where none was promising
     error: tuple[float, ...]
 
+    def shaped_like(self, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals) -> PullResiduals:
+        """Another block with the shapes of the regions kept."""
+        first = len(plan.parameters)
+        shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(self.regions))
+        return replace(block, shapes=shapes)
+
 
 def candidates(chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls]) -> list[Region]:
     """All regions that the poses and loads of some pulls tell apart."""
@@ -232,15 +238,6 @@ def search(
         errors.append(error)
         fit = solve(parameters, now, start=np.append(fit.values, 0.0))
     return PiecewiseSearch(tuple(accepted), parameters, tuple(now), tuple(errors))
-
-
-def shaped_like(
-    result: PiecewiseSearch, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals
-) -> PullResiduals:
-    """Another block with the shapes of the regions kept."""
-    first = len(plan.parameters)
-    shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(result.regions))
-    return replace(block, shapes=shapes)
 
 
 def elements(

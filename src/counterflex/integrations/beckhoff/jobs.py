@@ -28,16 +28,9 @@ from counterflex.integrations.beckhoff.link.link import (
     DeviceSymbol,
     Reading,
 )
-from counterflex.protocols.strain.telegram import StrainSample, write_strain
+from counterflex.protocols.strain.telegram import StrainSample
 from counterflex.protocols.system.forwarder import Forwarder
-from counterflex.protocols.tracker.telegram import (
-    BEAM_BROKEN,
-    INACCURATE,
-    NO_ORIENTATION,
-    TrackerPose,
-    spherical_point,
-    write_pose,
-)
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
 from counterflex.sensing.strain_holder import strain_of_voltage
 
 _PATIENCE: float = 10.0
@@ -284,7 +277,7 @@ class _PoseSender:
     def take(self, reading: Reading) -> tuple[bool, bool]:
         """Return whether it was sent, and can be used."""
         measured = tracker_pose(reading.values, reading.number, reading.time_ns)
-        self._forwarder.send(write_pose(measured))
+        self._forwarder.send(measured.telegram())
         return True, not measured.status & (BEAM_BROKEN | INACCURATE)
 
 
@@ -306,7 +299,7 @@ class _StrainSender:
         self._before = time_ns
         strain = strains_of(self._table, self._poisson_ratio, values)
         sequence, temperature_c = (self._forwarder.sent + 1) & 0xFFFFFFFF, values.get(HOLDER_TEMPERATURE, math.nan)
-        self._forwarder.send(write_strain(StrainSample(sequence, time_ns, 0, temperature_c, strain)))
+        self._forwarder.send(StrainSample(sequence, time_ns, 0, temperature_c, strain).telegram())
         return True, bool(np.all(np.isfinite(strain)))
 
 

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError, ReachError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.path.path_speed import Track, build_track, places, timed
+from counterflex.path.path_speed import Track, build_track
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.robot.model.description import EndEffector, Opw, Robot
@@ -191,7 +191,7 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
     if controller.turning is None:
         return None
     at = controller.turning.along(path.p_part_tcp)[track.turned]
-    segment, share = places(track, controller.acceleration_m_s2, controller.cycle_s)
+    segment, share = track.places(controller.acceleration_m_s2, controller.cycle_s)
     out: Float = (1.0 - share) * at[segment] + share * at[segment + 1]
     return out
 
@@ -211,7 +211,7 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
         rapid_m_s=controller.rapid_m_s,
         acceleration_m_s2=controller.acceleration_m_s2,
     )
-    t, p, axis, source = timed(track, controller.acceleration_m_s2, controller.cycle_s)
+    t, p, axis, source = track.timed(controller.acceleration_m_s2, controller.cycle_s)
     if len(t) < 2:
         raise InputError("the tool path does not move", value=len(path))
     turned = _turned(path, controller, track)

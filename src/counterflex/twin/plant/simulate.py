@@ -18,7 +18,7 @@ from counterflex.twin.plant.controller import Controller, Reference, as_it_is, i
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
-from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
+from counterflex.twin.plant.record import Record, SimulatedCycles
 from counterflex.twin.plant.turning.column_material import near as near_columns
 from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import Truth
@@ -167,7 +167,7 @@ def simulate(
     progress(1.0, "machined")
     left = process.finish_material() if isinstance(process, TurningProcess) else process.finish()
     commanded = Rs_part_command[run.rows]
-    return record_of(run.cycles(), path, reference, commanded, left, T_base_part, residual, T_base_tcp=fixed)
+    return run.cycles().record(path, reference, commanded, left, T_base_part, residual, T_base_tcp=fixed)
 
 
 def mounted_tools(path: ToolPath) -> Int:

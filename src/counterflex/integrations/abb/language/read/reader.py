@@ -59,6 +59,20 @@ class _Index:
     late: frozenset[str]
     loaded: frozenset[str]
 
+    def required(self) -> frozenset[str]:
+        return (self.used | self.late) - self.own
+
+    def used_with(self, taken: frozenset[str], others: list[_Index]) -> list[_Index]:
+        """Modules that it uses: by names that none has yet, by loading, by the beginning of their routines' names."""
+        fitting = [one for one in others if not (one.routines | one.data) & taken]
+        used: list[_Index] = []
+        for name in sorted(self.required() - taken):
+            used += _holder(name, self, fitting)
+        named = self.loaded | self.late
+        used += [one for one in others if one.file.name.upper() in named or one.module in named]
+        numbered = [re.compile(rf"{re.escape(name)}_?\d+") for name in self.late]
+        return used + [one for one in fitting if any(test.fullmatch(n) for test in numbered for n in one.routines)]
+
 
 def modules_of(file: Path) -> list[Path]:
     """Return the files of a program, that of the program itself first.
@@ -183,13 +197,9 @@ def _closure(file: Path) -> list[Path]:
         for path in _folder(file)
         if path.suffix.lower() in MODULES and path.name != file.name and path.stat().st_size < _LARGEST
     ]
-    if not candidates or not _required(first):
+    if not candidates or not first.required():
         return [file]
     return [one.file for one in _grown([first], [_index(path) for path in candidates])]
-
-
-def _required(index: _Index) -> frozenset[str]:
-    return (index.used | index.late) - index.own
 
 
 def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
@@ -197,22 +207,10 @@ def _grown(chosen: list[_Index], candidates: list[_Index]) -> list[_Index]:
     while True:
         taken = frozenset().union(*(one.routines | one.data for one in chosen))
         others = [one for one in candidates if one not in chosen]
-        added = {one.file: one for asking in chosen for one in _used(asking, taken, others)}
+        added = {one.file: one for asking in chosen for one in asking.used_with(taken, others)}
         if not added:
             return chosen
         chosen = [*chosen, next(iter(added.values()))]
-
-
-def _used(asking: _Index, taken: frozenset[str], others: list[_Index]) -> list[_Index]:
-    """Modules that one uses: by names that none has yet, by loading them, by the beginning of their routines' names."""
-    fitting = [one for one in others if not (one.routines | one.data) & taken]
-    used: list[_Index] = []
-    for name in sorted(_required(asking) - taken):
-        used += _holder(name, asking, fitting)
-    named = asking.loaded | asking.late
-    used += [one for one in others if one.file.name.upper() in named or one.module in named]
-    numbered = [re.compile(rf"{re.escape(name)}_?\d+") for name in asking.late]
-    return used + [one for one in fitting if any(test.fullmatch(n) for test in numbered for n in one.routines)]
 
 
 def _holder(name: str, asking: _Index, candidates: list[_Index]) -> list[_Index]:

@@ -29,6 +29,14 @@ class ParameterType:
     most: int | None = None  # Largest value, or None
     runtime: bool = True  # It may be changed while the context runs
 
+    def ordinal(self, value: float | str) -> str:
+        """A value as the controller reads it: choices as numbers."""
+        if self.kind == "stop":
+            return str(STOP_MODES.index(str(value)))
+        if self.kind == "frame":
+            return str(FRAMES.index(str(value)))
+        return spelled(value)
+
 
 @dataclass(frozen=True)
 class BlockType:
@@ -153,15 +161,6 @@ class Block:
     def given(self) -> list[tuple[ParameterType, float | str]]:
         """Its parameters in the order of the type."""
         return [(item, self.values[item.name]) for item in self.type.parameters if item.name in self.values]
-
-
-def ordinal(parameter: ParameterType, value: float | str) -> str:
-    """A value as the controller reads it: choices as numbers."""
-    if parameter.kind == "stop":
-        return str(STOP_MODES.index(str(value)))
-    if parameter.kind == "frame":
-        return str(FRAMES.index(str(value)))
-    return spelled(value)
 
 
 def spelled(value: float | str) -> str:

@@ -67,7 +67,7 @@ def _object(block: rsi_blocks.Block) -> list[str]:
         for item, value in block.given():
             more = 'IsPublic="true" ' if item.name in block.public else ""
             more += "" if item.runtime else 'IsRuntime="false" '
-            text = quoteattr(rsi_blocks.ordinal(item, value))
+            text = quoteattr(item.ordinal(value))
             lines.append(
                 f'            <Parameter {more}Name="{item.name}" ParamId="{item.second}" ParamValue={text} />'
             )

@@ -6,7 +6,7 @@ import uuid
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from counterflex.integrations.kuka.link.make.blocks import Block, ordinal, spelled, used_ports
+from counterflex.integrations.kuka.link.make.blocks import Block, spelled, used_ports
 
 _HEAD: Final = '<?xml version="1.0" encoding="utf-8"?>'
 _WHOLE_RANGE: Final = (-2147483648, 2147483647)
@@ -42,7 +42,7 @@ def controller_file(blocks: tuple[Block, ...]) -> str:
             for item, value in block.given():
                 more = "" if item.runtime else ' IsRuntime="false"'
                 more += ' IsPublic="true"' if item.name in block.public else ""
-                text = quoteattr(ordinal(item, value))
+                text = quoteattr(item.ordinal(value))
                 lines.append(f'      <Parameter Name="{item.name}" ParamID="{item.first}" ParamValue={text}{more} />')
             lines.append("    </Parameters>")
         lines.append("  </RSIObject>")
