@@ -54,7 +54,7 @@ def ads_frames(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of
         (ads.READ_WRITE, struct.pack("<IIII", ads.SUM_READ, 2, 18, len(pieces)) + pieces),
         (ads.WRITE, struct.pack("<III", ads.PLC_MEMORY, 0, 8) + struct.pack("<d", 2.5)),
     ]
-    seeds = [ads.Frame(there, here, c, ads.REQUEST, 0, k, d).telegram() for k, (c, d) in enumerate(requests)]
+    seeds = [ads.AmsFrame(there, here, c, ads.REQUEST, 0, k, d).telegram() for k, (c, d) in enumerate(requests)]
 
     def check(data: bytes) -> bool:
         try:

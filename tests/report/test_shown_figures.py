@@ -22,7 +22,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
 from counterflex.evaluate.inspection.coverage import Coverage
-from counterflex.evaluate.inspection.sections import Profile, Section
+from counterflex.evaluate.inspection.sections import PartSection, Profile
 from counterflex.evaluate.path_deviation import PathDeviation, path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.inspection.page import InspectionData, enlarged
@@ -256,7 +256,7 @@ def test_a_section_is_enlarged_alike_for_both_signs(number: int) -> None:
     factors = []
     for sign in (1.0, -1.0):
         one = Profile(np.zeros(60), np.zeros(60), np.tile([0.0, 1.0], (60, 1)), sign * size)
-        factors.append(enlarged(Section("groove 1", 0.0, np.zeros(2), np.zeros(2), {"part": one})))
+        factors.append(enlarged(PartSection("groove 1", 0.0, np.zeros(2), np.zeros(2), {"part": one})))
     assert factors[0] == factors[1]
     assert factors[0] * np.percentile(np.append(size, 0.0), 95.0) <= 2.0 * MM
 

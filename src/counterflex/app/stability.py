@@ -37,7 +37,7 @@ _LINES: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedProgram:
     """A judged program."""
 
     job: Job
@@ -90,7 +90,7 @@ def structure_of(
 
 def judge(
     program: str | Path, cell: Cell, structure: Structure, *, reading: Reading = AS_IT_IS, progress: Progress = silent
-) -> Judged:
+) -> JudgedProgram:
     """Judge a program.
 
     Raises:
@@ -138,7 +138,7 @@ def judge(
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
-    return Judged(job, values, diagrams, with_files(summary, job.program), pl.DataFrame(rows))
+    return JudgedProgram(job, values, diagrams, with_files(summary, job.program), pl.DataFrame(rows))
 
 
 def _over_interval(worst: Margin, tools: list[dict[str, Any]], needed: float, damping: Damping) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.run.tracker_replay import run_log_as_tracker
-from counterflex.app.simulated_cell.instruments import Clock, LoneForce, LoneTracker
+from counterflex.app.simulated_cell.instruments import InstrumentClock, LoneForce, LoneTracker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.files.cell.cell import read_cell
@@ -44,8 +44,8 @@ class VirtualClock:
         self.time_s = 0.0
         self._meanwhile = meanwhile
 
-    def clock(self) -> Clock:
-        return Clock(lambda: self.time_s, self._wait)
+    def clock(self) -> InstrumentClock:
+        return InstrumentClock(lambda: self.time_s, self._wait)
 
     def _wait(self, seconds: float) -> None:
         self.time_s += seconds

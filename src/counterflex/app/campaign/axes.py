@@ -35,7 +35,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Setup:
+class CampaignSetup:
     """One program at one placement in one posture."""
 
     name: str  # Of its folders; empty where the campaign has only one
@@ -55,9 +55,9 @@ class Grid:
 
     programs: Sequence[str | Path] = ()
     placements: Sequence[Placement] = ()  # Where the part stands; none is where the cell file says
-    postures: Sequence[str] = ()  # As in :class:`Setup`; none is that of the cell file
+    postures: Sequence[str] = ()  # As in :class:`CampaignSetup`; none is that of the cell file
 
-    def setups(self) -> tuple[Setup, ...]:
+    def setups(self) -> tuple[CampaignSetup, ...]:
         """Every program at every placement in every posture; none where there is no program.
 
         Raises:
@@ -84,7 +84,7 @@ class Grid:
                 place.name,
                 posture.replace(" ", "-") if len(held) > 1 or posture != PRESENT else "",
             )
-            setups.append(Setup("_".join(filter(None, parts)), program.name, place, posture))
+            setups.append(CampaignSetup("_".join(filter(None, parts)), program.name, place, posture))
         return tuple(setups)
 
 

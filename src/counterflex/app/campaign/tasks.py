@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.app.campaign.axes import CHOSEN, PRESENT, Setup, branch_and_rotation
+from counterflex.app.campaign.axes import CHOSEN, PRESENT, CampaignSetup, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
 from counterflex.app.campaign.plan import Measurement
 from counterflex.app.campaign.step import CELL, step
@@ -183,7 +183,7 @@ _PLACING, _CHOOSING, _PLANNING, _COMPARING = 0.02, 0.5, 0.2, 0.05
 
 
 @dataclass(frozen=True)
-class Place:
+class TaskPlace:
     """One truth and where its files are."""
 
     name: str
@@ -224,20 +224,20 @@ class Layout:
         """The cell file as it was."""
         return self.out / CELL
 
-    def program(self, setup: Setup) -> str:
+    def program(self, setup: CampaignSetup) -> str:
         """Its program as it was."""
         return str(self.out / "original" / setup.program)
 
-    def cell(self, setup: Setup) -> str:
+    def cell(self, setup: CampaignSetup) -> str:
         """The cell file with the part and the posture of a set-up."""
         return str(self.out / "setups" / setup.name / CELL) if setup.moved else str(self.start)
 
-    def planned(self, setup: Setup) -> Path:
+    def planned(self, setup: CampaignSetup) -> Path:
         """Folder of the program planned with the cell file as it was."""
         return self.out / "compensated" / setup.name
 
 
-def tasks_of(places: Sequence[Place], setups: Sequence[Setup], layout: Layout) -> list[Task]:
+def tasks_of(places: Sequence[TaskPlace], setups: Sequence[CampaignSetup], layout: Layout) -> list[Task]:
     """All tasks, the recipes before what is machined, which fills the gaps."""
     tasks: list[Task] = []
     for setup in setups:
@@ -254,7 +254,7 @@ def _named(*parts: str) -> str:
     return "/".join(part for part in parts if part)
 
 
-def _prepared(setup: Setup, layout: Layout) -> Iterator[Task]:
+def _prepared(setup: CampaignSetup, layout: Layout) -> Iterator[Task]:
     program, after = Reads(layout.program(setup)), _placed(setup)
     words = f"{setup.name}: " if setup.name else ""
     if after:
@@ -267,12 +267,12 @@ def _prepared(setup: Setup, layout: Layout) -> Iterator[Task]:
     yield Task(name, f"{words}planning", compensated, planning, after, _PLANNING, tells=True, reads=layout.inputs)
 
 
-def _placed(setup: Setup) -> tuple[str, ...]:
+def _placed(setup: CampaignSetup) -> tuple[str, ...]:
     """The task that places part and robot; none where they are as in the cell file."""
     return (_named("placed", setup.name),) if setup.moved else ()
 
 
-def _identified(place: Place, layout: Layout, setup: Setup | None) -> Iterator[Task]:
+def _identified(place: TaskPlace, layout: Layout, setup: CampaignSetup | None) -> Iterator[Task]:
     for k, plan in enumerate(place.steps):
         yield Task(
             f"{place.name}/{plan.recipe}",
@@ -308,7 +308,7 @@ def _identified(place: Place, layout: Layout, setup: Setup | None) -> Iterator[T
     )
 
 
-def _machined(place: Place, setup: Setup, layout: Layout) -> Iterator[Task]:
+def _machined(place: TaskPlace, setup: CampaignSetup, layout: Layout) -> Iterator[Task]:
     here, words = place.folder / setup.name, _named(place.name, setup.name)
     cell, original = Reads(layout.cell(setup)), Reads(layout.program(setup))
     ready = _placed(setup)
@@ -351,6 +351,6 @@ def _machined(place: Place, setup: Setup, layout: Layout) -> Iterator[Task]:
         )
 
 
-def machined_name(place: Place, setup: Setup, variant: str) -> str:
+def machined_name(place: TaskPlace, setup: CampaignSetup, variant: str) -> str:
     """Name of the task that machines a variant."""
     return f"{_named(place.name, setup.name)}/machined {variant}"

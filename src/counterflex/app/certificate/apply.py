@@ -30,7 +30,7 @@ _EXPANDED: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Value:
+class CertificateValue:
     """A quantity, or several together, in SI."""
 
     name: str
@@ -82,7 +82,7 @@ def apply_certificate(
     return {"file": str(out), "certificate": certificate.source, "written": written, "signed": certificate.signed}
 
 
-def _value(certificate: Certificate, key: Key, requested: str) -> Value:
+def _value(certificate: Certificate, key: Key, requested: str) -> CertificateValue:
     """The quantity for a key: the one that is named, or the only one that fits."""
     where = certificate.file
     if requested:
@@ -128,7 +128,7 @@ def _named(certificate: Certificate, name: str) -> Quantity:
     )  # fmt: skip
 
 
-def _together(chosen: Sequence[Quantity], where: str) -> Value:
+def _together(chosen: Sequence[Quantity], where: str) -> CertificateValue:
     """Quantities one behind the other, in SI."""
     values: list[float] = []
     sigma: list[float] = []
@@ -142,10 +142,10 @@ def _together(chosen: Sequence[Quantity], where: str) -> Value:
         sigma += [s * unit.factor for s, unit in zip(one.sigma or (), of_values, strict=bool(one.sigma))]
         units += of_values
     name = ", ".join(f"quantity {one.number}{f' ({one.name})' if one.name else ''}" for one in chosen)
-    return Value(name, tuple(values), tuple(sigma) if len(sigma) == len(values) else None, tuple(units))
+    return CertificateValue(name, tuple(values), tuple(sigma) if len(sigma) == len(values) else None, tuple(units))
 
 
-def _misfit(key: Key, value: Value) -> str:
+def _misfit(key: Key, value: CertificateValue) -> str:
     """Return why a value cannot go to a key; empty where it can."""
     if key.counts and len(value.values) not in key.counts:
         return f"{len(value.values)} numbers where {key.counts[0]} belong"
@@ -162,7 +162,7 @@ def _misfit(key: Key, value: Value) -> str:
     return ""
 
 
-def _channel_units(value: Value) -> set[tuple[int, ...]]:
+def _channel_units(value: CertificateValue) -> set[tuple[int, ...]]:
     """Exponents of a channel's unit, of each element of a matrix."""
     rows = [exponents for exponents in _ROWS for _ in range(6)]
     return {
@@ -171,7 +171,7 @@ def _channel_units(value: Value) -> set[tuple[int, ...]]:
     }
 
 
-def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: Value, note: str, channel: Unit) -> Any:
+def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: CertificateValue, note: str, channel: Unit) -> Any:
     (of_channel,) = _channel_units(value)
     if of_channel != channel.exponents:
         raise InputError(
@@ -185,7 +185,9 @@ def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: Value, note: s
     return [[_digits(v) for v in row] for row in rows]
 
 
-def _enter(doc: MutableMapping[str, Any], key: Key, body: str, value: Value, source: str, channel: Unit | None) -> Any:
+def _enter(
+    doc: MutableMapping[str, Any], key: Key, body: str, value: CertificateValue, source: str, channel: Unit | None
+) -> Any:
     """Enter a value; what was entered."""
     note = f"{source}; {_share(value) or 'no uncertainty stated'}"
     if channel is not None:
@@ -244,7 +246,7 @@ def _digits(value: float) -> float:
     return float(f"{float(value):.9g}")
 
 
-def _share(value: Value) -> str:
+def _share(value: CertificateValue) -> str:
     """Standard uncertainty as a share of the largest value; empty where none is stated."""
     most = max(abs(v) for v in value.values)
     if value.sigma is None or most == 0.0:

@@ -152,7 +152,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "numba")
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class IdentificationTask:
     """Recipe, cell and data of an identification."""
 
     recipe: Recipe
@@ -241,7 +241,7 @@ def prepare(
     holdout: Sequence[str | Path] = (),
     settings: Mapping[str, Setting] | None = None,
     seed: int = 0,
-) -> Task:
+) -> IdentificationTask:
     """Read everything and check that it fits together.
 
     ``settings``: Of the recipe, as text or as values. Raises FileFormatError: a file cannot be used. Raises InputError:
@@ -254,7 +254,7 @@ def prepare(
     fitted, unseen = (tuple(in_model_angles(one, known.robot.axes) for one in part) for part in (fitted, unseen))
     recipe.require_usable((*fitted, *unseen))
     require_disjoint(fitted, unseen)
-    return Task(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen, remark)
+    return IdentificationTask(recipe, known, joined_by_rows(joined(fitted)), unseen, chosen, remark)
 
 
 def _with_unique_names(*parts: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.inspection.judging import Inspection
-from counterflex.app.inspection.summary import Inspected
+from counterflex.app.inspection.summary import InspectedScan
 from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.app.proof.judge import candidates_of
 from counterflex.core.units import MM
@@ -52,7 +52,7 @@ def page_of(inspection: Inspection) -> str:
         features=inspection.features,
         sections=groove_sections(candidates, parts),
         facts={
-            name: (facts if isinstance(one, Inspected) else log_facts)(inspection.summary["parts"][name])
+            name: (facts if isinstance(one, InspectedScan) else log_facts)(inspection.summary["parts"][name])
             for name, one in inspection.parts.items()
         },
         coverage=inspection.covered,
@@ -77,13 +77,13 @@ def _unseen(covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]], logg
     )
 
 
-def _scales(parts: Mapping[str, Inspected | InspectedPath]) -> tuple[str, ...]:
+def _scales(parts: Mapping[str, InspectedScan | InspectedPath]) -> tuple[str, ...]:
     """Note of each scan whose scale is not 1."""
     return tuple(
         f"{one.file}: {100.0 * one.scale.scale:+.4f} % ± {100.0 * one.scale.sigma:.4f} % of scale in "
         f"{len(one.scale.agreeing)} directions alike, {abs(one.scale.scale) * 1e5:.0f} µm over 100 mm. U holds it."
         for one in parts.values()
-        if isinstance(one, Inspected) and one.scale.common and one.scale.significant
+        if isinstance(one, InspectedScan) and one.scale.common and one.scale.significant
     )
 
 

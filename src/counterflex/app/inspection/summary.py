@@ -24,7 +24,7 @@ from counterflex.files.scan.scan import Scan
 
 
 @dataclass(frozen=True, eq=False)
-class Inspected:
+class InspectedScan:
     """A scan, judged."""
 
     file: str
@@ -56,7 +56,7 @@ class Inspected:
 
 
 def summary_of(
-    parts: Mapping[str, Inspected | InspectedPath],
+    parts: Mapping[str, InspectedScan | InspectedPath],
     features: tuple[FeatureRow, ...],
     covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]],
 ) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def summary_of(
     return {
         "parts": {
             name: {
-                **(one.row() if isinstance(one, Inspected) else path_entry(one)),
+                **(one.row() if isinstance(one, InspectedScan) else path_entry(one)),
                 "registration": _registration(one.part.registration),
                 **_surface(one.part.surface_deviation()),
                 "coverage": _coverage(covered[name][0])

@@ -104,7 +104,7 @@ def _target(root: Path, name: str, below: str | None) -> Path:
 
 
 @dataclass(frozen=True)
-class Order:
+class WorkOrder:
     """A task on its way to a worker."""
 
     task: Task  # With paths relative to the folder of the job
@@ -153,7 +153,7 @@ def program_now() -> str:
     return f"{__version__} ({hashlib.sha256(rooms.encode()).hexdigest()[:12]})"
 
 
-def ordered(task: Task, root: Path) -> Order:
+def ordered(task: Task, root: Path) -> WorkOrder:
     """A task with everything that it needs. Raises InputError: a file is not below the folder of the job."""
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
@@ -161,7 +161,7 @@ def ordered(task: Task, root: Path) -> Order:
     )
     files = packed(root, task.files(), {})
     sent = Task(task.name, task.text, task.function, arguments, weight=task.weight, tells=task.tells)
-    return Order(sent, files, str(root), program_now())
+    return WorkOrder(sent, files, str(root), program_now())
 
 
 def taken(parcel: object, task: Task, root: Path) -> Any:

@@ -43,7 +43,7 @@ from counterflex.identify.production.alignment import PlannedCut
 from counterflex.identify.production.constants import ConstantEstimate, find, reference_m
 from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
-from counterflex.identify.production.stretches import Choice, joined, stretches_of
+from counterflex.identify.production.stretches import StretchChoice, joined, stretches_of
 from counterflex.identify.recipe import Identification
 from counterflex.runtime.monitoring.plan import lost_tooth
 
@@ -284,7 +284,7 @@ def _taken(
     options: Mapping[str, Any],
 ) -> KeptRun:
     at = one.record.aligned(plan)
-    choice = Choice(float(options["trim_diameters"]), float(options["settle_s"]))
+    choice = StretchChoice(float(options["trim_diameters"]), float(options["settle_s"]))
     result = stretches_of(model, one.record, plan, at, tool, choice)
     facts = {
         "run": one.record.name,

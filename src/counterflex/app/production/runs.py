@@ -19,7 +19,7 @@ from counterflex.cutting.coefficients import edge_force
 from counterflex.files.cell.cell import Cell
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
-from counterflex.identify.production.alignment import CHIP_M, EXPONENTS, PlannedCut, RunRecord, force_of
+from counterflex.identify.production.alignment import CHIP_M, EXPONENTS, AlignedRunRecord, PlannedCut, force_of
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import at_points, cut
 from counterflex.plan.plan import Plan
@@ -163,7 +163,7 @@ _STALE_CYCLES: Final = 25
 class LoggedRun:
     """A run of a log."""
 
-    record: RunRecord
+    record: AlignedRunRecord
     folder: Path  # Of the log
     number: int  # Of the run in it
     sha256: str  # Over its records
@@ -250,7 +250,7 @@ def _logged(folder: Path, number: int, rows: Float, about: Mapping[str, Any]) ->
             hint="The controller was started again: give each run a folder of its own",
         )
     soft = rows[:, column("flag_soft")].astype(np.int64)
-    record = RunRecord(
+    record = AlignedRunRecord(
         name=name,
         time_s=time,
         p_part=np.ascontiguousarray(rows[:, _PLACE]),

@@ -171,7 +171,7 @@ def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[Featur
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ProgramComparison:
     """One or two machined programs, judged."""
 
     reference: Reference  # What they are judged against
@@ -180,7 +180,7 @@ class Comparison:
     summary: dict[str, Any]
 
 
-def compare(folders: Sequence[str | Path]) -> Comparison:
+def compare(folders: Sequence[str | Path]) -> ProgramComparison:
     """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
 
     Raises:
@@ -218,7 +218,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
     }
     variants = {name: item.variant for name, item in judged.items()}
     level: TruthLevel = "exact" if truth.seed is None else "catalogue"
-    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
+    return ProgramComparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
 
 
 def _check_same(paths: Sequence[Path]) -> None:

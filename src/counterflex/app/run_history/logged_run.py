@@ -29,7 +29,7 @@ FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um",
 
 
 @dataclass(frozen=True, eq=False)
-class LoggedRun:
+class RunOfHistory:
     """A run."""
 
     row: dict[str, Any]  # Plain values in shop units, see :func:`read_runs`
@@ -53,7 +53,7 @@ class _Open:
     actions: list[dict[str, Any]]
 
 
-def read_runs(folder: Path) -> list[LoggedRun]:
+def read_runs(folder: Path) -> list[RunOfHistory]:
     """Runs of a folder in the order of their numbers.
 
     Each ``row`` has: ``folder``, ``run``, ``begun`` (ISO 8601, UTC, or None), ``program`` (its name) and
@@ -86,7 +86,7 @@ def read_runs(folder: Path) -> list[LoggedRun]:
     ]
 
 
-def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRun:
+def one_run(folder: Path, number: int | None, option: str = "--run") -> RunOfHistory:
     """A run of a folder by its number; None is the last one.
 
     Args:
@@ -112,7 +112,7 @@ def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRu
     return runs[numbers.index(number)]
 
 
-def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> LoggedRun:
+def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> RunOfHistory:
     record, about = one.record.figures(), one.about
     curves = curves_of(one.parts, planned="plan" in about.get("files", {}))
     begin_ns = int(curves.time_ns[0])
@@ -150,7 +150,7 @@ def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *,
         {"time_s": round((int(a["time_ns"]) - begin_ns) * NS, 3), **{k: v for k, v in a.items() if k != "time_ns"}}
         for a in one.actions
     )
-    return LoggedRun(row, curves, contained, tuple(incidents), actions, about)
+    return RunOfHistory(row, curves, contained, tuple(incidents), actions, about)
 
 
 def _um(value_m: float | None) -> float | None:

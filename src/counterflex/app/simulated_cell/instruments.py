@@ -29,7 +29,7 @@ RATES_HZ: Final = (0.1, 7000)
 
 
 @dataclass(frozen=True)
-class Clock:
+class InstrumentClock:
     """Time as an instrument alone keeps it; a test gives its own."""
 
     now: Callable[[], float] = time.perf_counter  # s
@@ -46,7 +46,7 @@ class LoneForce:
     seconds: float | None = None  # How long, or None for ever
 
     def run(
-        self, *, started: Callable[[ForceDevice], None] = lambda _: None, clock: Clock | None = None
+        self, *, started: Callable[[ForceDevice], None] = lambda _: None, clock: InstrumentClock | None = None
     ) -> dict[str, Any]:
         """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
 
@@ -62,7 +62,7 @@ class LoneForce:
         """
         rate_hz = self.start.rate_hz
         _check_rate(rate_hz)
-        clock = clock if clock is not None else Clock()
+        clock = clock if clock is not None else InstrumentClock()
         device = force_device(self.protocol, self.start)
         numbers = itertools.count()
         ended, skipped = "stopped", 0
@@ -103,7 +103,7 @@ class LoneTracker:
     clock_drift_ppm: float = 0.0  # Of its clock: how much faster than the computer's it runs
     faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted, by the time at which datagrams are sent
 
-    def run(self, *, clock: Clock | None = None) -> dict[str, Any]:
+    def run(self, *, clock: InstrumentClock | None = None) -> dict[str, Any]:
         """Run a tracker until its time or its log is over, it dies, or somebody presses Ctrl-C.
 
         Returns:
@@ -117,7 +117,7 @@ class LoneTracker:
             raise InputError("a tracker needs either a target or a log", hint="Give one of them")
         if not 0.01 <= self.speed <= 100.0:
             raise InputError("speed of a replay", value=self.speed, limit="0.01 .. 100")
-        clock = clock if clock is not None else Clock()
+        clock = clock if clock is not None else InstrumentClock()
         sender = TrackerSender(self.peer, self.faults)
 
         ended, skipped = "stopped", 0

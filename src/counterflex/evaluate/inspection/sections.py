@@ -31,7 +31,7 @@ class Profile:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PartSection:
     """A section square to a groove."""
 
     feature: str  # name of the groove
@@ -41,7 +41,7 @@ class Section:
     profiles: Mapping[str, Profile]  # by part
 
 
-def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[Section, ...]:
+def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[PartSection, ...]:
     """A section in the middle of each straight groove, as far as it lies in the blank.
 
     Args:
@@ -76,5 +76,5 @@ def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPa
             near_z = rows.points[near, 2]
             profiles[name] = Profile(step[near] @ left, near_z, normal, rows.deviation_m[near])
         heights = height_at(nominal, centre + across[:, None] * left)
-        out.append(Section(groove.name, place, across, heights, profiles))
+        out.append(PartSection(groove.name, place, across, heights, profiles))
     return tuple(out)

@@ -17,7 +17,7 @@ from counterflex.identify.geometry import tracker_data
 from counterflex.identify.geometry.arm_parameters import ArmModel
 from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
 from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors
-from counterflex.identify.geometry.off_rows import Session
+from counterflex.identify.geometry.off_rows import FitSession
 from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.kinematics import distance_residuals
 from counterflex.identify.kinematics.approach_sense import senses
@@ -31,7 +31,7 @@ KINDS = (*POSE_KINDS, "fiducials", "distances", "planes")
 
 
 @dataclass
-class Frames:
+class MeasuringFrames:
     """Frames by name with their first estimates, anchors and planes likewise; parameters in the order they were met."""
 
     first: int
@@ -74,7 +74,7 @@ def set_up(
     deviations as priors; None leaves them free. Raises InputError: a dataset that fixes no frame, anchor or plane.
     Raises FileFormatError: a channel is missing.
     """
-    frames = Frames(first=len(model.parameters))
+    frames = MeasuringFrames(first=len(model.parameters))
     everything = [*data, *holdout]
     # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already, and
     # poses that do not turn find their target.
@@ -118,7 +118,7 @@ def used_places(blocks: Sequence[Residuals]) -> set[int]:
 
 
 def _residuals(
-    cell: CellModel, model: ArmModel, d: Dataset, frames: Frames, known: KnownFrames | None
+    cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames, known: KnownFrames | None
 ) -> list[Residuals]:
     if d.kind in POSE_KINDS:
         return [_tracker(cell, model, part, frames, known, target) for target, part in by_channel(d, "target")]
@@ -137,7 +137,7 @@ def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
     return [(str(k), replace(d.rows(number == k), name=f"{d.name}, {channel} {k}")) for k in np.unique(number)]
 
 
-def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Session]:
+def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[FitSession]:
     """Datasets of poses and points in the order of their rows."""
     places = iter([i for i, b in enumerate(blocks) if isinstance(b, TrackerResiduals)])
     out = []
@@ -149,7 +149,7 @@ def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Sessi
         for k in np.unique(number):
             mine = np.flatnonzero(number == k)
             block[mine], row[mine] = next(places), np.arange(len(mine))
-        out.append(Session(d, block, row))
+        out.append(FitSession(d, block, row))
     return out
 
 
@@ -168,7 +168,7 @@ def _named(name: str, key: str) -> str:
 
 
 def _placed(
-    frames: Frames, name: str, T0: Float, label: str, sigma: Float | None, *, point: bool = False
+    frames: MeasuringFrames, name: str, T0: Float, label: str, sigma: Float | None, *, point: bool = False
 ) -> PlacedFrame:
     if name not in frames.placed:
         index = np.full(6, -1, dtype=np.int64)
@@ -182,7 +182,7 @@ def _tracker(
     cell: CellModel,
     model: ArmModel,
     d: Dataset,
-    frames: Frames,
+    frames: MeasuringFrames,
     known: KnownFrames | None,
     number: str,
 ) -> Residuals:
@@ -217,7 +217,7 @@ def _tracker(
     )
 
 
-def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residuals:
+def _fiducials(d: Dataset, frames: MeasuringFrames, known: KnownFrames | None) -> Residuals:
     name = _named(TRACKER, str(d.settings.get("tracker", "")))
     p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
     T0 = robust_register(p_base, p_tracker)
@@ -229,7 +229,7 @@ def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residua
     return FiducialResiduals(d.name, d.group, fiducial_sigma(d), tracker, p_base, p_tracker)
 
 
-def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames) -> list[Residuals]:
     out: list[Residuals] = []
     angles = known_drive_errors(cell).link_angles
     for number, part in by_channel(d, "anchor"):
@@ -263,7 +263,7 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
     return out
 
 
-def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames) -> list[Residuals]:
     out: list[Residuals] = []
     for number, part in by_channel(d, "plane"):
         name = _named(f"plane of {d.name}", number)

@@ -62,7 +62,7 @@ class PlannedCut:
 
 
 @dataclass(frozen=True, eq=False)
-class RunRecord:
+class AlignedRunRecord:
     """A run as its log has it, m cycles of one run in order. Part axes, SI."""
 
     name: str  # of the run, for messages

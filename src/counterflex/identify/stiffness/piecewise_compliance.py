@@ -25,7 +25,7 @@ from counterflex.core.units import DEG
 from counterflex.identify.geometry.compliances import DIRECTIONS
 from counterflex.identify.pulls.blocks import PullLayout
 from counterflex.identify.pulls.pulls import Pulls
-from counterflex.identify.pulls.residuals import PullResiduals, Shape
+from counterflex.identify.pulls.residuals import PullResiduals, PullShape
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error
 from counterflex.identify.solver.parameters import Parameter, Parameters
@@ -144,7 +144,7 @@ class PiecewiseSearch:
     def shaped_like(self, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals) -> PullResiduals:
         """Another block with the shapes of the regions kept."""
         first = len(plan.parameters)
-        shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(self.regions))
+        shapes = tuple(PullShape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(self.regions))
         return replace(block, shapes=shapes)
 
 
@@ -262,7 +262,7 @@ def _with(
     low, high = region.bounds
     wider = parameters + Parameters.of([Parameter(region.name, "1", 0.0, PRIOR, low, high, label=region.text)])
     shaped = [
-        replace(b, shapes=(*b.shapes, Shape(region.spring, len(parameters), own)))
+        replace(b, shapes=(*b.shapes, PullShape(region.spring, len(parameters), own)))
         for b, own in zip(blocks, phi, strict=True)
     ]
     return wider, shaped

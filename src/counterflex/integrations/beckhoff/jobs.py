@@ -23,10 +23,10 @@ from counterflex.geometry import pose, rotation
 from counterflex.integrations.beckhoff.link.link import (
     AdsLink,
     AdsReader,
+    AdsReading,
     AdsSettings,
     AdsSymbol,
     DeviceSymbol,
-    Reading,
 )
 from counterflex.protocols.strain.telegram import StrainSample
 from counterflex.protocols.system.forwarder import Forwarder
@@ -103,7 +103,7 @@ def read(cell: str | Path) -> dict[str, Any]:
     whole = read_cell(cell)
     table = ads_table(whole)
     with connected(table) as link:
-        reader = AdsReader(link, 1.0, take=(readings := queue.SimpleQueue[Reading]()).put)
+        reader = AdsReader(link, 1.0, take=(readings := queue.SimpleQueue[AdsReading]()).put)
         link.read()  # the first exchange also asks for places and types
         reader.start()
         try:
@@ -240,7 +240,7 @@ def forward(
     table = ads_table(whole)
     sender = _strain_sender(whole, table, peer) if strain else _pose_sender(whole, table, peer)
     done = Forwarded()
-    queued = queue.SimpleQueue[Reading]()
+    queued = queue.SimpleQueue[AdsReading]()
     try:
         with connected(table) as link:
             reader = AdsReader(link, table.period_ms * MS, take=queued.put)
@@ -274,7 +274,7 @@ class _PoseSender:
         self._forwarder = Forwarder(peer, "poses")
         self.close = self._forwarder.close
 
-    def take(self, reading: Reading) -> tuple[bool, bool]:
+    def take(self, reading: AdsReading) -> tuple[bool, bool]:
         """Return whether it was sent, and can be used."""
         measured = tracker_pose(reading.values, reading.number, reading.time_ns)
         self._forwarder.send(measured.telegram())
@@ -289,7 +289,7 @@ class _StrainSender:
         self._table, self._poisson_ratio, self._before = table, poisson_ratio, -1
         self.close = self._forwarder.close
 
-    def take(self, reading: Reading) -> tuple[bool, bool]:
+    def take(self, reading: AdsReading) -> tuple[bool, bool]:
         """Return whether it was sent, and can be used."""
         values = reading.values
         stamp = values.get(HOLDER_TIME, math.nan)

@@ -150,7 +150,7 @@ class AdsServer:
             data += part
         return data
 
-    def _answer(self, request: ads.Frame, frozen: bool, not_a_number: bool) -> ads.Frame:
+    def _answer(self, request: ads.AmsFrame, frozen: bool, not_a_number: bool) -> ads.AmsFrame:
         if request.target[1] != self._ams_port:
             return request.answered(b"", ads.NO_TARGET_PORT)
         with self._lock:

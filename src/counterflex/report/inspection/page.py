@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
-from counterflex.evaluate.inspection.sections import Section
+from counterflex.evaluate.inspection.sections import PartSection
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.data import Fact
 from counterflex.report.distribution_figure import area_shares
@@ -26,14 +26,14 @@ _MOST_POINTS: Final = 1500
 _COLOURS: Final = {"part": AFTER, "before": BEFORE, "after": AFTER}
 
 
-def enlarged(section: Section) -> int:
+def enlarged(section: PartSection) -> int:
     """Return how many times larger than the part the deviations of a section are drawn: up to about 2 mm."""
     every = np.concatenate([np.zeros(1), *(np.abs(one.deviation_m) for one in section.profiles.values())])
     largest = float(np.percentile(every, 95.0))
     return max((k for k in _ENLARGED if k * largest <= _ROOM_M), default=1)
 
 
-def section_figure(section: Section) -> dict[str, Any]:
+def section_figure(section: PartSection) -> dict[str, Any]:
     """Plotly specification of one section, seen along the programmed motion: left is left of the feed."""
     factor = enlarged(section)
     traces: list[dict[str, Any]] = []
@@ -87,7 +87,7 @@ class InspectionData:
     surface: NominalSurface  # Floors and walls of the nominal part
     deviations: Mapping[str, SurfaceDeviation]  # Map of ``part``, or of ``before`` and ``after``
     features: tuple[FeatureRow, ...]  # Measured on each
-    sections: tuple[Section, ...]
+    sections: tuple[PartSection, ...]
     facts: Mapping[str, Sequence[Fact]]  # By part, how it was scanned and placed
     # By part, areas of the whole machined surface and of each feature
     coverage: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]] = field(default_factory=dict)

@@ -145,7 +145,7 @@ def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, *
 
 
 @dataclass(frozen=True)
-class Reference:
+class CommandedReference:
     """References for the drives, one row per cycle."""
 
     time_s: Float  # (n,) s
@@ -196,7 +196,7 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
     return out
 
 
-def interpolate(path: ToolPath, controller: Controller) -> Reference:
+def interpolate(path: ToolPath, controller: Controller) -> CommandedReference:
     """Run a tool path on the controller.
 
     ``path``: In the part frame; at least two points. Returns references at the interpolation cycle; speeds are central
@@ -221,4 +221,6 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
     if controller.following_gain_per_s is not None:
         q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
     qd: Float = np.gradient(q, controller.cycle_s, axis=0)
-    return Reference(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned)
+    return CommandedReference(
+        time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned
+    )

@@ -11,7 +11,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
 from counterflex.path.run import Run
 from counterflex.path.toolpath import ToolPath
-from counterflex.twin.plant.controller import Reference
+from counterflex.twin.plant.controller import CommandedReference
 from counterflex.twin.plant.turning.column_material import ColumnMaterial
 
 
@@ -51,7 +51,7 @@ class SimulatedCycles:
     def record(
         self,
         path: ToolPath,
-        reference: Reference,
+        reference: CommandedReference,
         Rs_part_command: Float,
         stock: HeightMap | ColumnMaterial,
         T_base_part: Float,

@@ -17,7 +17,7 @@ from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, U
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
 from counterflex.twin.truth import other as kinds, table as tables
 from counterflex.twin.truth.family import MILD, family_of
-from counterflex.twin.truth.table import DIRECTIONS, Table, TableKey, closed, from_table, optional, to_table
+from counterflex.twin.truth.table import DIRECTIONS, TableKey, TruthTable, closed, from_table, optional, to_table
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
 
 _GEAR: Final = (
@@ -81,7 +81,7 @@ def other_to_dict(other: kinds.OtherPhysics) -> dict[str, Any]:
     return {name: table for name, table in tables.items() if table}
 
 
-def other_from(top: Table) -> kinds.OtherPhysics:
+def other_from(top: TruthTable) -> kinds.OtherPhysics:
     """Take the tables of :func:`other_to_dict` out of a truth file's.
 
     Raises FileFormatError: a key is missing, unknown or of the wrong kind. Raises ModelError: a value is out of range.
@@ -107,7 +107,7 @@ def _coupling_to(c: kinds.Coupling) -> dict[str, Any]:
     }
 
 
-def _coupling(t: Table) -> kinds.Coupling:
+def _coupling(t: TruthTable) -> kinds.Coupling:
     bodies, directions = t.texts("bodies", 2), t.texts("directions", 2)
     for direction in directions:
         if direction not in DIRECTIONS:
@@ -207,7 +207,7 @@ def _body_to(body: Body) -> dict[str, Any]:
     }
 
 
-def _family_of(table: tables.Table, seed: int | None) -> str:
+def _family_of(table: tables.TruthTable, seed: int | None) -> str:
     """Files of before the families are of the first one."""
     if "family" not in table:
         return "" if seed is None else MILD.name
@@ -219,7 +219,7 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
 
     Raises FileFormatError: the data is not a truth of version 1, or a value is impossible.
     """
-    top = tables.Table(data, where)
+    top = tables.TruthTable(data, where)
     if top.text("format") != FORMAT:
         raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
     version = top.integer("version")
@@ -234,10 +234,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     if version != VERSION:
         raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
     try:
-        cutting = tables.Table(top.raw("cutting"), f"{where}: cutting")
+        cutting = tables.TruthTable(top.raw("cutting"), f"{where}: cutting")
         drives = top.rows("drives")
         bodies = top.rows("bodies")
-        tcp = tables.Table(top.raw("tcp"), f"{where}: tcp")
+        tcp = tables.TruthTable(top.raw("tcp"), f"{where}: tcp")
         seed = top.integer("seed") if "seed" in top else None
         truth = Truth(
             name=top.text("name"),
@@ -245,10 +245,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             family=_family_of(top, seed),
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
-            T_last_tcp=tables.closed(tcp, tables.Table.pose),
+            T_last_tcp=tables.closed(tcp, tables.TruthTable.pose),
             cutting=tables.from_table(cutting, CuttingTruth, _CUTTING),
             counterbalance=tables.optional(top, "counterbalance", Counterbalance, _BALANCE),
-            sensor=tables.closed(tables.Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from)
+            sensor=tables.closed(tables.TruthTable(top.raw("sensor"), f"{where}: sensor"), _sensor_from)
             if "sensor" in top
             else None,
             drives=tuple(tables.from_table(row, Drive, _DRIVE) for row in drives),
@@ -264,11 +264,11 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     return truth
 
 
-def _sensor_from(t: tables.Table) -> SensorPlace:
+def _sensor_from(t: tables.TruthTable) -> SensorPlace:
     return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
 
 
-def _region_from(t: tables.Table) -> ElasticRegion:
+def _region_from(t: tables.TruthTable) -> ElasticRegion:
     direction = t.text("direction")
     if direction not in tables.DIRECTIONS:
         raise FileFormatError(
@@ -280,12 +280,12 @@ def _region_from(t: tables.Table) -> ElasticRegion:
         segment=t.text("body"),
         direction=tables.DIRECTIONS.index(direction),
         axis=t.axis(),
-        angles_rad=tables.Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        angles_rad=tables.TruthTable({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
         factors=t.numbers("factors", count),
     )
 
 
-def _body_from(t: tables.Table) -> Body:
+def _body_from(t: tables.TruthTable) -> Body:
     driven = "axis" in t
     return Body(
         name=t.text("name"),

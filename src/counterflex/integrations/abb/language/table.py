@@ -227,7 +227,7 @@ NOT_COMPUTED: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class RapidForm:
     """Arguments of a motion, in order: points, speed, triggers, zone, tool, and what stands behind."""
 
     points: int = 1  # Number of robtargets: 2 of a circle
@@ -243,19 +243,20 @@ class Form:
         return self.points == 1 and not self.triggers and not self.behind
 
 
-FORMS: Final[dict[str, Form]] = {
-    "MOVEL": Form(), "MOVEJ": Form(by_axes=True), "MOVEC": Form(2), "MOVEABSJ": Form(by_axes=True),
-    "MOVEEXTJ": Form(by_axes=True), "MOVELDO": Form(behind=2, straight="MoveLDO"),
-    "MOVEJDO": Form(by_axes=True, behind=2), "MOVECDO": Form(2, behind=2, straight="MoveLDO"),
-    "MOVELAO": Form(behind=2, straight="MoveLAO"), "MOVEJAO": Form(by_axes=True, behind=2),
-    "MOVECAO": Form(2, behind=2, straight="MoveLAO"), "MOVELGO": Form(behind=2, straight="MoveLGO"),
-    "MOVEJGO": Form(by_axes=True, behind=2), "MOVECGO": Form(2, behind=2, straight="MoveLGO"),
-    "MOVELSYNC": Form(behind=1, routine=True, straight="MoveLSync"),
-    "MOVEJSYNC": Form(by_axes=True, behind=1, routine=True),
-    "MOVECSYNC": Form(2, behind=1, routine=True, straight="MoveLSync"),
-    "TRIGGL": Form(triggers=1, straight="TriggL"), "TRIGGJ": Form(by_axes=True, triggers=1),
-    "TRIGGC": Form(2, triggers=1, straight="TriggL"), "TRIGGLIOS": Form(straight="TriggLIOs"),
-    "TRIGGJIOS": Form(by_axes=True), "TRIGGABSJ": Form(by_axes=True, triggers=1),
+FORMS: Final[dict[str, RapidForm]] = {
+    "MOVEL": RapidForm(), "MOVEJ": RapidForm(by_axes=True), "MOVEC": RapidForm(2),
+    "MOVEABSJ": RapidForm(by_axes=True),
+    "MOVEEXTJ": RapidForm(by_axes=True), "MOVELDO": RapidForm(behind=2, straight="MoveLDO"),
+    "MOVEJDO": RapidForm(by_axes=True, behind=2), "MOVECDO": RapidForm(2, behind=2, straight="MoveLDO"),
+    "MOVELAO": RapidForm(behind=2, straight="MoveLAO"), "MOVEJAO": RapidForm(by_axes=True, behind=2),
+    "MOVECAO": RapidForm(2, behind=2, straight="MoveLAO"), "MOVELGO": RapidForm(behind=2, straight="MoveLGO"),
+    "MOVEJGO": RapidForm(by_axes=True, behind=2), "MOVECGO": RapidForm(2, behind=2, straight="MoveLGO"),
+    "MOVELSYNC": RapidForm(behind=1, routine=True, straight="MoveLSync"),
+    "MOVEJSYNC": RapidForm(by_axes=True, behind=1, routine=True),
+    "MOVECSYNC": RapidForm(2, behind=1, routine=True, straight="MoveLSync"),
+    "TRIGGL": RapidForm(triggers=1, straight="TriggL"), "TRIGGJ": RapidForm(by_axes=True, triggers=1),
+    "TRIGGC": RapidForm(2, triggers=1, straight="TriggL"), "TRIGGLIOS": RapidForm(straight="TriggLIOs"),
+    "TRIGGJIOS": RapidForm(by_axes=True), "TRIGGABSJ": RapidForm(by_axes=True, triggers=1),
 }  # fmt: skip
 """Motions that are evaluated, by name in capitals."""
 SETS_MOTION: Final = frozenset(

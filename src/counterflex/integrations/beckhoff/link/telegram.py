@@ -74,7 +74,7 @@ def net_id_bytes(net_id: str) -> bytes:
 
 
 @dataclass(frozen=True)
-class Frame:
+class AmsFrame:
     """One request or response."""
 
     target: tuple[bytes, int]  # Net id (6 bytes) and port of the receiver
@@ -93,9 +93,9 @@ class Frame:
         )
         return head + self.data
 
-    def answered(self, data: bytes, error: int = 0) -> Frame:
+    def answered(self, data: bytes, error: int = 0) -> AmsFrame:
         """The response to a request."""
-        return Frame(self.source, self.target, self.command, REQUEST | RESPONSE, error, self.invoke, data)
+        return AmsFrame(self.source, self.target, self.command, REQUEST | RESPONSE, error, self.invoke, data)
 
 
 HEADER: Final = _FRAME.size
@@ -116,7 +116,7 @@ def read_header(head: bytes) -> int:
     return int(size)
 
 
-def read_frame(data: bytes) -> Frame:
+def read_frame(data: bytes) -> AmsFrame:
     """Read a whole frame.
 
     Raises:
@@ -126,7 +126,7 @@ def read_frame(data: bytes) -> Frame:
     if len(data) != HEADER + size:
         raise ProtocolError("an ADS frame was cut", value=f"{len(data)} bytes", limit=f"{HEADER + size} bytes")
     _, _, target, target_port, source, source_port, command, flags, _, error, invoke = _FRAME.unpack(data[:HEADER])
-    return Frame((target, target_port), (source, source_port), command, flags, error, invoke, data[HEADER:])
+    return AmsFrame((target, target_port), (source, source_port), command, flags, error, invoke, data[HEADER:])
 
 
 def symbol_entry(name: str, kind: str, group: int, offset: int, comment: str = "") -> bytes:

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.control import Control, tilts
 from counterflex.integrations.heidenhain.language.moves import open_corner
-from counterflex.integrations.heidenhain.language.source import Library, Source, Statement, label_key
+from counterflex.integrations.heidenhain.language.source import KlartextSource, Library, Statement, label_key
 from counterflex.integrations.heidenhain.language.table import NEUTRAL, REFUSED
 from counterflex.integrations.heidenhain.language.values import ASSIGNMENT, VALUE, is_arithmetic, required
 from counterflex.integrations.heidenhain.language.words import PathWords
@@ -47,21 +47,21 @@ _OPERATOR: Final = {9: "EQU", 10: "NE", 11: "GT", 12: "LT"}
 
 
 @dataclass
-class Call:
+class ActiveCall:
     """A running subprogram or program: where it goes back to."""
 
-    source: Source
+    source: KlartextSource
     index: int
     program: bool
 
 
-class Run(Control):
+class KlartextRun(Control):
     """One run of a program."""
 
-    def __init__(self, source: Source, machine: MillingMachine, library: Library) -> None:
+    def __init__(self, source: KlartextSource, machine: MillingMachine, library: Library) -> None:
         super().__init__(source, machine)
         self._main, self._library = source, library
-        self._index, self._calls = 0, list[Call]()
+        self._index, self._calls = 0, list[ActiveCall]()
         self._repeats: dict[tuple[int, int], int] = {}
         self._watch = LoopWatch(self._everything)
         self._modals: dict[Modal, Modal] = {}
@@ -90,7 +90,7 @@ class Run(Control):
             raise corner
         return self._ended
 
-    def _watch_jump(self, source: Source, index: int) -> None:
+    def _watch_jump(self, source: KlartextSource, index: int) -> None:
         if self._source is source and self._index > index:
             return
         back = index - self._index + 1 if self._source is source else 1
@@ -224,7 +224,7 @@ class Run(Control):
             if len(self._calls) >= _DEEPEST:
                 raise self._fault(part, f"subprograms are nested deeper than {_DEEPEST} times", None, None,
                                   "A label calls itself")  # fmt: skip
-            self._calls.append(Call(self._source, self._index, False))
+            self._calls.append(ActiveCall(self._source, self._index, False))
             self._index = target
             return ()
         key = (part.line, len(self._calls))
@@ -245,7 +245,7 @@ class Run(Control):
                               f"Put {name or 'it'} beside the program")  # fmt: skip
         if any(tilts(one.code) for one in source.statements) and not self._state.vectors:
             raise self._fault(part, "a called program tilts the working plane", None, None, "Tilt it in the main one")
-        self._calls.append(Call(self._source, self._index, True))
+        self._calls.append(ActiveCall(self._source, self._index, True))
         self._source, self._index = source, 0
         self._state.inch = source.inch
         self._state.feed = self._state.feed if source.inch == self._calls[-1].source.inch else None
@@ -344,8 +344,8 @@ def read_heidenhain(
     lines = split_lines(text)
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Klartext program")
-    source = Source(name, lines)
-    run = Run(source, machine, Library(folder))
+    source = KlartextSource(name, lines)
+    run = KlartextRun(source, machine, Library(folder))
     ended = run.run()
     if complete and not ended:
         raise source.statements[-1].fault(

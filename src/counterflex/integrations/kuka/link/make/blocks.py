@@ -143,7 +143,7 @@ TYPES: Final[dict[str, BlockType]] = {
 
 
 @dataclass(frozen=True)
-class Block:
+class ContextBlock:
     """One object of a context that is written."""
 
     kind: str  # Key of :data:`TYPES`
@@ -168,7 +168,7 @@ def spelled(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def used_ports(blocks: tuple[Block, ...], block: Block) -> tuple[int, int]:
+def used_ports(blocks: tuple[ContextBlock, ...], block: ContextBlock) -> tuple[int, int]:
     """Number of inputs and outputs of an object that are drawn: all, those of ETHERNET up to the last one in use."""
     kind = block.type
     if block.kind != "ETHERNET":
