@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.session.spikes import LEAST_N, SpikeGate
+from counterflex.protocols.session.senses import LEAST_N, SpikeGate
 
 
 def means(samples: Float, per_cycle: int) -> list[Float | None]:

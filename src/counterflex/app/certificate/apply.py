@@ -38,6 +38,21 @@ class CertificateValue:
     sigma: tuple[float, ...] | None  # Standard uncertainties, SI; None where none is stated
     units: tuple[Unit, ...]  # Of each value
 
+    def channel_units(self) -> set[tuple[int, ...]]:
+        """Exponents of a channel's unit, of each element of a matrix."""
+        rows = [exponents for exponents in _ROWS for _ in range(6)]
+        return {
+            tuple(r - n for r, n in zip(row, unit.exponents, strict=True))
+            for row, unit in zip(rows, self.units, strict=False)
+        }
+
+    def share(self) -> str:
+        """Standard uncertainty as a share of the largest value; empty where none is stated."""
+        most = max(abs(v) for v in self.values)
+        if self.sigma is None or most == 0.0:
+            return ""
+        return f"standard uncertainty {max(self.sigma) / most:.2g} of the value"
+
 
 def apply_certificate(
     file: Path,
@@ -77,7 +92,7 @@ def apply_certificate(
         value = _value(certificate, key, quantity)
         matrix_unit = parse_unit(channel, "--channel") if key.name == MATRIX else None
         text = _enter(doc, key, body, value, certificate.source, matrix_unit)
-        written.append({"key": name, "quantity": value.name, "value": text, "sigma": _share(value)})
+        written.append({"key": name, "quantity": value.name, "value": text, "sigma": value.share()})
     _write(doc, template, out, cell is not None)
     return {"file": str(out), "certificate": certificate.source, "written": written, "signed": certificate.signed}
 
@@ -153,7 +168,7 @@ def _misfit(key: Key, value: CertificateValue) -> str:
         wrong = next((unit for unit in value.units if unit.exponents != key.exponents), None)
         if wrong is not None:
             return f"the unit is {wrong.si}"
-    elif len(_channel_units(value)) != 1:
+    elif len(value.channel_units()) != 1:
         return "the rows are not N, N, N, N m, N m, N m per one unit of a channel"
     if key.uncertain and value.sigma is None:
         return "no uncertainty is stated"
@@ -162,17 +177,8 @@ def _misfit(key: Key, value: CertificateValue) -> str:
     return ""
 
 
-def _channel_units(value: CertificateValue) -> set[tuple[int, ...]]:
-    """Exponents of a channel's unit, of each element of a matrix."""
-    rows = [exponents for exponents in _ROWS for _ in range(6)]
-    return {
-        tuple(r - n for r, n in zip(row, unit.exponents, strict=True))
-        for row, unit in zip(rows, value.units, strict=False)
-    }
-
-
 def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: CertificateValue, note: str, channel: Unit) -> Any:
-    (of_channel,) = _channel_units(value)
+    (of_channel,) = value.channel_units()
     if of_channel != channel.exponents:
         raise InputError(
             "the matrix is per another unit of a channel", where="--channel", value=channel.si,
@@ -189,7 +195,7 @@ def _enter(
     doc: MutableMapping[str, Any], key: Key, body: str, value: CertificateValue, source: str, channel: Unit | None
 ) -> Any:
     """Enter a value; what was entered."""
-    note = f"{source}; {_share(value) or 'no uncertainty stated'}"
+    note = f"{source}; {value.share() or 'no uncertainty stated'}"
     if channel is not None:
         return _enter_matrix(doc, key, value, note, channel)
     if body:
@@ -244,14 +250,6 @@ def _array_of_rows(rows: Any) -> Any:
 
 def _digits(value: float) -> float:
     return float(f"{float(value):.9g}")
-
-
-def _share(value: CertificateValue) -> str:
-    """Standard uncertainty as a share of the largest value; empty where none is stated."""
-    most = max(abs(v) for v in value.values)
-    if value.sigma is None or most == 0.0:
-        return ""
-    return f"standard uncertainty {max(value.sigma) / most:.2g} of the value"
 
 
 def _write(doc: Any, template: Path, out: Path, is_cell: bool) -> None:

@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.run_history.logged_run import RunOfHistory, one_run
-from counterflex.app.run_history.run_files import file_of_run
+from counterflex.app.run_history.logged_run import RunOfHistory, file_of_run, one_run
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError
 from counterflex.core.units import MM, NS, UM

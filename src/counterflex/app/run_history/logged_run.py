@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,7 +16,6 @@ from counterflex.app.run.incidents import Numbered, numbered
 from counterflex.app.run.log import micro
 from counterflex.app.run.missing import LogMissing
 from counterflex.app.run.process_events import shown_process
-from counterflex.app.run_history.run_files import file_of_run
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM
@@ -23,6 +24,23 @@ from counterflex.evaluate.run_curves import RunCurves, curves_of, figures, neede
 from counterflex.evaluate.run_record import RunRecord
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import read_plan
+
+
+def file_of_run(about: Mapping[str, Any], kind: str, folder: Path) -> Path | None:
+    """A file of a run where it still is, unchanged by its SHA-256; None where it is not.
+
+    Its path was relative to where the run was started: often the folder that the log lies in.
+
+    Args:
+        kind: ``cell``, ``plan``, ``program`` or ``rsi``.
+    """
+    name, sha256 = about.get("files", {}).get(kind), about.get("sha256", {}).get(kind)
+    for place in () if name is None else (Path(name), folder.absolute().parent / name):
+        with contextlib.suppress(OSError):
+            if hashlib.sha256(place.read_bytes()).hexdigest() == sha256:
+                return place
+    return None
+
 
 FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um", "force_peak_n", "force_ratio")
 """Names of the figures of deviation and force."""

@@ -17,8 +17,8 @@ from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, NS
+from counterflex.twin.devices.datagram_sender import keep_pace
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import PoseSource, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench_source import WrenchSource

@@ -20,8 +20,8 @@ from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature
 from counterflex.evaluate.features import WHOLE
-from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.nominal_part import FACING, REACH_M
+from counterflex.evaluate.inspection.sections import InspectedPart
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.prismatic.finding import PrismaticFeature
 from counterflex.evaluate.surface import CHANGED_M, HEIGHTS, NominalSurface

@@ -35,7 +35,7 @@ class Nearest:
     # surface within reach that looks its way
     deviation_m: Float
     normals: Float  # (n, 3) outward unit normals of the nominal surface
-    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.inspected_part.FACES)
+    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.sections.FACES)
     near: Bool  # (n,) whether a nominal surface is within reach at all, whichever way it looks
 
 

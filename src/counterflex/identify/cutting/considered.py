@@ -35,8 +35,8 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
+from counterflex.identify.cutting.cut_rows import Pieces
 from counterflex.identify.cutting.force_forms import FORMS
-from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel

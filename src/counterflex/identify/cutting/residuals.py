@@ -18,8 +18,8 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.arc_force import ArcCuts, force_thickness, mean_thickness, term_force
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
+from counterflex.identify.cutting.cut_rows import Pieces
 from counterflex.identify.cutting.force_forms import ForceForm
-from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.solver.parameters import Parameter, Parameters
 
 LAW: Final = 9

@@ -15,7 +15,7 @@ from counterflex.app.simulated_cell.alone import Address, LoneController, Watche
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
 from counterflex.integrations.abb.simulated import EgmContext, FakeEgm

@@ -16,8 +16,8 @@ from counterflex import __version__
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import NS
-from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.links import STRAIN, AdsTable, si_of
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.beckhoff.jobs import ads_table

@@ -16,8 +16,8 @@ from counterflex.app.plc import Plc
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.links import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.beckhoff.link.link import (

@@ -12,7 +12,7 @@ from counterflex.app import robot_folder
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.integrations.abb.language.egm import (
     called,

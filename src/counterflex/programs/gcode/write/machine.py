@@ -10,8 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, INCH, MM
-from counterflex.programs.gcode.write.spelling import Spell, spelling_of
-from counterflex.programs.gcode.write.written_line import AXES, WrittenLine, number
+from counterflex.programs.gcode.write.written_line import AXES, Spell, WrittenLine, number, spelling_of
 from counterflex.programs.machine_in_place import MachineInPlace
 from counterflex.programs.motion_rows import LEAST_FEED_CHANGE
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program, Word
