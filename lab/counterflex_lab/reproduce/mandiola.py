@@ -64,11 +64,7 @@ class Paths(Experiment):
     def summary(self, results: Mapping[str, Any]) -> dict[str, Any]:
         """Rows by truth, what each controller leaves, goals, margins."""
         rows = [
-            {
-                "seed": seed,
-                "variants": _by_shape(case, results, "figures"),
-                "loops": _by_shape(case, results, "loop"),
-            }
+            {"seed": seed, "variants": _by_shape(case, results, "figures"), "loops": _by_shape(case, results, "loop")}
             for seed, case in sorted(self.cases.items())
         ]
         first = next(iter(self.cases.values()))

@@ -15,14 +15,7 @@ from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.online import OnlineTable, tracker_plant
-from counterflex.runtime.design.tracker import (
-    Margins,
-    TrackerGains,
-    grid,
-    margins,
-    margins_of,
-    observer_response,
-)
+from counterflex.runtime.design.tracker import Margins, TrackerGains, grid, margins, margins_of, observer_response
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import OnlineSettings
 from counterflex_lab.reproduce import tracking
@@ -40,15 +33,7 @@ COLUMNS: Final = (
     "total max um",
     "orientation max mdeg",
 )
-MARGIN_COLUMNS: Final = (
-    "controller",
-    "Ki per cycle",
-    "Kp",
-    "crossover Hz",
-    "phase margin deg",
-    "gain margin dB",
-    "Ms",
-)
+MARGIN_COLUMNS: Final = ("controller", "Ki per cycle", "Kp", "crossover Hz", "phase margin deg", "gain margin dB", "Ms")
 STRETCHES: Final = (
     ("circle", "turn", "circle"),
     ("circle", "reversals", "after reversals"),

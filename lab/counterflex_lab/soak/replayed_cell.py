@@ -62,12 +62,7 @@ class SteadyJob:
 
 
 def prepare(
-    folder: Path,
-    cycles: int,
-    *,
-    force: str = "scale",
-    tracker: str = "observer",
-    progress: Progress = silent,
+    folder: Path, cycles: int, *, force: str = "scale", tracker: str = "observer", progress: Progress = silent
 ) -> SteadyJob:
     """Write cell, RSI configuration, program and plan into a folder, and record the pass.
 

@@ -112,11 +112,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
     part = in_parts(progress, {"preparing": _PREPARE_S, "soaking": 60.0 * settings.minutes})
     with atomic.atomic_folder(out) as staging, tempfile.TemporaryDirectory() as work:
         job = steady.prepare(
-            Path(work),
-            _cycles(settings),
-            force=settings.force,
-            tracker=settings.tracker,
-            progress=part["preparing"],
+            Path(work), _cycles(settings), force=settings.force, tracker=settings.tracker, progress=part["preparing"]
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
         watched = _watched(settings, job, log, part["soaking"])

@@ -198,10 +198,7 @@ def measure_features(
 
 
 def _groove(
-    groove: Groove,
-    surface: NominalSurface,
-    nominal: SweptSection,
-    parts: Mapping[str, MeasurablePart],
+    groove: Groove, surface: NominalSurface, nominal: SweptSection, parts: Mapping[str, MeasurablePart]
 ) -> list[Row]:
     run = groove.end - groove.start
     length = float(np.hypot(run[0], run[1]))
@@ -245,10 +242,7 @@ def _groove(
 
 
 def _pocket(
-    pocket: CircularPocket,
-    surface: NominalSurface,
-    nominal: SweptSection,
-    parts: Mapping[str, MeasurablePart],
+    pocket: CircularPocket, surface: NominalSurface, nominal: SweptSection, parts: Mapping[str, MeasurablePart]
 ) -> list[Row]:
     angle = np.arange(0.0, 360.0, 2.0) * DEG
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)

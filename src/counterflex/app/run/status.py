@@ -90,8 +90,8 @@ class Status:
             return "  THE TWO FORCE SENSORS DIFFER: look for a zero that moved, a loose cable, a bridge, a wrong matrix"
         if self.degraded == Cause.FORCE_DIFFERS:
             return (
-                "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder material;"
-                " or the sensor's zero, which the next way in air shows"
+                "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder "
+                "material; or the sensor's zero, which the next way in air shows"
             )
         return ""
 

@@ -253,9 +253,7 @@ def surface(stock: ColumnStock, log: CutLog, pitch_m: float | None = None) -> Su
     ends = [_across(lattice, 0, stock, log), _across(lattice, 1, stock, log), _up(lattice, stock)]
     points = np.concatenate([one.points for one in ends])
     vertices, triangles, quads = net(
-        lattice.cubes,
-        [CrossedEdges(one.along, one.edge, one.filled) for one in ends],
-        points,
+        lattice.cubes, [CrossedEdges(one.along, one.edge, one.filled) for one in ends], points
     )
     return Surface(
         points,

@@ -123,11 +123,7 @@ def constants(
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
     """(k, m, e) of c, r, a at a reference thickness."""
     if isinstance(law, LinearEdgeLaw):
-        return (
-            (law.ktc_pa, law.krc_pa, law.kac_pa),
-            (0.0, 0.0, 0.0),
-            (law.kte_n_m, law.kre_n_m, law.kae_n_m),
-        )
+        return ((law.ktc_pa, law.krc_pa, law.kac_pa), (0.0, 0.0, 0.0), (law.kte_n_m, law.kre_n_m, law.kae_n_m))
     if not isinstance(law, KienzleLaw):
         raise ModelError(
             "test cuts are fitted with Kienzle's law or the linear one, and start at the law of the cell file",

@@ -82,10 +82,7 @@ def identify(inputs: Inputs) -> Identification:
         notes += [] if dataset in air else check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
         parts[READING](0.5 * (i + 1) / (len(data) + len(holdout)))
     cuts = pieces_of(
-        cell,
-        [*data, *holdout],
-        Cutting(float(options["trim_diameters"]), float(options["settle_s"])),
-        tool,
+        cell, [*data, *holdout], Cutting(float(options["trim_diameters"]), float(options["settle_s"])), tool
     )
     problem = _FormChoice(cell, cuts, cuts.pieces.session < len(data), float(options["top_sigma_m"]))
     if problem.train_count < _LEAST_PIECES:
@@ -268,10 +265,5 @@ def _source(data: Sequence[Dataset]) -> str:
 
 
 RECIPE = Recipe(
-    name="cutting",
-    title=TITLE,
-    kinds=(KIND,),
-    settings={**PROPOSAL, **SETTINGS},
-    find=identify,
-    propose=propose,
+    name="cutting", title=TITLE, kinds=(KIND,), settings={**PROPOSAL, **SETTINGS}, find=identify, propose=propose
 )

@@ -186,8 +186,7 @@ class _Weighing:
             self.root = scipy.linalg.cholesky(self.M, lower=True)
         except scipy.linalg.LinAlgError as fault:
             raise InputError(
-                "a parameter has no prior at all",
-                hint="Give every parameter a prior, or the weak information of VAGUE",
+                "a parameter has no prior at all", hint="Give every parameter a prior, or the weak information of VAGUE"
             ) from fault
 
     def add(self, i: int, sign: float = 1.0) -> None:

@@ -230,12 +230,7 @@ def _placed(
 
 
 def _tracker(
-    cell: CellModel,
-    model: ArmModel,
-    d: Dataset,
-    frames: MeasuringFrames,
-    known: KnownFrames | None,
-    number: str,
+    cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames, known: KnownFrames | None, number: str
 ) -> Residuals:
     station, tool = station_of(d), tool_of(d, number)
     tracker, target = _named(TRACKER, station), _named(TARGET, tool)

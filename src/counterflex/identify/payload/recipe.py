@@ -352,11 +352,4 @@ def _pictures(blocks: Sequence[residuals.SensorReadings], force: HeldOut, moment
     return tuple(out)
 
 
-RECIPE = Recipe(
-    name="payload",
-    title=TITLE,
-    kinds=sensor_data.KINDS,
-    settings=SETTINGS,
-    find=identify,
-    propose=propose,
-)
+RECIPE = Recipe(name="payload", title=TITLE, kinds=sensor_data.KINDS, settings=SETTINGS, find=identify, propose=propose)

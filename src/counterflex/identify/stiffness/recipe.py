@@ -206,11 +206,4 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     return propose_pulls(cell, count, {**SETTINGS, **settings})
 
 
-RECIPE: Final = Recipe(
-    "stiffness",
-    TITLE,
-    ("pulls",),
-    SETTINGS,
-    identify,
-    propose,
-)
+RECIPE: Final = Recipe("stiffness", TITLE, ("pulls",), SETTINGS, identify, propose)

@@ -199,8 +199,5 @@ FORCE_SENSORS: Final[Registry[ForceSensorKind]] = Registry(
     "counterflex.force_sensors",
     "protocol of a force sensor",
     "counterflex.protocols.force.sensors:ForceSensorKind",
-    {
-        "frame": "counterflex.protocols.frame.sensor:FRAME",
-        "wrench": "counterflex.protocols.wrench.sensor:WRENCH",
-    },
+    {"frame": "counterflex.protocols.frame.sensor:FRAME", "wrench": "counterflex.protocols.wrench.sensor:WRENCH"},
 )

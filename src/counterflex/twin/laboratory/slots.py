@@ -189,12 +189,7 @@ def _one_blank(
 
 
 def _reading(
-    truth: Truth,
-    laboratory: Laboratory,
-    record: Record,
-    controller: Controller,
-    bias: Float,
-    rng: np.random.Generator,
+    truth: Truth, laboratory: Laboratory, record: Record, controller: Controller, bias: Float, rng: np.random.Generator
 ) -> Float:
     """(n, 3) N: what the sensor shows, turned into base axes by the controller."""
     names = [body.name for body in truth.bodies]

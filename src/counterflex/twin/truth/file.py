@@ -99,12 +99,7 @@ def other_from(top: TruthTable) -> kinds.OtherPhysics:
 
 def _coupling_to(c: kinds.Coupling) -> dict[str, Any]:
     changing = {} if c.axis is None else {"axis": c.axis + 1, "strongest_deg": c.phase_rad / DEG}
-    return {
-        "bodies": list(c.bodies),
-        "directions": [DIRECTIONS[d] for d in c.directions],
-        "share": c.share,
-        **changing,
-    }
+    return {"bodies": list(c.bodies), "directions": [DIRECTIONS[d] for d in c.directions], "share": c.share, **changing}
 
 
 def _coupling(t: TruthTable) -> kinds.Coupling:
