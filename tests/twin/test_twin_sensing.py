@@ -72,8 +72,8 @@ def test_more_elements_change_nothing() -> None:
 
 _PRINTED = """
 import hashlib
-from counterflex.twin.plant.strain_holder import HolderShape, strain_frame
-frame = strain_frame(HolderShape())
+from counterflex.twin.plant.strain_holder import HolderShape
+frame = HolderShape().strain_frame()
 print(hashlib.sha256(frame.end_forces.tobytes() + frame.compliance.tobytes()).hexdigest())
 """
 

@@ -59,7 +59,7 @@ class RsiSwitching:
             f"INTERRUPT ON {_INTERRUPT}",
         ]
 
-    def enable_lines(self, says: float) -> list[str]:
+    def _enable_lines(self, says: float) -> list[str]:
         """Statements that wait for the loop and let the correction act."""
         return [
             "; wait until the loop reports that it is armed",
