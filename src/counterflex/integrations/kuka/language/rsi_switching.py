@@ -59,13 +59,13 @@ class RsiSwitching:
             f"INTERRUPT ON {_INTERRUPT}",
         ]
 
-    def _enable_lines(self, says: float) -> list[str]:
+    def enable_lines(self, value: float) -> list[str]:
         """Statements that wait for the loop and let the correction act."""
         return [
             "; wait until the loop reports that it is armed",
             *krl_wait(_ARMED.format(self.state_index), self.armed_s, "counterflex run is not armed"),
             *self.output_of(on=True),
-            f"$SEN_PREA[{self.enable_index}]={says:.1f}",
+            f"$SEN_PREA[{self.enable_index}]={value:.1f}",
         ]
 
     def off_lines(self) -> list[str]:
