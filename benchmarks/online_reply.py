@@ -59,12 +59,12 @@ from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.twin.live.live_cell import Report
-from counterflex.twin.live.recorded_pass import RecordedPass
-from counterflex.twin.live.replayed_cell import GATE, ReplayedCell
-from counterflex.twin.live.timed_block import Block
 from counterflex_lab.soak import replayed_cell as steady
 from counterflex_lab.soak.operator import requested_words
+from counterflex_lab.soak.recorded_cell import GATE, ReplayedCell
+from counterflex_lab.soak.recorded_pass import RecordedPass
 from counterflex_lab.soak.replay_figures import active, in_standstill, micro
+from counterflex_lab.soak.timed_block import Block
 
 LOOKED_CYCLES = 125
 """How often the operator looks."""

@@ -37,7 +37,7 @@ from counterflex.core.units import N_PER_MM2, UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.cutting.considered import ALIGNMENT_RAD, CROSS_TALK, SCALE
-from counterflex.identify.production.alignment import PlannedCut, RunRecord, aligned, force_of
+from counterflex.identify.production.alignment import AlignedRunRecord, PlannedCut, force_of
 from counterflex.identify.production.constants import find, reference_m
 from counterflex.identify.production.drift import RunFactor, drift
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
@@ -171,8 +171,8 @@ def drawn(seed: int, plan: Path, cut: PlannedCut, cell: Cell) -> dict[str, Any]:
     w[:, :3] = (force @ (np.eye(3) + E).T)[late] + rng.normal(0.0, 8.0, 3) + rng.normal(0.0, 3.0, (len(time), 3))
     p, q = (np.stack([np.interp(time, planned, c) for c in a.T], axis=1) for a in (cut.p_part, read.q))
     good, none = np.ones(len(time), dtype=np.bool_), np.zeros(len(time), dtype=np.bool_)
-    run = RunRecord(f"draw {seed}", time, p, w, q, np.zeros((len(time), 3)), good, none, 0.004)
-    stretches = stretches_of(model, run, cut, aligned(run, cut), 1).stretches
+    run = AlignedRunRecord(f"draw {seed}", time, p, w, q, np.zeros((len(time), 3)), good, none, 0.004)
+    stretches = stretches_of(model, run, cut, run.aligned(cut), 1).stretches
     geometry = geometry_of(stretches, np.zeros(len(stretches), dtype=np.int64))
     block = ProductionResiduals(stretches, geometry, model.cutter_of(1), UM, stretches.cut)
     block.h_ref_m = reference_m(block)[0]

@@ -28,7 +28,7 @@ import trimesh
 
 from counterflex.app.inputs import read_job
 from counterflex.app.inspection.judging import How, inspect
-from counterflex.app.inspection.summary import Inspected
+from counterflex.app.inspection.summary import InspectedScan
 from counterflex.app.proof import judge, simulate
 from counterflex.app.proof.cut_logs import log_of_run, top_of
 from counterflex.app.proof.truth import truth_of
@@ -87,7 +87,7 @@ def main() -> None:
         for row in rows:
             compare(seed, row, by_name.get((row.feature, row.quantity)), worst)
         part = measured.parts["part"]
-        assert isinstance(part, Inspected)
+        assert isinstance(part, InspectedScan)
         density, unit = given.points / mesh.area, part.unit
         print(f"{seed}   {given.points} points, {density:.0f} per mm2, unit {unit}, {seconds:.1f} s")
     for name, value in worst.items():

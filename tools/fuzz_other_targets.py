@@ -54,7 +54,7 @@ def ads_frames(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of
         (ads.READ_WRITE, struct.pack("<IIII", ads.SUM_READ, 2, 18, len(pieces)) + pieces),
         (ads.WRITE, struct.pack("<III", ads.PLC_MEMORY, 0, 8) + struct.pack("<d", 2.5)),
     ]
-    seeds = [ads.write_frame(ads.Frame(there, here, c, ads.REQUEST, 0, k, d)) for k, (c, d) in enumerate(requests)]
+    seeds = [ads.AmsFrame(there, here, c, ads.REQUEST, 0, k, d).telegram() for k, (c, d) in enumerate(requests)]
 
     def check(data: bytes) -> bool:
         try:
@@ -70,12 +70,12 @@ def ads_frames(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of
             raise Finding("accepted" if frame is not None else "refused, but its lengths fit")
         if frame is None:
             return False
-        if ads.write_frame(frame)[: ads.HEADER] != data[:30] + data[30:34] + data[34:38]:
+        if frame.telegram()[: ads.HEADER] != data[:30] + data[30:34] + data[34:38]:
             raise Finding("another frame is written than was read")
         reply = server._answer(frame, False, False)
         if (reply.invoke, reply.target, reply.flags) != (frame.invoke, frame.source, ads.REQUEST | ads.RESPONSE):
             raise Finding("the answer is not this request's")
-        ads.read_frame(ads.write_frame(reply))
+        ads.read_frame(reply.telegram())
         return True
 
     return Target(seeds, False, check, _refused(ads.read_frame))

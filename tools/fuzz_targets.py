@@ -111,8 +111,7 @@ def tracker(*, compiled: bool = True) -> Target:
     pose = np.eye(4)
     pose[:3, 3] = 1.0, -2.0, 3.0
     seeds = [
-        tracker_pose.write_pose(tracker_pose.TrackerPose(k, 10**k, status, k, pose, 1e-5))
-        for k, status in enumerate((0, 1, 2, 4, 7))
+        tracker_pose.TrackerPose(k, 10**k, status, k, pose, 1e-5).telegram() for k, status in enumerate((0, 1, 2, 4, 7))
     ]
 
     def check(data: bytes) -> bool:
@@ -235,7 +234,7 @@ def egm_robot(*, compiled: bool = True) -> Target:  # noqa: ARG001 - nothing of 
     T = np.eye(4)
     q = np.linspace(-1.0, 1.0, 6)
     state = egm.RobotState(7, 1000, q, T, T, True, True, True, 0.5, np.arange(6.0))
-    seeds = [egm.write_robot(state, robotware=r) for r in (6, 7)]
+    seeds = [state.telegram(robotware=r) for r in (6, 7)]
 
     def check(data: bytes) -> bool:
         try:

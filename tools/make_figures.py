@@ -31,11 +31,11 @@ from counterflex.identify.solver.intervals import of_linear
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.solve import solve
 from counterflex.path.toolpath import tool_orientation, tool_poses
-from counterflex.report.still import Curve, Level, Still, svg
 from counterflex.robot.elasticity import compliance, play
 from counterflex.robot.elasticity.chain import ElasticChain, flange, forward, frames
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.twin.truth.family import FAMILIES
+from counterflex_lab.reproduce.papers.still import Curve, Level, Still, svg
 from figure_sketch import AXES, FAINT, Sketch
 
 ROOT: Final = Path(__file__).resolve().parents[1]

@@ -39,20 +39,20 @@ _PATHS, _LONG = (
 _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
-    "modules": 1247,
-    "lines": 214_549,
+    "modules": 1200,
+    "lines": 212_248,
     _BIG: 7,
-    _WIDE: 9,
+    _WIDE: 7,
     _PATHS: 0,
     _LONG: 0,
     _ARGUMENTS: 8,
     "nested functions": 21,
     "circles": 0,
-    "dataclasses that only carry data": 503,
-    "class names used twice or more": 101,
-    "import lines": 15_041,
+    "dataclasses that only carry data": 423,
+    "class names used twice or more": 57,
+    "import lines": 14_740,
     "module docstrings that begin with What, How, Which": 0,
-    "words in hand-written docs": 90_560,
+    "words in hand-written docs": 90_550,
     "links of docs/index.md": 25,
 }
 """What no change may pass: as it stood when it was last lowered."""

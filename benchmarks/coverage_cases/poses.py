@@ -18,8 +18,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.geometry.compliances import bearing_of
 from counterflex.identify.geometry.considered_sag import with_honest_sigma
 from counterflex.identify.kinematics import recipe as kinematics
-from counterflex.identify.kinematics.proposal import propose
-from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.setup import propose, set_up
 from counterflex.identify.kinematics.stages import model_of_data, priors_of
 from counterflex.identify.solver.solve import solve
 from counterflex.twin.laboratory.laboratory import Laboratory, laboratory

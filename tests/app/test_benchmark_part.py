@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from counterflex.app.benchmark_part.judge import About, compare, judge
+from counterflex.app.benchmark_part.judge import BenchmarkConditions, compare, judge
 from counterflex.app.benchmark_part.part import program_sha256, program_text, require_cell, tolerances_text, write
 from counterflex.app.inspection.judging import How
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError
@@ -23,7 +23,7 @@ from counterflex.files.small_table import read_tolerances
 
 CELL = Path(__file__).parents[2] / "examples" / "cells" / "kr300_d16_small.toml"
 NOISE_MM = 0.005
-ABOUT = About("made of solids", "uncompensated", "none", "air")
+ABOUT = BenchmarkConditions("made of solids", "uncompensated", "none", "air")
 
 
 def solid() -> Any:

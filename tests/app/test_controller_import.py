@@ -16,8 +16,7 @@ from counterflex.core.errors import CounterflexError, FileFormatError, InputErro
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.kuka.frame_data import read_kuka
-from counterflex.integrations.kuka.machine_data import read_kuka_machine
+from counterflex.integrations.kuka.machine_data import read_kuka, read_kuka_machine
 from counterflex.robot.elasticity.chain import ElasticChain, flange
 from counterflex.robot.model import catalog
 

@@ -125,7 +125,7 @@ def _answers(partner: socket.socket, config: Any, most: int) -> None:
 def test_where_a_robot_of_a_cell_stands_pose_and_angles_belong_together(folder: Path, refused: Any) -> None:
     """The pose was 0, whatever the angles: a loop that holds one against the other did not arm."""
     cell, q = read_cell(folder / "cell.toml"), np.radians([10.0, -80.0, 100.0, 5.0, 40.0, -20.0])
-    robot = simulated_rsi.robot_of(simulated_rsi.LoneRsi(rsi=DEMO / "rsi.xml", cell=folder / "cell.toml", q=q))
+    robot = simulated_rsi.LoneRsi(rsi=DEMO / "rsi.xml", cell=folder / "cell.toml", q=q).robot()
     robot.start()
     report = robot.advance(np.zeros(6))
     expected = pose.inverse(cell.T_base_part) @ forward(cell.controller_chain, q)

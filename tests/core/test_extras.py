@@ -104,7 +104,7 @@ def _tdms(file: Path) -> None:
     ("extra", "library", "use"),
     [
         ("panel", "nicegui", lambda file: panel.require_safe(panel.PanelSettings(file.parent))),
-        ("opcua", "asyncua", lambda file: opcua.require_safe(opcua.OpcuaSettings(file.parent))),
+        ("opcua", "asyncua", lambda file: opcua.OpcuaSettings(file.parent).require_safe()),
         ("rerun", "rerun", lambda _: require_rerun()),
         ("dcc", "xmlschema", lambda _: require_library()),
         ("formats", "nptdms", _tdms),

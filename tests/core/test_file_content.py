@@ -32,7 +32,7 @@ OWN: Final = {
     "app/examples.py": "comes with the package",
     "app/long_jobs/step_cache.py": "code of the package; a step that cannot be read is done again",
     "app/warm.py": "sources of the package",
-    "app/run_history/run_files.py": "looks whether a file is there; one that cannot be read is none",
+    "app/run_history/logged_run.py": "looks whether a file is there; one that cannot be read is none",
     "cutting/material.py": "comes with the package or another one",
     "files/scenario_file.py": "comes with the package",
     "files/logs/segments.py": "salvages what can be read",

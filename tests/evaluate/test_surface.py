@@ -14,7 +14,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.surface import nominal_surface, surface_deviation
-from counterflex.evaluate.swept_section import swept_section, wall_exit
+from counterflex.evaluate.swept_section import swept_section
 from counterflex.path import FEED
 
 CUTTER = Cutter(diameter_m=16e-3)
@@ -125,7 +125,7 @@ def test_ray_leaves_one_stadium_where_the_closed_form_says(
     b = length * u
     point = fraction * b + offset * np.array([-u[1], u[0], 0.0]) + np.array([0, 0, 1e-3])
     ray = np.array([[np.cos(ray_angle), np.sin(ray_angle)]])
-    exit_m, normal = wall_exit(swept_section(np.stack([a, b]), CUTTER, 0.1), point[None], ray, 0.0)
+    exit_m, normal = swept_section(np.stack([a, b]), CUTTER, 0.1).wall_exit(point[None], ray, 0.0)
     end = point[:2] + exit_m[0] * ray[0]
     s = np.clip(end @ u[:2], 0.0, length)
     away = end - s * u[:2]
@@ -138,22 +138,22 @@ def test_ball_end_section_is_narrower_near_the_tip() -> None:
     path = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])
     heights = np.array([0.5e-3, 2e-3, 5e-3, 8e-3])
     points = np.column_stack([np.full(4, 0.025), np.zeros(4), heights])
-    found, _ = wall_exit(swept_section(path, ball, 0.01), points, np.tile([0.0, 1.0], (4, 1)), 0.0)
+    found, _ = swept_section(path, ball, 0.01).wall_exit(points, np.tile([0.0, 1.0], (4, 1)), 0.0)
     np.testing.assert_allclose(found, [ball.radius_at(h) for h in heights], atol=1e-12)
 
 
 def test_what_no_path_reached_is_not_a_number() -> None:
     section = swept_section(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), CUTTER, 0.003)
     points = np.array([[0.02, 0.02, 0.001], [0.02, 0.0, -0.001], [0.3, 0.3, 0.0]])
-    found, _ = wall_exit(section, points, np.tile([0.0, 1.0], (3, 1)), 0.0)
+    found, _ = section.wall_exit(points, np.tile([0.0, 1.0], (3, 1)), 0.0)
     assert np.all(np.isnan(found))
 
 
 def test_holes_in_the_path_cut_nothing() -> None:
     path = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.05, 0, 0], [0.06, 0.0, 0.0]])
     point, ray = np.array([[0.03, 0.0, 0.001]]), np.array([[0.0, 1.0]])
-    whole, _ = wall_exit(swept_section(path, CUTTER, 0.003), point, ray, 0.0)
-    cut, _ = wall_exit(swept_section(path, CUTTER, 0.003, np.array([True, True, False, True])), point, ray, 0.0)
+    whole, _ = swept_section(path, CUTTER, 0.003).wall_exit(point, ray, 0.0)
+    cut, _ = swept_section(path, CUTTER, 0.003, np.array([True, True, False, True])).wall_exit(point, ray, 0.0)
     assert np.isinf(whole[0])  # 8 mm is beyond the reach of 3 mm
     assert np.isnan(cut[0])
 

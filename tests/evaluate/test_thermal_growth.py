@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.thermal import ThermalSettings, run
+from counterflex.app.thermal import ThermalSettings
 from counterflex.app.unknown_stiffness import corner_of_blank
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
@@ -147,20 +147,20 @@ ROWS = "time_s,x_mm,y_mm,z_mm,spindle_rpm\n0,0,0,0,0\n600,0,0,-0.02,12000\n1200,
 def test_alerts_and_a_model_that_comes_back(tmp_path: Path) -> None:
     file, learnt = tmp_path / "touches.csv", tmp_path / "growth.json"
     file.write_text(ROWS.format(last=-0.03), encoding="utf-8")
-    assert run(ThermalSettings(file, limit_m=100.0 * UM), learnt)["alerts"] == []
+    assert ThermalSettings(file, limit_m=100.0 * UM).run(learnt)["alerts"] == []
     file.write_text(ROWS.format(last=-0.2), encoding="utf-8")
-    later = run(ThermalSettings(file, limit_m=100.0 * UM, model=learnt))
+    later = ThermalSettings(file, limit_m=100.0 * UM, model=learnt).run()
     assert any("touch the part again" in alert for alert in later["alerts"])
     assert any("jumped before the touch at 20 min" in alert for alert in later["alerts"])
     older = json.loads(learnt.read_text(encoding="utf-8"))
     del older["walk_weights"]
     learnt.write_text(json.dumps({**older, "version": 1}), encoding="utf-8")
-    from_older = run(ThermalSettings(file, limit_m=100.0 * UM, model=learnt))
+    from_older = ThermalSettings(file, limit_m=100.0 * UM, model=learnt).run()
     assert from_older["end_um"] == pytest.approx(later["end_um"], abs=1.0)
     assert [alert[:20] for alert in from_older["alerts"]] == [alert[:20] for alert in later["alerts"]]
     learnt.write_text("{}", encoding="utf-8")
     with pytest.raises(FileFormatError, match="not a model"):
-        run(ThermalSettings(file, model=learnt))
+        ThermalSettings(file, model=learnt).run()
 
 
 @pytest.mark.parametrize("jump_um", [40.0, 68.0])
@@ -172,7 +172,7 @@ def test_a_jump_stays_an_alert_after_touches_that_hold(tmp_path: Path, jump_um: 
         row[1] = f"{float(row[1]) + 1e-3 * jump_um:.4f}"
     file = tmp_path / "touches.csv"
     file.write_text("\n".join([head, *(",".join(row) for row in rows)]) + "\n", encoding="utf-8")
-    summary = run(ThermalSettings(file, limit_m=1000.0 * UM))
+    summary = ThermalSettings(file, limit_m=1000.0 * UM).run()
     (alert,) = summary["alerts"]
     assert "jumped before the touch at 20 min" in alert
     assert "begin a new file" in alert

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 
 import counterflex
 from counterflex.files.cell.controller import ControllerTable
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
 

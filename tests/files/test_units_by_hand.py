@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from counterflex.files.certificate.dsi_unit import DSI_OF, parse_unit
 from counterflex.files.dataset import units
-from counterflex.files.logs.tracker_exports.stamps import stamp_ns
+from counterflex.files.logs.tracker_exports.point_table import stamp_ns
 from counterflex.files.shop_unit import SHOP, shop, unit_of_name
 
 POUND_N = 0.45359237 * 9.80665

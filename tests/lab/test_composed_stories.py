@@ -19,7 +19,7 @@ from counterflex.integrations.abb.link.path_link import EgmPathLink
 from counterflex.integrations.kuka.link.link import RsiLink
 from counterflex.protocols.robot.port import RobotPort, Verdict
 from counterflex.protocols.robot.session_counter import SessionCounter
-from counterflex.protocols.session.record import RecordWriter
+from counterflex.protocols.session.publisher import RecordWriter
 from counterflex.protocols.session.session import OnlineSession
 from counterflex.runtime.record_ring import RecordRing
 from counterflex.runtime.settings import OnlineSettings

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from counterflex.report.printed_page import printed_page
 from counterflex_lab.reproduce.papers import pages, table
+from counterflex_lab.reproduce.papers.printed_page import printed_page
 from counterflex_lab.reproduce.papers.read import PAPERS, paper
 from counterflex_lab.reproduce.papers.row import VERDICTS
 

@@ -20,15 +20,15 @@ from counterflex.protocols.processes.control_array import Life, Request
 from counterflex.protocols.system.realtime import locked_kb, prepared
 from counterflex.protocols.system.signals import heard_when_asked
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.devices.played_program import Phase, PlayedProgram
-from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
 from counterflex_lab.composed import endurance
 from counterflex_lab.faults.rig import PATIENT, Rig
 from counterflex_lab.soak import soak
 from counterflex_lab.soak.figures import figures
 from counterflex_lab.soak.operator import PATIENCE, SteadyOperator, requested_words
+from counterflex_lab.soak.played_program import Phase, PlayedProgram
 from counterflex_lab.soak.processes import BLOCK
 from counterflex_lab.soak.replay_figures import active, in_standstill, micro
+from counterflex_lab.soak.timed_block import NOT_REPORTED, Block, Times
 
 
 @pytest.mark.parametrize("state", [state.name.lower() for state in State])

@@ -16,7 +16,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.geometry import pose, rotation
 from counterflex.path.external_axes import AxisChange, ExternalAxis, ExternalPlaces, moving, places_of, with_places
-from counterflex.path.path_speed import build_track, timed
+from counterflex.path.path_speed import build_track
 from counterflex.path.sampling import ARC_MOTION, FEED_MOTION, MotionTable, chord_angle, motion_length, sample
 from counterflex.path.tool_rotation import APART_M, ToolRotation
 from counterflex.path.toolpath import FEED, RAPID, ToolPath, tool_orientation
@@ -103,7 +103,7 @@ def test_uneven_legs_and_feeds_keep_speed_and_acceleration(number: int, n: int, 
     feeds = rng.uniform(0.01, 0.2, n)
     limit, cycle = 2.0, 2e-3
     track = build_track(tool_path(p, feeds), blending_m=blending, rapid_m_s=0.5, acceleration_m_s2=limit)
-    time, q, _, source = timed(track, limit, cycle)
+    time, q, _, source = track.timed(limit, cycle)
     speed = np.linalg.norm(np.diff(q, axis=0), axis=1) / cycle
     near = np.maximum(feeds[source[:-1]], feeds[source[1:]])
     assert np.all(speed <= near * (1.0 + 1e-9))
@@ -112,7 +112,7 @@ def test_uneven_legs_and_feeds_keep_speed_and_acceleration(number: int, n: int, 
     assert np.all(np.abs(np.diff(speed)) <= 2.0 * limit * cycle + np.max(feeds) * 0.06)
     back = build_track(tool_path(p[::-1], np.roll(feeds[::-1], 1)), blending_m=blending, rapid_m_s=0.5,
                        acceleration_m_s2=limit)  # fmt: skip
-    assert len(timed(back, limit, cycle)[0]) == pytest.approx(len(time), abs=2)
+    assert len(back.timed(limit, cycle)[0]) == pytest.approx(len(time), abs=2)
     assert float(back.length_m.sum()) == pytest.approx(float(track.length_m.sum()), rel=1e-9)
 
 

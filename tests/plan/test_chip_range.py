@@ -12,7 +12,7 @@ from counterflex.app.compensation.chip_remark import WARNED_SHARE, extrapolation
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.examples import small
 from counterflex.core.errors import ModelError
-from counterflex.core.told_apart import told_apart
+from counterflex.core.similar import told_apart
 from counterflex.core.units import MM, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell.cell import Cell, read_cell

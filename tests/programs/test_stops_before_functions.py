@@ -15,8 +15,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.integrations.abb.language.writer import RapidSettings, RapidWriter
 from counterflex.integrations.fanuc.language.writer import FanucSettings, FanucWriter
 from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
-from counterflex.integrations.staubli.language.application import Val3Settings
-from counterflex.integrations.staubli.language.job import Val3Writer
+from counterflex.integrations.staubli.language.job import Val3Settings, Val3Writer
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.gcode.read.reader import read_gcode
 from counterflex.programs.robot_writer.machine_functions import MachineFunctions

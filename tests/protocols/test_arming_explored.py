@@ -17,9 +17,9 @@ from counterflex.core.records import as_words
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Panel, Request
 from counterflex.protocols.robot.port import Counters
-from counterflex.protocols.session.checks import SessionChecks
 from counterflex.protocols.session.senses import Sensing
 from counterflex.protocols.session.session import OnlineSession
+from counterflex.protocols.session.standing import SessionChecks
 from counterflex.protocols.session.telegram_watch import WatchSettings
 from counterflex.runtime import record_ring
 from counterflex.runtime.loop import Loop

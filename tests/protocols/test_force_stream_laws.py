@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.core.arrays import Float
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.protocols.force.frame_format import CHANNELS, COMPONENTS, FrameField, FrameFormat
-from counterflex.protocols.force.polled import PolledForce
+from counterflex.protocols.force.sensors import PolledForce
 from counterflex.protocols.force.stream import FROZEN, SATURATED, SampleStream
 from counterflex.protocols.sequence_kernel import RESTART
 

@@ -14,7 +14,7 @@ from counterflex.integrations.ati.link.link import NetftLink
 from counterflex.protocols.force.stream import SampleStream
 from counterflex.protocols.sequence_kernel import FAR, ORDER, RESTART, next_step
 from counterflex.protocols.strain.link import StrainLink
-from counterflex.protocols.strain.telegram import StrainSample, write_strain
+from counterflex.protocols.strain.telegram import StrainSample
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
 from counterflex_lab.composed.wires import VirtualInbox
@@ -27,7 +27,7 @@ def strain() -> Taken:
     link = StrainLink("", 0, 6, range_=2e-3, inbox=inbox)
 
     def take(number: int) -> int:
-        inbox.waiting.append(write_strain(StrainSample(number, number, 0, 20.0, np.full(6, 1e-6 * (number % 9)))))
+        inbox.waiting.append(StrainSample(number, number, 0, 20.0, np.full(6, 1e-6 * (number % 9))).telegram())
         return link.drain()
 
     return take

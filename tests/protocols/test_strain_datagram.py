@@ -16,13 +16,13 @@ from counterflex.core.errors import InputError
 from counterflex.protocols.strain import kernel as reading
 from counterflex.protocols.strain.kernel import FROZEN
 from counterflex.protocols.strain.link import StrainLink
-from counterflex.protocols.strain.telegram import HEAD, MOST, StrainSample, write_strain
+from counterflex.protocols.strain.telegram import HEAD, MOST, StrainSample
 
 STRAIN: Float = np.array([1.5e-6, -20e-6, 3e-6, 0.0, 7e-6, -1e-6])
 
 
 def datagram(sequence: int, strain: Float = STRAIN, *, status: int = 0, warm_c: float = 22.5) -> bytes:
-    return write_strain(StrainSample(sequence, sequence * 1_000_000, status, warm_c, strain))
+    return StrainSample(sequence, sequence * 1_000_000, status, warm_c, strain).telegram()
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def read(data: bytes) -> tuple[int, StrainSample | None]:
 )
 def test_what_is_written_is_read(sequence: int, time_ns: int, strain: list[float], warm_c: float) -> None:
     status = (1 << len(strain)) - 1
-    _, back = read(write_strain(StrainSample(sequence, time_ns, status, warm_c, np.array(strain))))
+    _, back = read(StrainSample(sequence, time_ns, status, warm_c, np.array(strain)).telegram())
     assert back is not None
     assert (back.sequence, back.time_ns, back.status) == (sequence, time_ns, status)
     np.testing.assert_allclose(back.strain, strain, rtol=1e-12, equal_nan=True)

@@ -11,7 +11,7 @@ from counterflex.core.errors import InputError
 from counterflex.core.units import MS
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.link import TrackerLink
-from counterflex.protocols.tracker.telegram import TrackerPose, write_pose
+from counterflex.protocols.tracker.telegram import TrackerPose
 from counterflex.twin.devices.tracker import TrackerSender
 
 SHIFTS = np.array([[12.0, -3.0, 5.0], [-8.0, 9.0, 1.0], [20.0, -14.0, -11.0], [4.0, 2.0, -7.0]]) * 1e-6
@@ -73,7 +73,7 @@ def test_another_sender_is_counted_and_not_used() -> None:
     assert link.drain()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.bind(("127.0.0.2", 0))
-        stranger.sendto(write_pose(TrackerPose(9, 2_000_000, 0, 0, pose.make(p=SHIFTS[1]), 0.0)), link.address)
+        stranger.sendto(TrackerPose(9, 2_000_000, 0, 0, pose.make(p=SHIFTS[1]), 0.0).telegram(), link.address)
     assert not link.drain()
     assert link.foreign == 1
     np.testing.assert_allclose(link.T_tracker_target[:3, 3], SHIFTS[0], atol=1e-12)

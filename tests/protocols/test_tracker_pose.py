@@ -11,14 +11,7 @@ from hypothesis import given, strategies as st
 
 from counterflex.core.errors import ProtocolError
 from counterflex.geometry import pose, rotation
-from counterflex.protocols.tracker.telegram import (
-    DATAGRAM,
-    NO_ORIENTATION,
-    TrackerPose,
-    read_pose,
-    spherical_point,
-    write_pose,
-)
+from counterflex.protocols.tracker.telegram import DATAGRAM, NO_ORIENTATION, TrackerPose, read_pose, spherical_point
 
 VECTOR = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
 
@@ -29,13 +22,13 @@ def measurement(p: tuple[float, ...], turn: tuple[float, ...]) -> TrackerPose:
 
 def test_88_bytes() -> None:
     assert DATAGRAM.size == 88
-    assert write_pose(measurement((1, 2, 3), (0, 0, 0)))[24:48] == struct.pack("<3d", 1000.0, 2000.0, 3000.0)
+    assert measurement((1, 2, 3), (0, 0, 0)).telegram()[24:48] == struct.pack("<3d", 1000.0, 2000.0, 3000.0)
 
 
 @given(VECTOR, VECTOR)
 def test_round_trip(p: tuple[float, ...], turn: tuple[float, ...]) -> None:
     sent = measurement(p, turn)
-    back = read_pose(write_pose(sent))
+    back = read_pose(sent.telegram())
     np.testing.assert_allclose(back.T_tracker_target, sent.T_tracker_target, atol=1e-12)
     assert (back.sequence, back.time_ns, back.status, back.frame_id) == (7, 10**18, 0, 3)
     assert back.sigma_m == pytest.approx(15e-6)
@@ -48,7 +41,7 @@ def test_garbage_is_refused(data: bytes) -> None:
 
 
 def damaged(at: int, layout: str, value: float) -> bytes:
-    data = bytearray(write_pose(measurement((1, 2, 3), (0.1, 0.2, 0.3))))
+    data = bytearray(measurement((1, 2, 3), (0.1, 0.2, 0.3)).telegram())
     struct.pack_into(layout, data, at, value)
     return bytes(data)
 

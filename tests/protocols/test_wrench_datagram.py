@@ -15,7 +15,7 @@ from counterflex.protocols.force.sensors import Opening, link_values, opened
 from counterflex.protocols.force.source import ForceSource
 from counterflex.protocols.force.stream import FROZEN, SampleStream
 from counterflex.protocols.sequence_kernel import RESTART
-from counterflex.protocols.wrench.link import WrenchLink
+from counterflex.protocols.wrench.sensor import WrenchLink
 from counterflex.protocols.wrench.telegram import (
     INVALID,
     SATURATED,

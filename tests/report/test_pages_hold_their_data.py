@@ -13,11 +13,11 @@ from hypothesis import given, settings, strategies as st
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.error_budget import REMAINDER, BudgetLine
-from counterflex.report.correction_page import CorrectionData, _verdict, broken, error_figure
+from counterflex.report.correction_page import CorrectionData, _verdict, broken
 from counterflex.report.data import PredictionData
 from counterflex.report.distribution_figure import area_shares, budget_figure
 from counterflex.report.figure_data import edges_mm, scale_limit_mm, thin
-from counterflex.report.placement_map_page import MapData, map_figure, placement_map_page
+from counterflex.report.placement_map_page import MapData, map_figure
 from counterflex.report.remaining_figure import remaining_figure, space_figure
 
 QUICK = settings(max_examples=15)
@@ -37,7 +37,7 @@ def test_an_error_is_drawn_between_two_standard_deviations_with_the_change_besid
     error, change = rng.normal(size=(2, 30, 3)) * 100.0 * UM
     sigma, way = rng.uniform(1.0, 20.0, (30, 3)) * UM, np.cumsum(rng.uniform(0.0, 1.0, 30)) * MM
     error[7] = np.nan
-    figure = error_figure(CorrectionData("", "", "", {}, way, error, sigma, change))
+    figure = CorrectionData("", "", "", {}, way, error, sigma, change).error_figure()
     assert len(figure["data"]) == 12
     for axis in range(3):
         of_axis = [t for t in figure["data"] if t["yaxis"] == f"y{axis + 1 if axis else ''}"]
@@ -132,7 +132,7 @@ def test_the_best_place_is_named_with_the_present_one(present_um: float | None) 
     summary = {"program": "p", "cell": "c", "robot": "r", "refused": 7, "places": 40,
                "best": {"level": best, "upright": None},
                "present": {"x_mm": 0.0, "y_mm": 0.0, "z_mm": 0.0, "deflection_um": present_um}}  # fmt: skip
-    text = re.sub(r"\s+", " ", placement_map_page(MapData(summary, [row])))
+    text = re.sub(r"\s+", " ", MapData(summary, [row]).page())
     told = "." if present_um is None else "; 250 um in the present place."
     assert f"Least deflection by the model at this height: 110 um at x 1500, y -300 mm{told}" in text
     assert "refused (7 of 40 places)" in text

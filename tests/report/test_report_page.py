@@ -26,11 +26,11 @@ from counterflex.evaluate.summary import SeedResult, Variant, summary, table_row
 from counterflex.evaluate.surface import nominal_surface, surface_deviation
 from counterflex.path import FEED, RAPID, ToolPath
 from counterflex.report import (
-    Curve,
-    Difference,
+    ErrorCurve,
     Fact,
     PredictionData,
     ReportData,
+    ReportedDifference,
     VariantData,
     prediction_page,
     report_page,
@@ -136,7 +136,7 @@ def job() -> tuple[ReportData, dict[str, Any]]:
         joined: Bool = ~deviation.broken
         found = surface_deviation(surface, cut, deviation.p_part_actual, joined)
         variants[name] = Variant(path_figures(deviation), found, float(force.max()))
-        shown[name] = VariantData(deviation, found, Curve(path.time_s, force))
+        shown[name] = VariantData(deviation, found, ErrorCurve(path.time_s, force))
         parts[name] = Machined(cut, deviation.p_part_actual, joined)
     features = measure_features(surface, path.p_part_tcp, find_features(path, CUTTER.radius_m), parts)
     figures = summary(
@@ -176,8 +176,8 @@ def job() -> tuple[ReportData, dict[str, Any]]:
             Fact("Mass of spindle with holder", "75 kg", "assumed", "enters gravity and vibration only"),
         ),
         differences=(
-            Difference("compliance axis 2, about z", "1.85e-7 rad/(N m)", "2.01e-7 rad/(N m)", "+8.6 %"),
-            Difference("force constants, all", "1", "0.93", "-7.0 %"),
+            ReportedDifference("compliance axis 2, about z", "1.85e-7 rad/(N m)", "2.01e-7 rad/(N m)", "+8.6 %"),
+            ReportedDifference("force constants, all", "1", "0.93", "-7.0 %"),
         ),
         timing=(Fact("plan", "4.2 s"), Fact("simulate, two machinings", "38 s", note="real time 61 s")),
         versions={"counterflex": "0.1.0", "numpy": np.__version__},

@@ -22,14 +22,14 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.figures import NONE, weighted_figures
 from counterflex.evaluate.inspection.coverage import Coverage
-from counterflex.evaluate.inspection.sections import Profile, Section
+from counterflex.evaluate.inspection.sections import PartSection, Profile
 from counterflex.evaluate.path_deviation import PathDeviation, path_figures as figures_of_path
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
-from counterflex.report.inspection.page import InspectionData, enlarged, inspection_page
+from counterflex.report.inspection.page import InspectionData, enlarged
 from counterflex.report.inspection.path_figures import MeasuredPath
 from counterflex.report.map_figure import MapPicture, callouts, map_figure, map_picture
-from counterflex.report.preflight.page import PreflightData, preflight_page
-from counterflex.report.preflight.path_figures import PathCurves, path_figures
+from counterflex.report.preflight.page import PreflightData
+from counterflex.report.preflight.path_figures import PathCurves
 
 NX, NY, CELL = 40, 24, 1.0 * MM
 seed = st.integers(0, 2**31)
@@ -147,10 +147,10 @@ def test_an_inspection_says_before_and_after_in_their_places(before: float, afte
     assume(abs(before - after) > 0.02)
     data = inspection(scale=(before, after))
     p997 = [data.deviations[name].surface.p997_m / MM for name in ("before", "after")]
-    text = words(inspection_page(data))
+    text = words(data.page())
     assert f"lies within {p997[1]:.3f} mm of the nominal one; before, within {p997[0]:.3f} mm." in text
     one = inspection(scale=(after,))
-    assert f"lies within {p997[1]:.3f} mm of the nominal one." in words(inspection_page(one))
+    assert f"lies within {p997[1]:.3f} mm of the nominal one." in words(one.page())
     row = re.search(r"Floors ((?:[\d.]+ ){8})", text)
     assert row is not None
     shown = [float(word) for word in row[1].split()]
@@ -186,7 +186,7 @@ def test_an_inspected_path_says_what_it_leaves_across_the_feed_after_and_before(
     scale = (before, after) if both else (after,)
     data = inspection(scale=scale)
     paths = {name: measured_path(number, s * MM) for name, s in zip(data.deviations, scale, strict=True)}
-    text = words(inspection_page(replace(data, paths=paths)))
+    text = words(replace(data, paths=paths).page())
     size = [np.linalg.norm(path.deviation.across, axis=1) / MM for path in paths.values()]
     p997 = [float(np.quantile(v, 0.997, method="inverted_cdf")) for v in size]
     more = f"; before, within {p997[0]:.3f} mm." if both else "."
@@ -209,7 +209,7 @@ def test_a_feature_is_judged_after_with_twice_its_deviation(before: float, after
     before, after = (round(v, 3) + 2e-4 for v in (before, after))  # not half of what the page rounds to
     sigma_um = round(sigma_um) + 0.1
     data = inspection((feature({"before": before * MM, "after": after * MM}, sigma_um * UM),))
-    text = words(inspection_page(data))
+    text = words(data.page())
     good = abs(after) <= 0.1
     assert ("All 1 quantities within tolerance" in text) == good
     assert ("Of 1 quantities 1 out of tolerance" in text) == (not good)
@@ -223,18 +223,18 @@ def test_a_feature_is_judged_after_with_twice_its_deviation(before: float, after
 
 def test_what_was_not_measured_is_not_passed() -> None:
     data = inspection((feature({"before": 0.0}), feature({"before": 0.0, "after": 0.0})))
-    assert "Of 2 quantities 1 not measured" in words(inspection_page(data))
+    assert "Of 2 quantities 1 not measured" in words(data.page())
 
 
 @pytest.mark.parametrize("measured", [1.0, 0.5])
 def test_what_was_measured_in_part_is_said_and_not_passed(measured: float) -> None:
     one = replace(feature({"part": 0.0}), measured_share={"part": measured})
-    text = words(inspection_page(inspection((one,), scale=(1.0,))))
+    text = words(inspection((one,), scale=(1.0,)).page())
     assert ("All 1 quantities within tolerance" in text) == (measured == 1.0)
     assert ("Of 1 quantities 1 measured in part only" in text) == (measured == 0.5)
     assert ("50 % seen" in text) == (measured == 0.5)
-    good = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((one,), scale=(1.0,))))
-    bad = re.search(r'class="[^"]*badge[^"]*"', inspection_page(inspection((feature({"part": 1.0}),), scale=(1.0,))))
+    good = re.search(r'class="[^"]*badge[^"]*"', inspection((one,), scale=(1.0,)).page())
+    bad = re.search(r'class="[^"]*badge[^"]*"', inspection((feature({"part": 1.0}),), scale=(1.0,)).page())
     assert good is not None
     assert bad is not None
     assert (good[0] == bad[0]) == (measured == 0.5)
@@ -243,7 +243,7 @@ def test_what_was_measured_in_part_is_said_and_not_passed(measured: float) -> No
 def test_areas_of_a_scan_stand_in_their_columns() -> None:
     whole, some = (Coverage(*(k * MM**2 for k in areas)) for areas in ((100, 60, 10, 30), (40, 38, 2, 0)))
     data = replace(inspection(scale=(1.0,)), coverage={"part": (whole, {"groove 1": some})})
-    text = words(inspection_page(data))
+    text = words(data.page())
     assert "feature judged not scanned, mm² not judged, mm² judged, mm² machined, mm²" in text
     assert "whole machined surface 60 % 30 10 60 100" in text
     assert "groove 1 95 % 0 2 38 40" in text
@@ -256,7 +256,7 @@ def test_a_section_is_enlarged_alike_for_both_signs(number: int) -> None:
     factors = []
     for sign in (1.0, -1.0):
         one = Profile(np.zeros(60), np.zeros(60), np.tile([0.0, 1.0], (60, 1)), sign * size)
-        factors.append(enlarged(Section("groove 1", 0.0, np.zeros(2), np.zeros(2), {"part": one})))
+        factors.append(enlarged(PartSection("groove 1", 0.0, np.zeros(2), np.zeros(2), {"part": one})))
     assert factors[0] == factors[1]
     assert factors[0] * np.percentile(np.append(size, 0.0), 95.0) <= 2.0 * MM
 
@@ -279,7 +279,7 @@ def preflight(verdicts: list[str], points: list[int | None]) -> PreflightData:
 @QUICK
 @given(CHECKS)
 def test_a_preflight_counts_each_verdict_by_itself(verdicts: list[str]) -> None:
-    text = words(preflight_page(preflight(verdicts, [None] * len(verdicts))))
+    text = words(preflight(verdicts, [None] * len(verdicts)).page())
     warnings, unseen, failed = (verdicts.count(v) for v in ("warning", "not looked at", "fail"))
     plural = "" if warnings == 1 else "s"
     assert f"{warnings} warning{plural}; {unseen} hazards are not looked at." in text
@@ -289,7 +289,7 @@ def test_a_preflight_counts_each_verdict_by_itself(verdicts: list[str]) -> None:
 @QUICK
 @given(st.permutations(["fail", "warning", "warning"]))
 def test_a_place_that_fails_is_marked_as_failed_in_any_order_of_checks(verdicts: list[str]) -> None:
-    figure = figures_in(preflight_page(preflight(list(verdicts), [2, 2, 2])))["margins"]
+    figure = figures_in(preflight(list(verdicts), [2, 2, 2]).page())["margins"]
     (note,) = [a for a in figure["layout"]["annotations"] if a["text"].startswith("line 2")]
     assert note["font"]["color"] == "#b91c1c"
     assert note["text"] == "line 2: check 0, check 1, check 2"
@@ -306,7 +306,7 @@ def test_joint_speeds_are_shown_in_percent_of_their_own_limit(share: float, limi
         some, whole, some, some, whole, speeds, speeds, limits if limited else None, limits if limited else None,
         np.zeros(0), np.zeros(0), np.zeros(0),
     )  # fmt: skip
-    figure = path_figures(curves)["joint_speed"]
+    figure = curves.figures()["joint_speed"]
     for axis, trace in enumerate(figure["data"][:6]):
         expected = 100.0 * share if limited else share * limits[axis] / DEG
         np.testing.assert_allclose([y for y in trace["y"] if y is not None], expected, rtol=1e-3)

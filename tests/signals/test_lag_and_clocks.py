@@ -9,7 +9,7 @@ from scipy.signal import lsim
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.signals.lag import Clock, Lag, coarse_shift
+from counterflex.signals.lag import Lag, RecorderClock, coarse_shift
 
 STEP = 0.004
 LAGS = (Lag(0.03), Lag(0.02, 0.4), Lag(0.02, 1.0), Lag(0.02, 1.6))
@@ -64,7 +64,7 @@ def test_sensitivity_is_the_limit_of_differences(lag: Lag) -> None:
 )
 @settings(max_examples=50, deadline=None)
 def test_a_clock_is_undone(offset: float, drift: float, reference: float, times: list[float]) -> None:
-    clock = Clock(offset, drift, reference)
+    clock = RecorderClock(offset, drift, reference)
     t = np.array(times)
     assert clock.instants(clock.stamps(t)) == pytest.approx(t, abs=1e-8)
 

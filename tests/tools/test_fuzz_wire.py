@@ -173,7 +173,7 @@ def test_a_plc_does_not_answer_with_more_than_a_frame_holds() -> None:
     try:
         asked = struct.pack("<III", ads.PLC_MEMORY, 0, 1 << 31)
         data = struct.pack("<IIII", ads.SUM_READ, 1, 1 << 31, len(asked)) + asked
-        frame = ads.Frame((bytes(6), ads.PLC_PORT), (bytes(6), 40_000), ads.READ_WRITE, ads.REQUEST, 0, 1, data)
+        frame = ads.AmsFrame((bytes(6), ads.PLC_PORT), (bytes(6), 40_000), ads.READ_WRITE, ads.REQUEST, 0, 1, data)
         reply = server._answer(frame, False, False)
         assert struct.unpack_from("<I", reply.data)[0] == ads.WRONG_SIZE
     finally:

@@ -28,7 +28,7 @@ def test_the_kept_set_fits_the_source(tool: ModuleType) -> None:
     assert stale == []
     assert len(defects) >= 150
     rooms = {path.name for path in (ROOT / "src" / "counterflex").iterdir() if (path / "__init__.py").is_file()}
-    assert {one.room for one in defects} == rooms
+    assert {one.room for one in defects if one.file.startswith("src/")} == rooms
 
 
 def test_an_entry_that_no_longer_fits_is_named(tool: ModuleType, tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ from counterflex.twin.plant.strain_holder import (
     compliance_at,
     hysteresis,
     instrumented_holder,
-    strain_frame,
 )
 from counterflex.twin.truth.file import from_dict, to_dict
 from counterflex.twin.truth.truth import SensorPlace, Truth
@@ -45,7 +44,7 @@ PLAIN = HolderShape(
 
 
 def test_frame_of_prismatic_cheeks_bends_as_beams_do() -> None:
-    frame = strain_frame(PLAIN)
+    frame = PLAIN.strain_frame()
     area, inertia = 0.015 * 0.12, 2.0 * 0.015 * 0.12**3 / 12.0
     axial = frame.strain(np.array([0.0875, 0.0, 0.07]), 0.0)
     assert axial[2] == pytest.approx(1.0 / (2.0 * area * 210e9), rel=1e-3)
@@ -59,22 +58,22 @@ def test_frame_of_prismatic_cheeks_bends_as_beams_do() -> None:
 
 
 def test_shear_strain_turns_with_twice_the_angle() -> None:
-    frame = strain_frame(HolderShape())
+    frame = HolderShape().strain_frame()
     p = np.array([0.0725, 0.01, 0.1])
     e0, e45, e90, e135 = (frame.strain(p, a) for a in np.radians([0.0, 45.0, 90.0, 135.0]))
     np.testing.assert_allclose(e0 + e90, e45 + e135, rtol=1e-9, atol=1e-18)
 
 
 def test_more_elements_change_nothing() -> None:
-    coarse, fine = (strain_frame(HolderShape(), n) for n in (40, 120))
+    coarse, fine = (HolderShape().strain_frame(n) for n in (40, 120))
     p = np.array([0.0875, 0.03, 0.061])
     np.testing.assert_allclose(coarse.strain(p, 0.3), fine.strain(p, 0.3), rtol=0.02, atol=1e-12)
 
 
 _PRINTED = """
 import hashlib
-from counterflex.twin.plant.strain_holder import HolderShape, strain_frame
-frame = strain_frame(HolderShape())
+from counterflex.twin.plant.strain_holder import HolderShape
+frame = HolderShape().strain_frame()
 print(hashlib.sha256(frame.end_forces.tobytes() + frame.compliance.tobytes()).hexdigest())
 """
 
@@ -95,7 +94,7 @@ def test_the_frame_is_the_same_bit_for_bit_on_any_number_of_threads() -> None:
 
 
 def test_work_is_the_same_both_ways() -> None:
-    C = strain_frame(HolderShape()).compliance
+    C = HolderShape().strain_frame().compliance
     G = np.eye(6)
     G[3:, :3] = [[0.0, -0.18, 0.0], [0.18, 0.0, 0.0], [0.0, 0.0, 0.0]]
     about_ring = C @ G  # displacement of the ring per load at the ring
@@ -103,7 +102,7 @@ def test_work_is_the_same_both_ways() -> None:
 
 
 def test_holder_is_stiffest_along_the_cheeks() -> None:
-    x, y, z = np.diag(compliance_at(strain_frame(HolderShape()), np.array(PAPER_TCP_M)))
+    x, y, z = np.diag(compliance_at(HolderShape().strain_frame(), np.array(PAPER_TCP_M)))
     assert 0.02e-6 < x < 0.2e-6
     assert 0.02e-6 < y < 0.2e-6
     assert z < 0.5 * min(x, y)

@@ -13,7 +13,7 @@ from counterflex.app.run.holder import force_sigma
 from counterflex.core.arrays import Float
 from counterflex.core.units import MICRO
 from counterflex.files.cell.sensing import HolderTable, strain_holder
-from counterflex.protocols.session.checks import SessionChecks
+from counterflex.protocols.session.standing import SessionChecks
 from counterflex.protocols.session.strain_tare import SIGMAS, StrainTare
 from counterflex.protocols.strain.link import StrainLink
 from counterflex.protocols.strain.telegram import HEAD, MAGIC

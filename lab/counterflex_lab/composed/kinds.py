@@ -8,13 +8,7 @@ from typing import Final
 from counterflex.runtime.state.states import Cause
 
 _C = Cause
-_LINE: Final = (
-    _C.TELEGRAMS_LATE,
-    _C.TELEGRAMS_STOPPED,
-    _C.TELEGRAMS_SCATTERED,
-    _C.CLOCK,
-    _C.SESSION_RESTARTED,
-)
+_LINE: Final = (_C.TELEGRAMS_LATE, _C.TELEGRAMS_STOPPED, _C.TELEGRAMS_SCATTERED, _C.CLOCK, _C.SESSION_RESTARTED)
 """A line that is late, or a process that does not run in time."""
 _LATER: Final = (*_LINE, _C.FORCE_STALE, _C.TRACKER_LOST, _C.TRACKER_STAMP, _C.RUN_LOST, _C.HELD_TOO_LONG)
 _FORCE: Final = (_C.FORCE_OFFSET, _C.FORCE_STALE, _C.FORCE_INVALID, _C.FORCE_SATURATED, _C.LIMIT_SOFT, _C.LIMIT_HARD)

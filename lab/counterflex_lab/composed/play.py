@@ -37,14 +37,7 @@ def tell(story: Story) -> Outcome:
     world = World(story, looks)
     world.run()
     looks.end(world)
-    return Outcome(
-        story,
-        tuple(looks.broken.values()),
-        world.cycles,
-        world.compared,
-        looks.states,
-        looks.incidents,
-    )
+    return Outcome(story, tuple(looks.broken.values()), world.cycles, world.compared, looks.states, looks.incidents)
 
 
 def shrunk(story: Story, rule: str, *, most: int = 60, say: Callable[[str], None] = lambda _: None) -> Story:

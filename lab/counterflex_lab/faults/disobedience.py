@@ -238,14 +238,7 @@ SCENARIOS: Final = (
         )
         for name, injected, required, answer, end, within_s in (
             ("right", "nothing: the robot makes the correction", "goes on, nothing is said", np.copy, "right", 0.0),
-            (
-                "none",
-                "the robot leaves the correction out",
-                "fault within 0.12 s",
-                np.zeros_like,
-                "wrong",
-                _WRONG_S,
-            ),
+            ("none", "the robot leaves the correction out", "fault within 0.12 s", np.zeros_like, "wrong", _WRONG_S),
             ("negated", "the robot makes the opposite of the correction", "the same", np.negative, "wrong", _WRONG_S),
             (
                 "half",

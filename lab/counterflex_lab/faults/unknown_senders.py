@@ -61,10 +61,7 @@ def _strangers(effort: Effort) -> Outcome:
     paths, foreign = [], 0
     taken_s = 0.0
     for disturbed in (False, True):
-        with (
-            rigged(effort) as rig,
-            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
-        ):
+        with rigged(effort) as rig, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             stranger.bind(("127.0.0.1", 0))
             after = Aftermath(rig.activate())
             forged = rig.next_telegram().replace(b"<IPOC>4", b"<IPOC>3")

@@ -18,8 +18,8 @@ from counterflex.evaluate.path_deviation import path_deviation
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.run_file import read_run
 from counterflex.path.toolpath import FEED
-from counterflex.report.groove_page import Dot, GrooveData, GrooveRun, groove_page
 from counterflex_lab.reproduce import haehn_case
+from counterflex_lab.reproduce.groove_page import Dot, GrooveData, GrooveRun, groove_page
 from counterflex_lab.reproduce.haehn_case import WAYS
 from counterflex_lab.reproduce.way import REFUSED
 

@@ -18,16 +18,7 @@ from counterflex.files.logs.segments import read_log
 from counterflex.files.run_file import read_run
 from counterflex.runtime.record_ring import COLUMNS, column
 from counterflex_lab.reproduce import holder_case
-from counterflex_lab.reproduce.experiment import (
-    PLAN_FILE,
-    PLANNED,
-    Experiment,
-    Own,
-    Run,
-    judged,
-    mill,
-    plan_task,
-)
+from counterflex_lab.reproduce.experiment import PLAN_FILE, PLANNED, Experiment, Own, Run, judged, mill, plan_task
 from counterflex_lab.reproduce.holder_case import WAYS
 from counterflex_lab.reproduce.way import worst_and_median
 

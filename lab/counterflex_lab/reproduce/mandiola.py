@@ -17,12 +17,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import DEG, MM
-from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.plan_file import read_plan
 from counterflex.files.run_file import read_run
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex_lab.reproduce import mandiola_case, mandiola_report
+from counterflex_lab.reproduce import mandiola_case, mandiola_report, tracking
 from counterflex_lab.reproduce.experiment import SAID, Experiment, Own, Run, mill, plan_task
 from counterflex_lab.reproduce.mandiola_case import VARIANTS, Case
 from counterflex_lab.reproduce.way import Way
@@ -65,11 +64,7 @@ class Paths(Experiment):
     def summary(self, results: Mapping[str, Any]) -> dict[str, Any]:
         """Rows by truth, what each controller leaves, goals, margins."""
         rows = [
-            {
-                "seed": seed,
-                "variants": _by_shape(case, results, "figures"),
-                "loops": _by_shape(case, results, "loop"),
-            }
+            {"seed": seed, "variants": _by_shape(case, results, "figures"), "loops": _by_shape(case, results, "loop")}
             for seed, case in sorted(self.cases.items())
         ]
         first = next(iter(self.cases.values()))

@@ -13,22 +13,15 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.units import DEG, MM, MS
-from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.cell.online import OnlineTable, tracker_plant
-from counterflex.report.tracking_figures import OpenLoop, TrackedRun
-from counterflex.report.tracking_page import TrackingData, tracking_page
-from counterflex.runtime.design.tracker import (
-    Margins,
-    TrackerGains,
-    grid,
-    margins,
-    margins_of,
-    observer_response,
-)
+from counterflex.runtime.design.tracker import Margins, TrackerGains, grid, margins, margins_of, observer_response
 from counterflex.runtime.design.tracker_plant import TrackerPlant
 from counterflex.runtime.settings import OnlineSettings
+from counterflex_lab.reproduce import tracking
 from counterflex_lab.reproduce.mandiola_case import RUN_IN_DEG, VARIANTS, Case
+from counterflex_lab.reproduce.tracking_figures import OpenLoop, TrackedRun
+from counterflex_lab.reproduce.tracking_page import TrackingData, tracking_page
 
 COLUMNS: Final = (
     "seed",
@@ -40,15 +33,7 @@ COLUMNS: Final = (
     "total max um",
     "orientation max mdeg",
 )
-MARGIN_COLUMNS: Final = (
-    "controller",
-    "Ki per cycle",
-    "Kp",
-    "crossover Hz",
-    "phase margin deg",
-    "gain margin dB",
-    "Ms",
-)
+MARGIN_COLUMNS: Final = ("controller", "Ki per cycle", "Kp", "crossover Hz", "phase margin deg", "gain margin dB", "Ms")
 STRETCHES: Final = (
     ("circle", "turn", "circle"),
     ("circle", "reversals", "after reversals"),

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.report.wrong_plans_page import Mark, WrongPlansData, wrong_plans_page
 from counterflex_lab.reproduce.online_case import WAYS
 from counterflex_lab.reproduce.way import REFUSED, worst_and_median
 from counterflex_lab.reproduce.wrong_plans import WRONG
+from counterflex_lab.reproduce.wrong_plans_page import Mark, WrongPlansData, wrong_plans_page
 
 RIGHT: Final = next(iter(WRONG))
 """Row of the right plan."""

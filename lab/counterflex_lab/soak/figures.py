@@ -15,8 +15,8 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
-from counterflex.twin.live.timed_block import Block
 from counterflex_lab.soak.replay_figures import active, in_standstill, micro
+from counterflex_lab.soak.timed_block import Block
 
 _GROW = ("_mb", "_files", "_threads")
 """Ends of the names of what must not grow."""

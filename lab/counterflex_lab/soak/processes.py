@@ -17,9 +17,9 @@ from counterflex.app.run import run as online, session as online_session
 from counterflex.core.errors import OutputError
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.realtime import prepare
-from counterflex.twin.live.recorded_pass import RecordedPass
-from counterflex.twin.live.replayed_cell import ReplayedCell
 from counterflex_lab.devices import FakeRsi, NetftServer, RsiContext, read_config
+from counterflex_lab.soak.recorded_cell import ReplayedCell
+from counterflex_lab.soak.recorded_pass import RecordedPass
 
 PERIOD_S: Final = 4e-3
 BLOCK: Final = round(60.0 / PERIOD_S)

@@ -11,7 +11,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import UM
 from counterflex.evaluate.loop_timing import percentiles
 from counterflex.runtime.state.supervisor import State
-from counterflex.twin.live.timed_block import NOT_REPORTED, Block
+from counterflex_lab.soak.timed_block import NOT_REPORTED, Block
 
 STOOD_S: Final = 1e-3
 """A cycle in which the simulated cell itself woke up later than this lies in a standstill of the machine."""

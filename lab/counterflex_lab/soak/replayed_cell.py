@@ -26,8 +26,8 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.plan.plan import Plan
 from counterflex.twin.laboratory.laboratory import laboratory
 from counterflex.twin.live.live_cell import LiveCell
-from counterflex.twin.live.recorded_pass import RecordedPass, record_pass
 from counterflex.twin.plant.force_sensor import force_sensor
+from counterflex_lab.soak.recorded_pass import RecordedPass, record_pass
 
 SEED: Final = 1
 _PROGRAM: Final = """(One groove, 6 mm deep, through the blank of the demonstration cell)
@@ -62,12 +62,7 @@ class SteadyJob:
 
 
 def prepare(
-    folder: Path,
-    cycles: int,
-    *,
-    force: str = "scale",
-    tracker: str = "observer",
-    progress: Progress = silent,
+    folder: Path, cycles: int, *, force: str = "scale", tracker: str = "observer", progress: Progress = silent
 ) -> SteadyJob:
     """Write cell, RSI configuration, program and plan into a folder, and record the pass.
 

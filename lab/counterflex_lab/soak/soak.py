@@ -31,9 +31,8 @@ from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.system import timing_probe
 from counterflex.protocols.system.machine import processor_times
-from counterflex.protocols.system.realtime import Prepared, prepared
+from counterflex.protocols.system.realtime import RealtimePreparation, prepared
 from counterflex.protocols.system.signals import heard_when_asked
-from counterflex.twin.live.timed_block import Block
 from counterflex_lab.reproduce.closed_loop import free_port
 from counterflex_lab.soak import replayed_cell as steady
 from counterflex_lab.soak.figures import figures, minute
@@ -49,6 +48,7 @@ from counterflex_lab.soak.processes import (
     next_message,
     run_process,
 )
+from counterflex_lab.soak.timed_block import Block
 
 MINUTES: Final = "minutes.csv"
 MEMORY: Final = "memory.csv"
@@ -83,7 +83,7 @@ class _Watched:
     samples: list[dict[str, float]] = field(default_factory=list)  # memory and load, every 5 s
     run: dict[str, Any] = field(default_factory=dict)  # summary of the recorder
     stolen: float = 0.0  # share of the processors' time that the host took
-    realtime: dict[str, Prepared] = field(default_factory=dict)  # by process
+    realtime: dict[str, RealtimePreparation] = field(default_factory=dict)  # by process
     # counts of what the clients of panel and OPC UA server got, and how the servers ended
     onlookers: dict[str, Any] = field(default_factory=dict)
 
@@ -112,11 +112,7 @@ def run(settings: SoakSettings, out: str | Path, *, progress: Progress = silent)
     part = in_parts(progress, {"preparing": _PREPARE_S, "soaking": 60.0 * settings.minutes})
     with atomic.atomic_folder(out) as staging, tempfile.TemporaryDirectory() as work:
         job = steady.prepare(
-            Path(work),
-            _cycles(settings),
-            force=settings.force,
-            tracker=settings.tracker,
-            progress=part["preparing"],
+            Path(work), _cycles(settings), force=settings.force, tracker=settings.tracker, progress=part["preparing"]
         )
         log = staging / LOG if settings.keep_log else Path(work) / LOG
         watched = _watched(settings, job, log, part["soaking"])

@@ -322,13 +322,13 @@ class Inspected(Result):
 
     def _map_figure(self) -> dict[str, Any]:
         from counterflex.report.figure_data import scale_limit_mm
-        from counterflex.report.map_figure import callouts, map_picture, single_map_figure
+        from counterflex.report.map_figure import callouts, map_picture
 
         name, one = list(self.inspection.parts.items())[-1]
         deviation, surface = one.part.surface_deviation(), one.part.part.surface
         picture = map_picture(surface, deviation)
         limit = scale_limit_mm(deviation.surface.max_m / MM)
-        return single_map_figure(picture, callouts(picture, picture), limit, name)
+        return picture.figure(callouts(picture, picture), limit, name)
 
 
 def inspect(

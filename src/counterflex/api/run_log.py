@@ -13,7 +13,7 @@ from counterflex.app.run_history.logged_run import one_run
 from counterflex.core.units import MM, NS, UM
 
 if TYPE_CHECKING:
-    from counterflex.app.run_history.logged_run import LoggedRun
+    from counterflex.app.run_history.logged_run import RunOfHistory
 
 
 class RunLog(Result):
@@ -23,7 +23,7 @@ class RunLog(Result):
         run: Curves and incidents, SI.
     """
 
-    def __init__(self, folder: Path, run: LoggedRun) -> None:
+    def __init__(self, folder: Path, run: RunOfHistory) -> None:
         self.folder, self.run = folder, run
 
     @property

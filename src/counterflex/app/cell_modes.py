@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.lowest_mode import frequency_intervals, posture_at_blank, swinging_chain
+from counterflex.app.lowest_mode import posture_at_blank, swinging_chain
 from counterflex.app.unknown_stiffness import require_stiffness
 from counterflex.core.arrays import Float, as_float
 from counterflex.core.errors import InputError
@@ -70,7 +70,7 @@ def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> Postu
     M, stiffness, J, _ = matrices(chain, angles)
     free = modes(M, stiffness)
     kinetic = kinetic_shares(chain, angles, free.shapes)
-    intervals = frequency_intervals(swinging, angles)
+    intervals = swinging.frequency_intervals(angles)
     beta = damping_of(chain, mode_of(chain, angles, cell.tables.dynamics.mode))
     servo = chain.servo or (None,) * AXES
     driven = tuple(driven_modes(M, stiffness, beta, servo)) if chain.servo is not None else ()

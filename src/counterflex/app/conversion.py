@@ -26,7 +26,7 @@ from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import tool_orientation
 from counterflex.programs.convert.check import refuse_other_path
-from counterflex.programs.convert.emitter import Conversion, Emitter, Written
+from counterflex.programs.convert.emitter import Conversion, ProgramEmitter, Written
 from counterflex.programs.convert.rotary import with_tool_vectors
 from counterflex.programs.convert.steps import steps
 from counterflex.programs.language import LANGUAGES, dialect_at, is_robot, object_at
@@ -89,7 +89,7 @@ def run(
     program = _without_rotary_words(program, cell, tolerance_m)
     sequence = list(steps(program, orientations(program, cell), to_robot=to_robot))
     order = Conversion(program, Path(program.name).stem, tolerance_m, cell, points_per_file)
-    emitter: Emitter = object_at(LANGUAGES[dialect].convert)(order)
+    emitter: ProgramEmitter = object_at(LANGUAGES[dialect].convert)(order)
     written = emitter.write(sequence)
     with atomic.atomic_folder(out) as staging:
         for name, text in written.files.items():

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.holder_in_robot import Spindle, spindle_maps
+from counterflex.app.holder_in_robot import Spindle
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -65,7 +65,7 @@ def run(
     drawing = file.drawing(str(holder))
     if not drawing.pockets:
         raise InputError("the drawing has no pockets", where=str(holder), hint="Add a table [[pockets]]")
-    maps = None if spindle is None else spindle_maps(spindle)  # first: its files may be wrong, elements take long
+    maps = None if spindle is None else spindle.maps()  # first: its files may be wrong, elements take long
     mesh_m, trials = mesh_mm * MM, 0
     if choose_count is not None:
         chosen = choose(drawing, choose_count, lost_percent / 100.0, mesh_m, file.noise, bricks=bricks)

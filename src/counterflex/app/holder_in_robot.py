@@ -26,39 +26,38 @@ class Spindle:
     force_n: float = 500.0
     points: int = 9  # Places along each axis of a map
 
+    def maps(self) -> dict[str, Any]:
+        """Radial and axial compliance at the tool tip, tool vertical, over an upright plane in front of the robot.
 
-def spindle_maps(settings: Spindle) -> dict[str, Any]:
-    """Radial and axial compliance at the tool tip, tool vertical, over an upright plane in front of the robot.
+        At each place the posture of least radial compliance is taken. Radial is the softest direction across the tool.
 
-    At each place the posture of least radial compliance is taken. Radial is the softest direction across the tool.
+        Returns:
+            The places, and for each angle of the spindle the two maps in um/N and the figures of the middle of the map.
 
-    Returns:
-        The places, and for each angle of the spindle the two maps in um/N and the figures of the middle of the map.
-
-    Raises:
-        CounterflexError: The cell cannot be read, or has no such body.
-    """
-    cell = read_cell(settings.cell)
-    mounting = settings.mounting
-    angles: list[float | None] = [None]
-    if mounting is not None:
-        angles = list(dict.fromkeys([mounting.present_deg(cell), *mounting.values_deg]))
-    T = cell.T_base_part
-    reach = float(np.linalg.norm(T[:3, 3]))
-    x = np.linspace(0.55, 1.25, settings.points) * float(np.linalg.norm(T[:2, 3]))
-    z = T[2, 3] + np.linspace(-0.25, 0.25, settings.points) * reach
-    rows = []
-    for angle in angles:
-        own = cell if mounting is None or angle is None else mounting.cell(cell, angle)
-        rows.append(_maps(own, angle, x, z, settings.force_n))
-    return {
-        "cell": cell.label,
-        "force_n": settings.force_n,
-        "mounting": None if mounting is None else f"{mounting.body}.{mounting.key}",
-        "x_mm": [round(v / MM, 1) for v in x.tolist()],
-        "z_mm": [round(v / MM, 1) for v in z.tolist()],
-        "angles": rows,
-    }
+        Raises:
+            CounterflexError: The cell cannot be read, or has no such body.
+        """
+        cell = read_cell(self.cell)
+        mounting = self.mounting
+        angles: list[float | None] = [None]
+        if mounting is not None:
+            angles = list(dict.fromkeys([mounting.present_deg(cell), *mounting.values_deg]))
+        T = cell.T_base_part
+        reach = float(np.linalg.norm(T[:3, 3]))
+        x = np.linspace(0.55, 1.25, self.points) * float(np.linalg.norm(T[:2, 3]))
+        z = T[2, 3] + np.linspace(-0.25, 0.25, self.points) * reach
+        rows = []
+        for angle in angles:
+            own = cell if mounting is None or angle is None else mounting.cell(cell, angle)
+            rows.append(_maps(own, angle, x, z, self.force_n))
+        return {
+            "cell": cell.label,
+            "force_n": self.force_n,
+            "mounting": None if mounting is None else f"{mounting.body}.{mounting.key}",
+            "x_mm": [round(v / MM, 1) for v in x.tolist()],
+            "z_mm": [round(v / MM, 1) for v in z.tolist()],
+            "angles": rows,
+        }
 
 
 def _maps(cell: Cell, angle: float | None, x: Float, z: Float, force_n: float) -> dict[str, Any]:

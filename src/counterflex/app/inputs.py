@@ -68,6 +68,23 @@ class Job:
     changes: tuple[AxisChange, ...] = ()  # Where external axes go to another place
     places: ExternalPlaces | None = None  # Their places; None where they stand in one
 
+    def _check_tool_rotation(self, cell: Cell) -> None:
+        """Refuse a rotation along the program that was chosen for another one."""
+        rotation = cell.tables.posture.turning
+        if rotation is None:
+            return
+        apart_m, place_m = rotation.distance(self.path.p_part_tcp)
+        if apart_m > APART_M:
+            raise FileFormatError(
+                "turning_mm_deg turns the tool along another program than this one",
+                where=f"{cell.path}: posture",
+                value=f"{Path(self.program.name).name} is {apart_m / MM:.0f} mm away from where it was expected after "
+                f"{place_m / MM:.0f} mm",
+                limit=f"{APART_M / MM:g} mm",
+                hint="Take turning_mm_deg and turning_at_mm out and choose a posture for this program: "
+                + next_command("plan posture", self.program.name, cell=cell.path, turning=30, out="DIR"),
+            )
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -162,28 +179,10 @@ def _job_of(program: Program, file: str | Path, cell: Cell, step_m: float, may_m
             what += " along a path: it has no Cartesian target, places by axes alone are none"
         raise ProgramError(what, where=str(file))
     job = _turned_job(program, cell, step_m) if turns(program) else _job(program, cell, step_m)
-    _check_tool_rotation(job, cell)
+    job._check_tool_rotation(cell)
     if not may_move:
         refuse_moves(job.places, str(file))
     return job
-
-
-def _check_tool_rotation(job: Job, cell: Cell) -> None:
-    """Refuse a rotation along the program that was chosen for another one."""
-    rotation = cell.tables.posture.turning
-    if rotation is None:
-        return
-    apart_m, place_m = rotation.distance(job.path.p_part_tcp)
-    if apart_m > APART_M:
-        raise FileFormatError(
-            "turning_mm_deg turns the tool along another program than this one",
-            where=f"{cell.path}: posture",
-            value=f"{Path(job.program.name).name} is {apart_m / MM:.0f} mm away from where it was expected after "
-            f"{place_m / MM:.0f} mm",
-            limit=f"{APART_M / MM:g} mm",
-            hint="Take turning_mm_deg and turning_at_mm out and choose a posture for this program: "
-            + next_command("plan posture", job.program.name, cell=cell.path, turning=30, out="DIR"),
-        )
 
 
 def _job(program: Program, cell: Cell, step_m: float) -> Job:

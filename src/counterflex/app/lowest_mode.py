@@ -89,20 +89,13 @@ def estimate(cell: Cell, q: Float, *, planned: bool = False) -> Estimate:
     if not np.any(chain.compliance > 0.0):
         return Estimate(mode, math.nan, math.nan, "nothing yields: any")
     swinging = swinging_chain(cell, q)
-    low, high = frequency_intervals(swinging, q)[0] * mode.hz / undamped_hz(swinging.chain, q)
+    low, high = swinging.frequency_intervals(q)[0] * mode.hz / undamped_hz(swinging.chain, q)
     return Estimate(mode, float(low), float(high), swinging.origin)
 
 
 def undamped_hz(chain: ElasticChain, q: Float) -> float:
     """Lowest natural frequency with rigid drives, Hz."""
     return float(modes(*matrices(chain, q)[:2]).omega_rad_s[0]) / (2.0 * math.pi)
-
-
-def frequency_intervals(swinging: SwingingChain, q: Float) -> Float:
-    """(n, 2) Hz, what nine of ten robots have: the lowest mode first."""
-    drawn = drawn_frequencies(swinging.chain, q, swinging.spread)
-    out: Float = np.quantile(drawn, [0.05, 0.95], axis=0, method="inverted_cdf").T / (2.0 * math.pi)
-    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +105,12 @@ class SwingingChain:
     chain: ElasticChain  # With assumed masses where an axis has none behind it
     spread: ModelSpread
     origin: str  # Where its modes come from
+
+    def frequency_intervals(self, q: Float) -> Float:
+        """(n, 2) Hz, what nine of ten robots have: the lowest mode first."""
+        drawn = drawn_frequencies(self.chain, q, self.spread)
+        out: Float = np.quantile(drawn, [0.05, 0.95], axis=0, method="inverted_cdf").T / (2.0 * math.pi)
+        return out
 
 
 def swinging_chain(cell: Cell, q: Float) -> SwingingChain:

@@ -49,12 +49,11 @@ def run(
         done.summary["tap_test"] = beside_tap_test(done, tap_test, UP_TO_HZ if up_to_hz is None else up_to_hz)
     progress(1.0)
     if out is not None:
-        from counterflex.report.modes_page import modes_page
         from counterflex.report.page import write_page
 
         with atomic.atomic_folder(out) as staging:
             write_summary(staging / "summary.json", done.summary)
-            write_page(modes_page(page_data(done)), staging / "report.html")
+            write_page(page_data(done).page(), staging / "report.html")
     return done.summary
 
 

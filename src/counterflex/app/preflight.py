@@ -13,21 +13,120 @@ from counterflex import __version__
 from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.program_size import program_size
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, read_in_plane, setting_of
+from counterflex.app.inspection.judging import nominal_of
+from counterflex.app.proof.cut_logs import log_of_path, top_of
 from counterflex.core import atomic
+from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT
+from counterflex.core.units import DEG, MM, MM_PER_MIN, MS, PERCENT, UM
+from counterflex.evaluate.inspection.cad_rows import even_points
+from counterflex.evaluate.inspection.mesh_shape import CadSolid
+from counterflex.evaluate.inspection.nominal_part import NominalPart
+from counterflex.evaluate.measured_values import height_at
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.step_file import ENDINGS
 from counterflex.files.summary_file import write_summary
-from counterflex.path.toolpath import FEED
+from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.preflight.preflight import Preflight, preflight
 from counterflex.plan.preflight.process.cut_rows import AsWritten, Machining
-from counterflex.plan.preflight.row import RANK, Row
+from counterflex.plan.preflight.row import NOT_LOOKED_AT, RANK, Row, Verdict
 from counterflex.plan.preflight.speed_row import slower, speed_in_cut
 from counterflex.programs.approximation import approximation_m
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.posture import stated_postures
 from counterflex.programs.stated.remarks import stated
+from counterflex.twin.plant.simulate import mounted_tools
+
+CHECK: Final = "nominal geometry"
+LIMIT_M: Final = 50.0 * UM
+"""Of a face without a tolerance of profile or position: five times the usual tolerance of a CAM system."""
+_MOST_ROWS: Final = 12
+_DEEPEST_M: Final = 5.0 * MM
+"""Distances to what was cut are known up to this."""
+
+
+def nominal_rows(cad: Path, job: Job, cell: Cell, path: ToolPath) -> list[Row]:
+    """One row for each face that is off by more than its limit, the worst first, and one for all others.
+
+    Args:
+        cad: STEP file, part frame.
+        path: The path whose rows the rows name.
+
+    Raises:
+        FileFormatError: The STEP file cannot be read.
+        InputError: It is no STEP file, or the part is not where the blank is.
+    """
+    if cad.suffix.lower() not in ENDINGS:
+        raise InputError("the faces of a part are read from STEP", where=f"--nominal {cad}", limit=", ".join(ENDINGS))
+    if cell.tool_turns or cell.R_part_plane is not None:
+        what = "the tool turns" if cell.tool_turns else "the program works in another plane than XY"
+        return [Row(CHECK, NOT_LOOKED_AT, what=f"{what}: faces are compared where the tool stays along part z")]
+    part = nominal_of(job, cell, cad)
+    solid = part.shape
+    assert isinstance(solid, CadSolid)
+    log = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
+    off, largest = [], 0.0
+    for k, face in enumerate(solid.faces):
+        triangles = solid.triangles[solid.owner == k]
+        points = np.concatenate([even_points(solid.vertices[triangles])[0], solid.vertices[np.unique(triangles)]])
+        left = _left(points, part, log.distance(points))
+        limit = min((face.limits[name][1] for name in ("profile", "position") if name in face.limits), default=LIMIT_M)
+        worst = int(np.argmax(np.abs(left)))
+        if abs(left[worst]) > limit:
+            share = float(np.mean(np.abs(left) > limit)) / PERCENT
+            point = _nearest(points[worst], path, cell)
+            off.append(_row(face.name, left[worst], limit, points[worst], share, point))
+        else:
+            largest = max(largest, abs(float(left[worst])))
+    off.sort(key=lambda row: -(row.value or 0.0))
+    if len(off) == len(solid.faces) <= _MOST_ROWS:
+        return off  # no face is left that could be said to be right
+    more = f"; {len(off) - _MOST_ROWS} more are off" if len(off) > _MOST_ROWS else ""
+    what = f"{len(solid.faces) - len(off)} of {len(solid.faces)} faces of {cad.name} as the program makes them{more}"
+    return [*off[:_MOST_ROWS], Row(CHECK, "fail" if more else "ok", largest, LIMIT_M, "m", what=what)]
+
+
+def _row(name: str, left: float, limit: float, place: Float, share: float, point: int) -> Row:
+    at = ", ".join(f"{value / MM:.2f}" for value in place)
+    word = "material left" if left > 0.0 else "gouged" if left > -_DEEPEST_M else "gouged by more than that,"
+    what = f"{word} at {at} mm; {share:.0f} % of the face is off"
+    advice = "Check program, zero and tool; a corner sharper than the tool keeps material"
+    verdict: Verdict = "fail" if left < 0.0 else "warning"
+    return Row(f"{CHECK}: {name}", verdict, abs(float(left)), limit, "m", point, what, advice=advice)
+
+
+def _left(points: Float, part: NominalPart, inside_uncut: Float) -> Float:
+    """Material over places of the nominal surface, (n,) m: they lie so deep in what the program leaves of the blank.
+
+    Negative: they lie outside of it, the program gouges the part.
+    """
+    low, high = part.faces.low, part.faces.high
+    sides = np.concatenate([points - low, high - points], axis=1)
+    inset = np.clip(points[:, :2], low[:2] + 1.0 * UM, high[:2] - 1.0 * UM)
+    over = height_at(part.stock, inset) - points[:, 2]
+    blank = np.minimum(sides.min(axis=1), np.nan_to_num(over, nan=np.inf))
+    cut = height_at(part.surface.nominal, inset) < points[:, 2] - part.surface.nominal.cell_m
+    far = np.where(cut, -np.inf, np.inf)  # further from every sweep than distances are known
+    deep = np.where(np.isnan(inside_uncut), far, inside_uncut)
+    out: Float = np.clip(np.minimum(deep, blank), -_DEEPEST_M, None)
+    return out
+
+
+def _nearest(place: Float, path: ToolPath, cell: Cell) -> int:
+    """Row of a path at which the tool comes nearest to a place, or goes deepest beyond it."""
+    numbers, which = np.unique(mounted_tools(path), return_inverse=True)
+    cutters = [cell.cutter(int(number)) for number in numbers]
+    radius, corner = (
+        np.array([getattr(cutter, name) for cutter in cutters])[which] for name in ("radius_m", "corner_radius_m")
+    )
+    step = place - path.p_part_tcp
+    aside = np.hypot(step[:, 0], step[:, 1]) - (radius - corner)
+    under = corner - step[:, 2]
+    outside = np.hypot(np.maximum(aside, 0.0), np.maximum(under, 0.0)) + np.minimum(np.maximum(aside, under), 0.0)
+    return int(np.argmin(outside - corner))
+
 
 SHOP: Final[dict[str, tuple[str, float]]] = {
     "rad": ("deg", DEG),
@@ -50,6 +149,28 @@ class Checked:
     job: Job
     result: Preflight
     summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
+
+    def _page(self) -> Any:
+        from counterflex.report.preflight.page import PreflightData
+
+        result, n = self.result, len(self.result.q)
+        path = result.path
+        return PreflightData(
+            title=f"Preflight: {self.summary['program']}",
+            subtitle=f"{self.summary['cell']}, {self.summary['robot']}",
+            checks=self.summary["checks"],
+            failed=result.failed,
+            time_s=path.time_s[:n],
+            margin_deg=result.margin_rad / DEG,
+            least_deg=next(
+                (r["limit"] for r in self.summary["checks"] if r["check"] == "joint limits" and r["limit"]), 0.0
+            ),
+            line=self.job.line_of_motion[path.motion[:n]],
+            points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
+            cutting=path.kind[:n] == 1,
+            bodies=self.summary["bodies"],
+            curves=_curves(result),
+        )
 
 
 def check(
@@ -87,8 +208,6 @@ def check(
         parts[CHECKING],
     )
     if nominal is not None:
-        from counterflex.app.nominal_check import nominal_rows
-
         result = replace(result, rows=(*result.rows, *nominal_rows(nominal, job, cell, result.path)))
     rows = [shown(row, result, job, cell) for row in result.rows]
     summary = {
@@ -215,33 +334,9 @@ def run(
         done = check(program, cell, reading=reading, language=language, nominal=nominal, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         from counterflex.report.page import write_page
-        from counterflex.report.preflight.page import preflight_page
 
-        write_page(preflight_page(_page(done)), staging / "report.html")
+        write_page(done._page().page(), staging / "report.html")
     return done.summary
-
-
-def _page(done: Checked) -> Any:
-    from counterflex.report.preflight.page import PreflightData
-
-    result, n = done.result, len(done.result.q)
-    path = result.path
-    return PreflightData(
-        title=f"Preflight: {done.summary['program']}",
-        subtitle=f"{done.summary['cell']}, {done.summary['robot']}",
-        checks=done.summary["checks"],
-        failed=result.failed,
-        time_s=path.time_s[:n],
-        margin_deg=result.margin_rad / DEG,
-        least_deg=next(
-            (r["limit"] for r in done.summary["checks"] if r["check"] == "joint limits" and r["limit"]), 0.0
-        ),
-        line=done.job.line_of_motion[path.motion[:n]],
-        points=[row.point if row.point is not None and row.point < n else None for row in result.rows],
-        cutting=path.kind[:n] == 1,
-        bodies=done.summary["bodies"],
-        curves=_curves(result),
-    )
 
 
 def _curves(result: Preflight) -> Any:

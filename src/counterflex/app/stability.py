@@ -37,7 +37,7 @@ _LINES: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedProgram:
     """A judged program."""
 
     job: Job
@@ -45,6 +45,26 @@ class Judged:
     diagrams: dict[int, Diagram]
     summary: dict[str, Any]  # What is printed as JSON and written to ``summary.json``
     table: pl.DataFrame  # One row for each stretch
+
+    def lobes_table(self) -> pl.DataFrame:
+        """The diagrams: tool, method, spindle speed and deepest stable cut; no depth where there is no limit."""
+        rows = []
+        for number, one in self.diagrams.items():
+            depth = next(tool["worst"]["axial_depth_mm"] for tool in self.summary["tools"] if tool["tool"] == number)
+            for method, speeds, factors in (
+                ("zeroth order", one.spindle_rad_s, one.zeroth),
+                ("semi-discretisation", one.checked_rad_s, one.semi_discretisation),
+            ):
+                rows += [
+                    {
+                        "tool": number,
+                        "method": method,
+                        "spindle_rpm": round(float(speed / RPM), 1),
+                        "depth_mm": None if factor > LARGEST else round(float(factor) * depth, 4),
+                    }
+                    for speed, factor in zip(speeds, factors, strict=True)
+                ]
+        return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def structure_of(
@@ -70,7 +90,7 @@ def structure_of(
 
 def judge(
     program: str | Path, cell: Cell, structure: Structure, *, reading: Reading = AS_IT_IS, progress: Progress = silent
-) -> Judged:
+) -> JudgedProgram:
     """Judge a program.
 
     Raises:
@@ -118,7 +138,7 @@ def judge(
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,
     }
-    return Judged(job, values, diagrams, with_files(summary, job.program), pl.DataFrame(rows))
+    return JudgedProgram(job, values, diagrams, with_files(summary, job.program), pl.DataFrame(rows))
 
 
 def _over_interval(worst: Margin, tools: list[dict[str, Any]], needed: float, damping: Damping) -> str:
@@ -245,33 +265,12 @@ def run(
         done = judge(program, cell, structure, reading=reading, progress=progress)
         write_summary(staging / "summary.json", done.summary)
         atomic.write_text(staging / "stability.csv", done.table.write_csv())
-        atomic.write_text(staging / "lobes.csv", lobes_table(done).write_csv())
+        atomic.write_text(staging / "lobes.csv", done.lobes_table().write_csv())
         from counterflex.report.page import write_page
-        from counterflex.report.stability_page import StabilityData, stability_page
+        from counterflex.report.stability_page import StabilityData
 
         write_page(
-            stability_page(StabilityData(done.summary, done.table.to_dicts(), lobes_table(done).to_dicts())),
+            StabilityData(done.summary, done.table.to_dicts(), done.lobes_table().to_dicts()).page(),
             staging / "report.html",
         )
     return done.summary
-
-
-def lobes_table(done: Judged) -> pl.DataFrame:
-    """The diagrams: tool, method, spindle speed and deepest stable cut; no depth where there is no limit."""
-    rows = []
-    for number, one in done.diagrams.items():
-        depth = next(tool["worst"]["axial_depth_mm"] for tool in done.summary["tools"] if tool["tool"] == number)
-        for method, speeds, factors in (
-            ("zeroth order", one.spindle_rad_s, one.zeroth),
-            ("semi-discretisation", one.checked_rad_s, one.semi_discretisation),
-        ):
-            rows += [
-                {
-                    "tool": number,
-                    "method": method,
-                    "spindle_rpm": round(float(speed / RPM), 1),
-                    "depth_mm": None if factor > LARGEST else round(float(factor) * depth, 4),
-                }
-                for speed, factor in zip(speeds, factors, strict=True)
-            ]
-    return pl.DataFrame(rows, infer_schema_length=None)

@@ -40,36 +40,35 @@ class ThermalSettings:
     per_kelvin_m: float | None = None  # Growth per kelvin of the spindle's temperature, or None
     model: Path | None = None  # Written by an earlier call, or None
 
+    def run(self, out: Path | None = None) -> dict[str, Any]:
+        """Follow growth and drift through the touches, and judge them.
 
-def run(settings: ThermalSettings, out: Path | None = None) -> dict[str, Any]:
-    """Follow growth and drift through the touches, and judge them.
+        Args:
+            out: File for what was learnt of this machine; None writes none.
 
-    Args:
-        out: File for what was learnt of this machine; None writes none.
+        Returns:
+            Summary: a row per touch, the model, alerts; :attr:`alert` is whether there are any.
 
-    Returns:
-        Summary: a row per touch, the model, alerts; :attr:`alert` is whether there are any.
-
-    Raises:
-        InputError: Values that cannot be.
-    """
-    touches = read_touches(settings.touches)
-    before = _read(settings.model, settings.per_kelvin_m)
-    course = follow(touches, np.array(settings.axis_part), before)
-    alerts = _alerts(touches, course, settings.limit_m, known=settings.model is not None)
-    summary = {
-        "touches": [_row(touches, course, k) for k in range(len(touches.time_s))],
-        "time_constant_min": round(course.tau_s / MINUTE, 1),
-        "time_constant_sigma_min": round(course.tau_sigma_s / MINUTE, 1),
-        "end_um": micro(course.model.end_m),
-        "end_sigma_um": micro(course.model.end_sigma_m),
-        "reference_rpm": round(course.model.reference_rad_s / RPM),
-        "limit_um": micro(settings.limit_m),
-        "alerts": alerts,
-    }
-    if out is not None:
-        _write(out, course.model)
-    return summary
+        Raises:
+            InputError: Values that cannot be.
+        """
+        touches = read_touches(self.touches)
+        before = _read(self.model, self.per_kelvin_m)
+        course = follow(touches, np.array(self.axis_part), before)
+        alerts = _alerts(touches, course, self.limit_m, known=self.model is not None)
+        summary = {
+            "touches": [_row(touches, course, k) for k in range(len(touches.time_s))],
+            "time_constant_min": round(course.tau_s / MINUTE, 1),
+            "time_constant_sigma_min": round(course.tau_sigma_s / MINUTE, 1),
+            "end_um": micro(course.model.end_m),
+            "end_sigma_um": micro(course.model.end_sigma_m),
+            "reference_rpm": round(course.model.reference_rad_s / RPM),
+            "limit_um": micro(self.limit_m),
+            "alerts": alerts,
+        }
+        if out is not None:
+            _write(out, course.model)
+        return summary
 
 
 def _row(touches: Touches, course: GrowthCourse, k: int) -> dict[str, Any]:

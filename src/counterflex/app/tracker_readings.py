@@ -26,7 +26,7 @@ KINDS: Final = ("pose_test", "path_test")
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class TrackerMeasurement:
     """Readings of one file."""
 
     name: str
@@ -50,12 +50,12 @@ class Measured:
         """(n, 3, 3), or None."""
         return self.Ts_command_tcp[:, :3, :3] if self.oriented else None
 
-    def moved(self, T_command_log: Float, T_target_tcp: Float) -> Measured:
+    def moved(self, T_command_log: Float, T_target_tcp: Float) -> TrackerMeasurement:
         """In another frame, and at another point of the target."""
         Ts_log_target = self.Ts_command_tcp
         return replace(self, Ts_command_tcp=T_command_log @ Ts_log_target @ T_target_tcp)
 
-    def averaged(self, window_s: float) -> Measured:
+    def averaged(self, window_s: float) -> TrackerMeasurement:
         """Positions as moving means over ``window_s``, centred; the first and last half window are cut off."""
         if window_s <= 0.0 or self.time_s is None:
             return self
@@ -69,13 +69,13 @@ class Measured:
         return replace(self, Ts_command_tcp=Ts, time_s=self.time_s[half : len(self.time_s) - half])
 
 
-def read_measured(file: str | Path, form: str = OWN) -> Measured:
+def read_measured(file: str | Path, form: str = OWN) -> TrackerMeasurement:
     """Read a log, an export of the named format, or a dataset (.toml) of kind ``pose_test`` or ``path_test``."""
     name = Path(file).name
     if Path(file).suffix.lower() == ".toml":
         return _of_dataset(read_dataset(file), name)
     readings = read_export(file, form)
-    return Measured(name, readings.Ts_tracker_target, readings.time_s, readings.oriented, readings.sigma_m)
+    return TrackerMeasurement(name, readings.Ts_tracker_target, readings.time_s, readings.oriented, readings.sigma_m)
 
 
 def _poses(have: Mapping[str, Channel], position: str, turned: str) -> Float:
@@ -86,7 +86,7 @@ def _whole(have: Mapping[str, Channel], name: str) -> Int | None:
     return None if name not in have else np.round(have[name].values[:, 0]).astype(np.int64)
 
 
-def _of_dataset(data: Dataset, name: str) -> Measured:
+def _of_dataset(data: Dataset, name: str) -> TrackerMeasurement:
     if data.kind not in KINDS:
         raise FileFormatError(
             "the dataset is of another kind", where=data.where, value=data.kind, limit=" or ".join(KINDS)
@@ -99,7 +99,7 @@ def _of_dataset(data: Dataset, name: str) -> Measured:
     time_s = have["time_s"].values[:, 0] if "time_s" in have else None
     if time_s is not None and np.any(np.diff(time_s) <= 0.0):
         raise FileFormatError("times do not increase", where=f"{data.where}: channels.time_s")
-    return Measured(
+    return TrackerMeasurement(
         name,
         _poses(have, "p_tracker_target", "R_tracker_target"),
         time_s,

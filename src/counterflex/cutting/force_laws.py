@@ -136,8 +136,5 @@ FORCE_LAWS: Final[Registry[LawKind]] = Registry(
     "counterflex.force_laws",
     "force law",
     "counterflex.cutting.force_laws:LawKind",
-    {
-        "kienzle": "counterflex.cutting.force_laws:KIENZLE",
-        "linear_edge": "counterflex.cutting.force_laws:LINEAR_EDGE",
-    },
+    {"kienzle": "counterflex.cutting.force_laws:KIENZLE", "linear_edge": "counterflex.cutting.force_laws:LINEAR_EDGE"},
 )

@@ -119,11 +119,7 @@ class Material:
         return self.with_ratios(factors=factors)
 
     def with_ratios(
-        self,
-        *,
-        kr_over_kc: float | None = None,
-        ka_over_kc: float | None = None,
-        factors: VictorFactors | None = None,
+        self, *, kr_over_kc: float | None = None, ka_over_kc: float | None = None, factors: VictorFactors | None = None
     ) -> ForceLaw:
         """Return the force law with assumed ratios for the directions that the row does not know.
 

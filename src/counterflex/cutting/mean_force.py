@@ -222,14 +222,7 @@ def _end_face(area: float, drop: float, terms: Float, levels: Float, out: Float)
     "void(float64[:,::1], float64, float64, float64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[::1])"
 )
 def mean_wrench(
-    depth: Float,
-    feed_m: float,
-    drop_m: float,
-    end_area_m2: float,
-    terms: Float,
-    arc: Float,
-    levels: Float,
-    out: Float,
+    depth: Float, feed_m: float, drop_m: float, end_area_m2: float, terms: Float, arc: Float, levels: Float, out: Float
 ) -> None:
     """Write the mean wrench on the tool at one path segment; callable from other kernels, allocates nothing.
 

@@ -27,7 +27,7 @@ from counterflex.evaluate.measured_values import (
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, stands_out
 from counterflex.evaluate.prismatic.measuring import measure_prismatic
 from counterflex.evaluate.surface import NominalSurface, floor_rise
-from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
+from counterflex.evaluate.swept_section import SweptSection, swept_section
 
 # General tolerances for features whose drawing gives none: ISO 2768-1 m and ISO 2768-2 K.
 # ISO 2768-2 was withdrawn in 2021. ISO 22081, which replaces it, has no tables: a drawing states its own values. The
@@ -130,7 +130,7 @@ class _Swept:
     floor: FloorMap
 
     def exits(self, point: Float, direction: Float) -> Float:
-        return wall_exit(self.section, point, direction, 0.0)[0]
+        return self.section.wall_exit(point, direction, 0.0)[0]
 
     def heights(self, xy: Float) -> Float:
         return self.floor.heights(xy)
@@ -198,10 +198,7 @@ def measure_features(
 
 
 def _groove(
-    groove: Groove,
-    surface: NominalSurface,
-    nominal: SweptSection,
-    parts: Mapping[str, MeasurablePart],
+    groove: Groove, surface: NominalSurface, nominal: SweptSection, parts: Mapping[str, MeasurablePart]
 ) -> list[Row]:
     run = groove.end - groove.start
     length = float(np.hypot(run[0], run[1]))
@@ -216,7 +213,7 @@ def _groove(
     good = np.isfinite(wall_top) & (wall_top - tip[:, 2] > _LEAST_DEPTH_M)
     point = np.column_stack([tip[:, :2], np.where(good, height, 0.0)])
     sides = {"wall left": np.tile(left, (len(s), 1)), "wall right": np.tile(-left, (len(s), 1))}
-    reached = {side: wall_exit(nominal, point, ray, 0.0)[0] for side, ray in sides.items()}
+    reached = {side: nominal.wall_exit(point, ray, 0.0)[0] for side, ray in sides.items()}
     for value in reached.values():
         good &= np.abs(value - radius) < UM
     if int(good.sum()) < 3:
@@ -245,10 +242,7 @@ def _groove(
 
 
 def _pocket(
-    pocket: CircularPocket,
-    surface: NominalSurface,
-    nominal: SweptSection,
-    parts: Mapping[str, MeasurablePart],
+    pocket: CircularPocket, surface: NominalSurface, nominal: SweptSection, parts: Mapping[str, MeasurablePart]
 ) -> list[Row]:
     angle = np.arange(0.0, 360.0, 2.0) * DEG
     ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -259,7 +253,7 @@ def _pocket(
     good = np.isfinite(wall_top) & (wall_top - pocket.floor_m > _LEAST_DEPTH_M)
     point = np.column_stack([place, np.where(good, 0.5 * (wall_top + pocket.floor_m), 0.0)])
     # the chords of a sampled arc stay inside it by less than this
-    good &= np.abs(wall_exit(nominal, point, ray, 0.0)[0] - cutter) < 20.0 * UM
+    good &= np.abs(nominal.wall_exit(point, ray, 0.0)[0] - cutter) < 20.0 * UM
     if int(good.sum()) < 90:
         return []
     radius = pocket.path_radius_m + cutter

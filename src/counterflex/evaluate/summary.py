@@ -44,6 +44,24 @@ class Variant:
     surface: SurfaceDeviation | TurnedDeviation | None = None
     peak_force_n: float | None = None  # largest magnitude of the mean process force over one spindle turn, N, or None
 
+    def summary(self) -> dict[str, Any]:
+        """Figures of one machining in mm, every figure with its unit in the key."""
+        figures = self.path
+        out: dict[str, Any] = {
+            name: _mm(getattr(figures, name)) for name in ("path", "entry", "exit", "plateau", "air", "along")
+        }
+        out["path"]["at_p_mm"] = _round(figures.at_p_m / MM)
+        if self.surface is not None:
+            result = self.surface
+            for name in ("surface", "floor", "wall"):
+                out[name] = _mm(getattr(result, name), area=True)
+            out["surface"]["floor_resolution_mm"] = _round(result.floor_resolution_m / MM)
+            out["surface"]["wall_resolution_mm"] = _round(result.wall_resolution_m / MM)
+            out["surface"]["wall_lost_mm2"] = _round(result.wall_lost_m2 / MM**2)
+        if self.peak_force_n is not None:
+            out["peak_force_n"] = _round(self.peak_force_n)
+        return out
+
 
 @dataclass(frozen=True)
 class SeedResult:
@@ -53,25 +71,6 @@ class SeedResult:
     truth_level: TruthLevel  # what the planner knew of the simulated cell
     # by name: `nominal` and `compensated`; or their figures as variant_summary gives them
     variants: Mapping[str, Variant | Mapping[str, Any]] = field(default_factory=dict)
-
-
-def variant_summary(variant: Variant) -> dict[str, Any]:
-    """Figures of one machining in mm, every figure with its unit in the key."""
-    figures = variant.path
-    out: dict[str, Any] = {
-        name: _mm(getattr(figures, name)) for name in ("path", "entry", "exit", "plateau", "air", "along")
-    }
-    out["path"]["at_p_mm"] = _round(figures.at_p_m / MM)
-    if variant.surface is not None:
-        result = variant.surface
-        for name in ("surface", "floor", "wall"):
-            out[name] = _mm(getattr(result, name), area=True)
-        out["surface"]["floor_resolution_mm"] = _round(result.floor_resolution_m / MM)
-        out["surface"]["wall_resolution_mm"] = _round(result.wall_resolution_m / MM)
-        out["surface"]["wall_lost_mm2"] = _round(result.wall_lost_m2 / MM**2)
-    if variant.peak_force_n is not None:
-        out["peak_force_n"] = _round(variant.peak_force_n)
-    return out
 
 
 def summary(results: Sequence[SeedResult], about: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -92,7 +91,7 @@ def summary(results: Sequence[SeedResult], about: Mapping[str, Any] | None = Non
     seeds = []
     for result in results:
         variants = {
-            name: variant_summary(variant) if isinstance(variant, Variant) else dict(variant)
+            name: variant.summary() if isinstance(variant, Variant) else dict(variant)
             for name, variant in result.variants.items()
         }
         seeds.append(

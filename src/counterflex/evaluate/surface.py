@@ -18,7 +18,7 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.evaluate.figures import DeviationFigures, weighted_figures
-from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
+from counterflex.evaluate.swept_section import SweptSection, swept_section
 
 CHANGED_M = 1.0 * UM  # a cell lowered by less was not machined
 _OVER_M = 5.0 * UM  # the tool has been at this height above what it left: rounding of the map, and chords of the path
@@ -140,7 +140,7 @@ def surface_deviation(
     if len(wall):
         section = swept_section(p_part_actual, surface.cutter if outline is None else outline, surface.reach_m, joined)
         inside = min(surface.reach_m, float(np.min(section.radius_m, initial=surface.cutter.radius_m)))
-        reached, _ = wall_exit(section, surface.wall_point, surface.wall_normal, inside)
+        reached, _ = section.wall_exit(surface.wall_point, surface.wall_normal, inside)
         wall = np.where(np.isfinite(reached), -reached, np.nan)
         above = _material_above(actual, surface, section)
         wall = np.where((wall > 0.0) & (above > 0.0), np.minimum(wall, above), wall)
@@ -196,7 +196,7 @@ def _material_above(actual: HeightMap, surface: NominalSurface, section: SweptSe
     lowered = np.flatnonzero(z < surface.stock.z[j, i] - np.float32(CHANGED_M))
     i, j = i[lowered], j[lowered]
     over = np.column_stack([actual.x0_m + i * actual.cell_m, actual.y0_m + j * actual.cell_m, z[lowered] + _OVER_M])
-    cut = ~np.isnan(wall_exit(section, over, surface.wall_normal[lowered], 0.0)[0])
+    cut = ~np.isnan(section.wall_exit(over, surface.wall_normal[lowered], 0.0)[0])
     out[lowered[cut]] = z[lowered[cut]] - surface.wall_point[lowered[cut], 2]
     return out
 
@@ -283,7 +283,7 @@ def _walls(
     if len(point) == 0:
         return point, ray, area
     section = swept_section(p_part_tcp, cutter, max(2.0 * cell, 1e-3))
-    distance, normal = wall_exit(section, point, ray, 0.5 * cell)
+    distance, normal = section.wall_exit(point, ray, 0.5 * cell)
     valid = np.isfinite(distance) & (distance <= cell)
     point[:, :2] += np.where(valid, distance, 0.0)[:, None] * ray
     projected = area * np.abs(np.sum(normal * ray, axis=1))

@@ -34,6 +34,40 @@ class SweptSection:
     first: Int  # (bins + 1,) first entry of each bin in `member`
     member: Int  # moves that can touch a ray from a point in the bin
 
+    def wall_exit(self, point: Float, direction: Float, inside_m: float) -> tuple[Float, Float]:
+        """Distance along a ray that the cut reaches, from a place inside it.
+
+        Args:
+            point: (m, 3) m; z is the height of the section.
+            direction: (m, 2) horizontal unit vectors, from the cut towards the material.
+            inside_m: The ray starts this far behind the point, at a place expected to be cut; at most ``reach_m``.
+
+        Returns:
+            Distance from the point along ``direction`` to where the cut ends (m,), m: NaN where the start of the ray is
+            not cut, and infinity where the cut goes on beyond ``reach_m``; and the unit normal of the cut's boundary
+            there (m, 2), out of the cut.
+        """
+        points, rays = as_float("point", point, (None, 3)), as_float("direction", direction, (len(point), 2))
+        if self.shape[0] == 0:
+            return np.full(len(points), np.nan), rays.copy()
+        return _exits(
+            points,
+            rays,
+            float(inside_m),
+            self.reach_m,
+            self.start,
+            self.end,
+            self.radius_m,
+            self.corner_m,
+            self.low[0],
+            self.low[1],
+            self.bin_m,
+            self.shape[1],
+            self.shape[0],
+            self.first,
+            self.member,
+        )
+
 
 def swept_section(
     p_part_tcp: Float, outline: Cutter | Float, reach_m: float, joined: Bool | None = None
@@ -70,42 +104,6 @@ def swept_section(
     nx, ny = (int(v) for v in np.floor((high - low) / side) + 1)
     first, member = _bins(start, end, margin, low[0], low[1], side, nx, ny)
     return SweptSection(start, end, radius, corner, reach, side, low, (ny, nx), first, member)
-
-
-def wall_exit(section: SweptSection, point: Float, direction: Float, inside_m: float) -> tuple[Float, Float]:
-    """Distance along a ray that the cut reaches, from a place inside it.
-
-    Args:
-        section: Moves of the tool.
-        point: (m, 3) m; z is the height of the section.
-        direction: (m, 2) horizontal unit vectors, from the cut towards the material.
-        inside_m: The ray starts this far behind the point, at a place expected to be cut; at most ``reach_m``.
-
-    Returns:
-        Distance from the point along ``direction`` to where the cut ends (m,), m: NaN where the start of the ray is
-        not cut, and infinity where the cut goes on beyond ``reach_m``; and the unit normal of the cut's boundary
-        there (m, 2), out of the cut.
-    """
-    points, rays = as_float("point", point, (None, 3)), as_float("direction", direction, (len(point), 2))
-    if section.shape[0] == 0:
-        return np.full(len(points), np.nan), rays.copy()
-    return _exits(
-        points,
-        rays,
-        float(inside_m),
-        section.reach_m,
-        section.start,
-        section.end,
-        section.radius_m,
-        section.corner_m,
-        section.low[0],
-        section.low[1],
-        section.bin_m,
-        section.shape[1],
-        section.shape[0],
-        section.first,
-        section.member,
-    )
 
 
 @kernel(

@@ -34,6 +34,21 @@ class TurnedSurface:
     wall: Bool  # (n,) whether the face is steeper than 56 degrees; the others are floor
     cell_m: float  # of the lattice whose lines the points lie on
 
+    def deviation(self, swept: CutLog) -> TurnedDeviation:
+        """Compare what a tool swept with the undisturbed part.
+
+        Args:
+            swept: All motions of the machining.
+        """
+        deviation = swept.distance(self.points)
+        known = ~np.isnan(deviation)
+        all_of, floor, wall = (
+            weighted_figures(deviation[known & which], self.area_m2[known & which])
+            for which in (known, ~self.wall, self.wall)
+        )
+        lost = float(self.area_m2[~known].sum())
+        return TurnedDeviation(deviation, all_of, floor, wall, 0.1 * UM, 0.1 * UM, lost)
+
 
 @dataclass(frozen=True, eq=False)
 class TurnedDeviation:
@@ -58,20 +73,3 @@ def turned_surface(nominal: Surface, cell_m: float) -> TurnedSurface:
     some = made[::stride]
     wall = np.hypot(normal[some, 0], normal[some, 1]) > STEEP * np.abs(normal[some, 2])
     return TurnedSurface(nominal.points[some], area[some] * (area[made].sum() / area[some].sum()), wall, cell_m)
-
-
-def turned_deviation(surface: TurnedSurface, swept: CutLog) -> TurnedDeviation:
-    """Compare what a tool swept with the undisturbed part.
-
-    Args:
-        surface: See :func:`turned_surface`.
-        swept: All motions of the machining.
-    """
-    deviation = swept.distance(surface.points)
-    known = ~np.isnan(deviation)
-    all_of, floor, wall = (
-        weighted_figures(deviation[known & which], surface.area_m2[known & which])
-        for which in (known, ~surface.wall, surface.wall)
-    )
-    lost = float(surface.area_m2[~known].sum())
-    return TurnedDeviation(deviation, all_of, floor, wall, 0.1 * UM, 0.1 * UM, lost)

@@ -19,7 +19,7 @@ INPUTS: Final = "inputs"
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ArchivedRun:
     """One identification of an archive."""
 
     folder: Path  # Where it is kept
@@ -69,7 +69,7 @@ def keep_inputs(folder: Path, cell: Path, manifests: Sequence[Path]) -> None:
         atomic.write_bytes(target / path.name, text)
 
 
-def runs_below(folder: Path) -> list[Run]:
+def runs_below(folder: Path) -> list[ArchivedRun]:
     """All identifications in and below a folder, oldest first; a run that is there twice counts once.
 
     Raises:
@@ -77,7 +77,7 @@ def runs_below(folder: Path) -> list[Run]:
     """
     if not folder.is_dir():
         raise FileFormatError("no such folder", where=str(folder))
-    results: dict[tuple[str, ...], Run] = {}
+    results: dict[tuple[str, ...], ArchivedRun] = {}
     # The copy in an archive comes before the one beside it: its name tells which of two in one second was later.
     for path in sorted(folder.rglob(RESULT), key=lambda p: (-len(p.parts), str(p))):
         try:
@@ -85,5 +85,5 @@ def runs_below(folder: Path) -> list[Run]:
         except CounterflexError:
             continue
         key = (result["date"], result["recipe"], *(d["sha256"] for d in result["data"]), str(result["headline"]))
-        results.setdefault(key, Run(path.parent, result))
+        results.setdefault(key, ArchivedRun(path.parent, result))
     return sorted(results.values(), key=lambda run: (run.result["date"], run.folder.name))

@@ -61,7 +61,7 @@ class RunTable(Table):
     seconds: Annotated[float, Field(ge=0.1)] | None = None
 
 
-class ControllerTable(Table):
+class ScenarioControllerTable(Table):
     """A simulated robot controller, whatever it speaks."""
 
     peer: Address | None = None
@@ -89,7 +89,7 @@ class RsiTable(Table):
     empty_first: bool = False
 
 
-class EgmTable(Table):
+class ScenarioEgmTable(Table):
     """EGM on an ABB controller, beside what the cell file says."""
 
     robotware: Literal[6, 7] = 7
@@ -120,7 +120,7 @@ class ForceSensorTable(Table):
     status: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] = 0
 
 
-class TrackerTable(Table):
+class ScenarioTrackerTable(Table):
     """A tracker: where its datagrams go, how often, how late, and how a simulated one alone is off."""
 
     address: Address | None = None
@@ -185,12 +185,12 @@ class Scenario(Versioned):
     seed: Annotated[int, Field(ge=0, le=2**31)] = 0
     compensation: CompensationTable = CompensationTable()
     run: RunTable = RunTable()
-    controller: ControllerTable = ControllerTable()
+    controller: ScenarioControllerTable = ScenarioControllerTable()
     rsi: RsiTable = RsiTable()
-    egm: EgmTable = EgmTable()
+    egm: ScenarioEgmTable = ScenarioEgmTable()
     standstill: StandstillTable = StandstillTable()
     force_sensor: ForceSensorTable = ForceSensorTable()
-    tracker: TrackerTable = TrackerTable()
+    tracker: ScenarioTrackerTable = ScenarioTrackerTable()
     target: TargetTable = TargetTable()
     strain: StrainTable = StrainTable()
     network: NetworkTable = NetworkTable()

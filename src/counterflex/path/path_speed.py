@@ -33,6 +33,68 @@ class Track:
     source: Int  # (n,) row of the tool path that the segment belongs to
     turned: Int  # (n,) row of the tool path whose orientation is reached here
 
+    def timed(self, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:
+        """Run the track: samples at the controller's cycle, see :func:`places`.
+
+        ``acceleration_m_s2``: limit along the path, m/s2; ``cycle_s``: time between samples, s.
+
+        Returns:
+            Time (m,) s, position (m, 3) m, tool axis (m, 3), row of the tool path (m,); the last sample is at the end.
+        """
+        segment, along = self.places(acceleration_m_s2, cycle_s)
+        share = along[:, None]
+        p = (1.0 - share) * self.p[segment] + share * self.p[segment + 1]
+        axis = (1.0 - share) * self.axis[segment] + share * self.axis[segment + 1]
+        axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+        t: Float = cycle_s * np.arange(len(segment), dtype=np.float64)
+        return t, p, axis, self.source[segment + 1]
+
+    def places(self, acceleration_m_s2: float, cycle_s: float) -> tuple[Int, Float]:
+        """Places of the tool on the track at each cycle.
+
+        Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then
+        run in three phases (accelerate, hold, brake).
+
+        Args:
+            acceleration_m_s2: Limit along the path, m/s2.
+            cycle_s: Time between samples, s.
+
+        Returns:
+            Segment (m,), which begins at that row of the track, share (m,) 0 .. 1 of it; the last sample is at the end.
+        """
+        a, length = acceleration_m_s2, self.length_m
+        corner = self.corner_m_s.copy()
+        corner[0] = corner[-1] = 0.0
+        for i in range(1, len(corner)):
+            corner[i] = min(corner[i], math.sqrt(corner[i - 1] ** 2 + 2.0 * a * length[i]))
+        for i in range(len(corner) - 1, 0, -1):
+            corner[i - 1] = min(corner[i - 1], math.sqrt(corner[i] ** 2 + 2.0 * a * length[i]))
+        v0, v1 = corner[:-1], corner[1:]
+        span = length[1:]
+        peak = np.sqrt(np.minimum(self.speed_m_s[1:] ** 2, a * span + 0.5 * (v0**2 + v1**2)))
+        peak = np.maximum(peak, np.maximum(v0, v1))
+        rise, fall = (peak**2 - v0**2) / (2.0 * a), (peak**2 - v1**2) / (2.0 * a)
+        hold = np.maximum(span - rise - fall, 0.0)
+        moving = span > 0.0
+        hold_s = np.where(moving, hold / np.where(peak > 0.0, peak, 1.0), self.dwell_s[1:])
+        duration = np.stack([(peak - v0) / a, hold_s, (peak - v1) / a], axis=1)
+        duration[~moving] = np.stack([np.zeros_like(hold_s), hold_s, np.zeros_like(hold_s)], axis=1)[~moving]
+        station = np.concatenate([[0.0], np.cumsum(span)])
+        begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
+        begin[~moving] = station[:-1][~moving, None]
+        speed = np.stack([v0, peak, peak], axis=1) * moving[:, None]
+        slope = np.stack([np.full_like(v0, a), np.zeros_like(v0), np.full_like(v0, -a)], axis=1) * moving[:, None]
+        clock = np.concatenate([[0.0], np.cumsum(duration.ravel())])
+        samples = math.ceil(clock[-1] / cycle_s - 1e-9) + 1
+        t = cycle_s * np.arange(samples)
+        phase = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, duration.size - 1)
+        dt = np.minimum(t - clock[phase], duration.ravel()[phase])
+        s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
+        segment = phase // 3
+        s = np.clip(s, station[segment], station[segment + 1])
+        share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)
+        return np.asarray(segment, dtype=np.int64), share
+
 
 def build_track(path: ToolPath, *, blending_m: float, rapid_m_s: float, acceleration_m_s2: float) -> Track:
     """Round the corners of a tool path and find the speed limits.
@@ -117,68 +179,3 @@ def _rounded(angle: float, blend_m: float, speed_m_s: float, acceleration_m_s2: 
         return 0.0, 0.0
     curvature = math.sin(0.5 * angle) / (blend_m * sharp * sharp)
     return min(math.sqrt(acceleration_m_s2 / curvature), speed_m_s), blend_m
-
-
-def timed(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Float, Float, Float, Int]:
-    """Run the track: samples at the controller's cycle, see :func:`places`.
-
-    ``acceleration_m_s2``: limit along the path, m/s2; ``cycle_s``: time between samples, s.
-
-    Returns:
-        Time (m,) s, position (m, 3) m, tool axis (m, 3) and row of the tool path (m,); the last sample is at the end.
-    """
-    segment, along = places(track, acceleration_m_s2, cycle_s)
-    share = along[:, None]
-    p = (1.0 - share) * track.p[segment] + share * track.p[segment + 1]
-    axis = (1.0 - share) * track.axis[segment] + share * track.axis[segment + 1]
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    t: Float = cycle_s * np.arange(len(segment), dtype=np.float64)
-    return t, p, axis, track.source[segment + 1]
-
-
-def places(track: Track, acceleration_m_s2: float, cycle_s: float) -> tuple[Int, Float]:
-    """Places of the tool on the track at each cycle.
-
-    Corner speeds are lowered so that ``v_i^2 <= v_(i-1)^2 + 2 a L`` forwards and backwards; each segment is then run
-    in three phases (accelerate, hold, brake).
-
-    Args:
-        track: From :func:`build_track`.
-        acceleration_m_s2: Limit along the path, m/s2.
-        cycle_s: Time between samples, s.
-
-    Returns:
-        Segment (m,), which begins at that row of the track, and share (m,) 0 .. 1 of it; the last sample is at the end.
-    """
-    a, length = acceleration_m_s2, track.length_m
-    corner = track.corner_m_s.copy()
-    corner[0] = corner[-1] = 0.0
-    for i in range(1, len(corner)):
-        corner[i] = min(corner[i], math.sqrt(corner[i - 1] ** 2 + 2.0 * a * length[i]))
-    for i in range(len(corner) - 1, 0, -1):
-        corner[i - 1] = min(corner[i - 1], math.sqrt(corner[i] ** 2 + 2.0 * a * length[i]))
-    v0, v1 = corner[:-1], corner[1:]
-    span = length[1:]
-    peak = np.sqrt(np.minimum(track.speed_m_s[1:] ** 2, a * span + 0.5 * (v0**2 + v1**2)))
-    peak = np.maximum(peak, np.maximum(v0, v1))
-    rise, fall = (peak**2 - v0**2) / (2.0 * a), (peak**2 - v1**2) / (2.0 * a)
-    hold = np.maximum(span - rise - fall, 0.0)
-    moving = span > 0.0
-    hold_s = np.where(moving, hold / np.where(peak > 0.0, peak, 1.0), track.dwell_s[1:])
-    duration = np.stack([(peak - v0) / a, hold_s, (peak - v1) / a], axis=1)
-    duration[~moving] = np.stack([np.zeros_like(hold_s), hold_s, np.zeros_like(hold_s)], axis=1)[~moving]
-    station = np.concatenate([[0.0], np.cumsum(span)])
-    begin = np.stack([station[:-1], station[:-1] + rise, station[:-1] + rise + hold], axis=1)
-    begin[~moving] = station[:-1][~moving, None]
-    speed = np.stack([v0, peak, peak], axis=1) * moving[:, None]
-    slope = np.stack([np.full_like(v0, a), np.zeros_like(v0), np.full_like(v0, -a)], axis=1) * moving[:, None]
-    clock = np.concatenate([[0.0], np.cumsum(duration.ravel())])
-    samples = math.ceil(clock[-1] / cycle_s - 1e-9) + 1
-    t = cycle_s * np.arange(samples)
-    phase = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, duration.size - 1)
-    dt = np.minimum(t - clock[phase], duration.ravel()[phase])
-    s = begin.ravel()[phase] + speed.ravel()[phase] * dt + 0.5 * slope.ravel()[phase] * dt**2
-    segment = phase // 3
-    s = np.clip(s, station[segment], station[segment + 1])
-    share = np.where(moving[segment], (s - station[segment]) / np.where(moving, span, 1.0)[segment], 0.0)
-    return np.asarray(segment, dtype=np.int64), share

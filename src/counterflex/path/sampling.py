@@ -192,7 +192,9 @@ def sample(
     duration = np.where(motions.kind == DWELL_MOTION, motions.duration_s, length / np.where(speed > 0.0, speed, 1.0))
     step_s = (duration / count)[index]
     kind = np.where(motions.kind == RAPID_MOTION, RAPID, FEED)[index]
-    columns = _Columns(points, kind, speed[index], motions.spindle_rad_s[index], step_s, index, motions.tool[index])
+    columns = _SampleColumns(
+        points, kind, speed[index], motions.spindle_rad_s[index], step_s, index, motions.tool[index]
+    )
     return columns.joined(motions, first, rapid_speed_m_s)
 
 
@@ -230,7 +232,7 @@ def joints_before(motions: MotionTable) -> Int:
 
 
 @dataclass
-class _Columns:
+class _SampleColumns:
     """Columns of a path that still lacks its first row."""
 
     points: Float

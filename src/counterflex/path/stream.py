@@ -13,7 +13,7 @@ import numpy as np
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.geometry import pose, rotation
-from counterflex.path.path_speed import build_track, places
+from counterflex.path.path_speed import build_track
 from counterflex.path.toolpath import ToolPath
 
 
@@ -59,7 +59,7 @@ class PoseStream:
         )
         if len(path) < 2 or float(track.length_m.sum()) == 0.0:
             raise InputError("a path that does not move cannot be streamed", value=len(path))
-        self._segment, self._share = places(track, acceleration_m_s2, period_s)
+        self._segment, self._share = track.places(acceleration_m_s2, period_s)
         self._p = track.p
         self._Rs = T[track.turned, :3, :3]
         self._turn = rotation.log(self._Rs[1:] @ np.swapaxes(self._Rs[:-1], -1, -2))

@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import ModelError
-from counterflex.core.told_apart import told_apart
+from counterflex.core.similar import told_apart
 from counterflex.core.units import MM
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.plan import impulse_share

@@ -73,7 +73,7 @@ class Language:
     offsets: Place = None  # Class of :mod:`counterflex.programs.stated.offsets` that follows numbered offsets
     diameters: Place = None  # ``(program) -> Iterator[(tool, diameter, line)]``, in program units, stated by statements
     cell: Place = None  # ``(Cell) -> RobotTextCell``, what a robot program is held against
-    spelling: Place = None  # The :class:`~counterflex.programs.gcode.write.spelling.Spelling` of a dialect of G-code
+    spelling: Place = None  # :class:`~counterflex.programs.gcode.write.written_line.Spelling` of a dialect of G-code
     # ``(program, CompensatedPath, **settings)``: the program with other targets, all else as it was; see
     # :func:`counterflex.app.compensation.languages.written`
     in_place: Place = None

@@ -62,7 +62,6 @@ class CampaignData(Head):
     seeds: tuple[CampaignOfSeed, ...]
     facts: tuple[Fact, ...] = ()
 
-
-def campaign_page(data: CampaignData) -> str:
-    """The page, as HTML text."""
-    return render("campaign.html.j2", {}, [], data=data)
+    def page(self) -> str:
+        """The page, as HTML text."""
+        return render("campaign.html.j2", {}, [], data=self)

@@ -27,59 +27,65 @@ class CorrectionData:
     sigma_m: Float  # (k, 3) m
     change_m: Float  # (k, 3) m, change of the correction
 
+    def page(self) -> str:
+        """The page, as HTML text."""
+        figures = {"error": self.error_figure()}
+        return render(
+            "correction.html.j2", figures, [], data=self, summary=self.summary, verdict=_verdict(self.summary)
+        )
 
-def correction_page(data: CorrectionData) -> str:
-    """The page, as HTML text."""
-    figures = {"error": error_figure(data)}
-    return render("correction.html.j2", figures, [], data=data, summary=data.summary, verdict=_verdict(data.summary))
-
-
-def error_figure(data: CorrectionData) -> dict[str, Any]:
-    """Plotly specification: error of the path with its interval, and the change of the correction, by axis."""
-    traces: list[dict[str, Any]] = []
-    layout: dict[str, Any] = {
-        "height": 560,
-        "margin": {"l": 64, "r": 16, "t": 24, "b": 48},
-        "xaxis": {"title": {"text": "way along the cut, mm"}, "anchor": "y3"},
-        "legend": {"orientation": "h", "y": 1.08},
-    }
-    way = data.way_m / MM
-    for axis in range(3):
-        name = "" if axis == 0 else str(axis + 1)
-        layout[f"yaxis{name}"] = {
-            "title": {"text": f"{'xyz'[axis]}, um"},
-            "domain": [0.70 - 0.35 * axis, 0.98 - 0.35 * axis],
-            "zeroline": True,
+    def error_figure(self) -> dict[str, Any]:
+        """Plotly specification: error of the path with its interval, and the change of the correction, by axis."""
+        traces: list[dict[str, Any]] = []
+        layout: dict[str, Any] = {
+            "height": 560,
+            "margin": {"l": 64, "r": 16, "t": 24, "b": 48},
+            "xaxis": {"title": {"text": "way along the cut, mm"}, "anchor": "y3"},
+            "legend": {"orientation": "h", "y": 1.08},
         }
-        e, s = data.error_m[:, axis] / UM, 2.0 * data.sigma_m[:, axis] / UM
-        common = {"type": "scatter", "mode": "lines", "x": numbers(way, 2), "yaxis": f"y{name}", "connectgaps": False}
-        traces += [
-            {
-                **common,
-                "y": numbers(e + sign * s, 1),
-                "line": {"width": 0},
-                "fill": "tonexty" if sign > 0 else None,
-                "fillcolor": "rgba(120,130,140,0.25)",
-                "hoverinfo": "skip",
-                "name": "2 standard deviations",
-                "showlegend": sign > 0 and axis == 0,
+        way = self.way_m / MM
+        for axis in range(3):
+            name = "" if axis == 0 else str(axis + 1)
+            layout[f"yaxis{name}"] = {
+                "title": {"text": f"{'xyz'[axis]}, um"},
+                "domain": [0.70 - 0.35 * axis, 0.98 - 0.35 * axis],
+                "zeroline": True,
             }
-            for sign in (-1.0, 1.0)
-        ]
-        for values, colour, text in (
-            (e, BEFORE, "error that the part showed"),
-            (data.change_m[:, axis] / UM, AFTER, "change of the correction"),
-        ):
-            traces.append(
+            e, s = self.error_m[:, axis] / UM, 2.0 * self.sigma_m[:, axis] / UM
+            common = {
+                "type": "scatter",
+                "mode": "lines",
+                "x": numbers(way, 2),
+                "yaxis": f"y{name}",
+                "connectgaps": False,
+            }
+            traces += [
                 {
                     **common,
-                    "y": numbers(values, 1),
-                    "line": {"color": colour, "width": 1.6},
-                    "name": text,
-                    "showlegend": axis == 0,
+                    "y": numbers(e + sign * s, 1),
+                    "line": {"width": 0},
+                    "fill": "tonexty" if sign > 0 else None,
+                    "fillcolor": "rgba(120,130,140,0.25)",
+                    "hoverinfo": "skip",
+                    "name": "2 standard deviations",
+                    "showlegend": sign > 0 and axis == 0,
                 }
-            )
-    return {"data": traces, "layout": layout}
+                for sign in (-1.0, 1.0)
+            ]
+            for values, colour, text in (
+                (e, BEFORE, "error that the part showed"),
+                (self.change_m[:, axis] / UM, AFTER, "change of the correction"),
+            ):
+                traces.append(
+                    {
+                        **common,
+                        "y": numbers(values, 1),
+                        "line": {"color": colour, "width": 1.6},
+                        "name": text,
+                        "showlegend": axis == 0,
+                    }
+                )
+        return {"data": traces, "layout": layout}
 
 
 def _verdict(summary: Mapping[str, Any]) -> str:

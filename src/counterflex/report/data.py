@@ -24,7 +24,7 @@ class Fact:
 
 
 @dataclass(frozen=True)
-class Difference:
+class ReportedDifference:
     """One constant that the truth has different from the model."""
 
     name: str
@@ -34,7 +34,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Curve:
+class ErrorCurve:
     """A series over time."""
 
     time_s: Float  # (n,) s
@@ -62,7 +62,7 @@ class VariantData:
 
     deviation: PathDeviation
     surface: SurfaceDeviation | None = None  # Surface deviation, or None where no part was simulated
-    force_n: Curve | None = None  # Magnitude of the process force over time, or None
+    force_n: ErrorCurve | None = None  # Magnitude of the process force over time, or None
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class ReportData(Head):
     features: tuple[FeatureRow, ...] = ()  # Measured features; variants ``nominal`` and ``compensated``
     budget: tuple[BudgetLine, ...] = ()
     assumptions: tuple[Fact, ...] = ()  # Every assumption with value and source
-    differences: tuple[Difference, ...] = ()  # How the truth differed from the model
+    differences: tuple[ReportedDifference, ...] = ()  # How the truth differed from the model
     # Paragraphs below the headline that the reader must know (what was simulated, what was not)
     drawing: CellDrawing | None = None  # Robot, reach and blank, or None
     next_steps: tuple[str, ...] = ()  # What to do with the result, most important first

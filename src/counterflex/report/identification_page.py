@@ -3,20 +3,211 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
+
+from counterflex.core.arrays import Float
 from counterflex.files.shop_unit import digits_of, unit_of_name
-from counterflex.identify.recipe import Identification
+from counterflex.identify.recipe import Identification, Picture
 from counterflex.identify.solver.fit import Fit
+from counterflex.identify.solver.observability import DETERMINED
 from counterflex.report.data import Fact, Head
-from counterflex.report.identification_figures import (
-    correlation_figure,
-    intervals_figure,
-    picture_figure,
-    residuals_figure,
-    seen_words,
-)
+from counterflex.report.figure_data import AFTER, BEFORE, numbers
 from counterflex.report.page import render
+
+_PALETTE: Final = ("#0369a1", "#c2410c", "#15803d", "#7c3aed", "#b45309", "#0f766e", "#be185d", "#4b5563")
+_POINTS: Final = 4000
+_SEEN_COLOURS: Final = {"determined": AFTER, "partly": "#b45309", "prior": "#9aa3ad"}
+COVERAGE: Final = 1.96
+
+
+_PRIOR_BAND: Final = {
+    "type": "rect",
+    "x0": -COVERAGE,
+    "x1": COVERAGE,
+    "y0": 0,
+    "y1": 1,
+    "yref": "paper",
+    "fillcolor": "#eef1f4",
+    "line": {"width": 0},
+    "layer": "below",
+}
+
+
+def intervals_figure(fit: Fit) -> dict[str, Any] | None:
+    """Every free parameter that has a prior: value and 95 % interval in standard deviations of the prior.
+
+    The grey band is the prior's 95 %; a short bar far inside it is what the data know better.
+    """
+    names, x, width, colours = [], [], [], []
+    for place in fit.free_index[::-1]:
+        item = fit.parameters.items[place]
+        if not item.has_prior:
+            continue
+        u = fit.parameters.coordinates(fit.values)[place]
+        slope = float(fit.parameters.slope(fit.values)[place])
+        names.append(item.label or item.name)
+        x.append(float(u))
+        width.append(COVERAGE * float(fit.sigma[place]) / slope)
+        colours.append(_SEEN_COLOURS[fit.seen[place]])
+    if not names:
+        return None
+    reach = max(2.4, 1.08 * max(abs(v) + w for v, w in zip(x, width, strict=True)))
+    traces = []
+    for seen, text in (("determined", "determined by the data"), ("partly", "partly"), ("prior", "as known before")):
+        mine = [i for i, colour in enumerate(colours) if colour == _SEEN_COLOURS[seen]]
+        if mine:
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "name": text,
+                    "y": [names[i] for i in mine],
+                    "x": [round(x[i], 4) for i in mine],
+                    "error_x": {
+                        "type": "data",
+                        "array": [round(width[i], 4) for i in mine],
+                        "thickness": 2,
+                        "width": 4,
+                    },
+                    "marker": {"color": _SEEN_COLOURS[seen], "size": 7},
+                    "hovertemplate": "%{y}: %{x:.2f} prior standard deviations<extra></extra>",
+                }
+            )
+    return {
+        "data": traces,
+        "layout": {
+            "height": 90 + 20 * len(names),
+            "margin": {"l": 10, "r": 10, "t": 26, "b": 44},
+            "xaxis": {
+                "title": {"text": "change, in standard deviations of the prior"},
+                "range": [-reach, reach],
+                "zeroline": True,
+            },
+            "yaxis": {"automargin": True, "categoryorder": "array", "categoryarray": names, "dtick": 1},
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+            "shapes": [_PRIOR_BAND],
+        },
+    }
+
+
+def residuals_figure(fit: Fit, names: tuple[str, ...]) -> dict[str, Any]:
+    """Size of every row's weighted residual; rows that lost weight stand out."""
+    traces: list[dict[str, Any]] = []
+    first = 0
+    for name, rows, weights, factor, colour in zip(
+        names, fit.residuals, fit.weights, fit.sigma_factors, _cycle(len(names)), strict=True
+    ):
+        size = np.sqrt(np.mean(rows**2, axis=1)) / factor
+        index = np.arange(first, first + len(size), dtype=np.float64) + 1
+        first += len(size)
+        bad = weights < 0.5
+        good = _some(np.flatnonzero(~bad))
+        traces.append(_points(name, index[good], size[good], colour, 4))
+        if np.any(bad):
+            traces.append(_points(f"{name}: outliers", index[bad], size[bad], BEFORE, 8))
+    top = max((max(t["y"]) for t in traces if t["y"]), default=1.0)
+    axis: dict[str, Any] = {"title": {"text": "residual / its standard deviation"}, "rangemode": "tozero"}
+    if top > 30.0:
+        axis = {"title": {"text": "residual / its standard deviation"}, "type": "log"}
+    return {
+        "data": traces,
+        "layout": {
+            "height": 320,
+            "margin": {"l": 60, "r": 14, "t": 26, "b": 46},
+            "xaxis": {"title": {"text": "row"}},
+            "yaxis": axis,
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+        },
+    }
+
+
+def correlation_figure(fit: Fit) -> dict[str, Any] | None:
+    """Correlation of the free parameters as a map; None for fewer than two."""
+    names = [fit.parameters.items[i].label or fit.parameters.items[i].name for i in fit.free_index]
+    if len(names) < 2:
+        return None
+    return {
+        "data": [
+            {
+                "type": "heatmap",
+                "x": names,
+                "y": names,
+                "z": [numbers(row, 3) for row in fit.correlation],
+                "zmin": -1,
+                "zmax": 1,
+                "colorscale": [[0, "#c2410c"], [0.25, "#f3b08f"], [0.5, "#ffffff"], [0.75, "#9cc7e6"], [1, "#0369a1"]],
+                "colorbar": {"title": {"text": "correlation"}, "thickness": 14},
+                "hovertemplate": "%{y} with %{x}: %{z:.2f}<extra></extra>",
+            }
+        ],
+        "layout": {
+            "height": min(960, 220 + 17 * len(names)),
+            "margin": {"l": 10, "r": 10, "t": 10, "b": 10},
+            "xaxis": {"automargin": True, "showticklabels": len(names) <= 60, "tickangle": -60, "dtick": 1},
+            "yaxis": {"automargin": True, "showticklabels": len(names) <= 60, "autorange": "reversed", "dtick": 1},
+        },
+    }
+
+
+def picture_figure(picture: Picture) -> dict[str, Any]:
+    """A picture of the recipe."""
+    traces = []
+    for curve, colour in zip(picture.curves, _cycle(len(picture.curves)), strict=True):
+        if curve.line:
+            step = max(1, len(curve.x) // _POINTS)
+            x, y = curve.x[::step], curve.y[::step]
+            line = {"color": colour, "width": 1.5}
+            traces.append({"type": "scatter", "mode": "lines", "name": curve.name, **_xy(x, y), "line": line})
+        else:
+            some = _some(np.arange(len(curve.x)))
+            traces.append(_points(curve.name, curve.x[some], curve.y[some], colour, 5))
+    return {
+        "data": traces,
+        "layout": {
+            "height": 340,
+            "margin": {"l": 64, "r": 14, "t": 26, "b": 46},
+            "xaxis": {"title": {"text": picture.x_label}},
+            "yaxis": {"title": {"text": picture.y_label}},
+            "showlegend": len(picture.curves) > 1,
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+        },
+    }
+
+
+def seen_words(fit: Fit) -> list[str]:
+    """Return what the data see of which parameters, in sentences."""
+    out = []
+    for state, text in (
+        ("prior", "keep their former values; these data do not determine them"),
+        ("partly", f"are known better than before, but not by {1.0 / DETERMINED:g} times"),
+        ("held", "were not requested and keep their former values"),
+    ):
+        names = [p.label or p.name for p, seen in zip(fit.parameters, fit.seen, strict=True) if seen == state]
+        if names:
+            shown = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+            out.append(f"{shown}: {text}.")
+    return out + [f"{sentence}." for sentence in fit.hidden if not sentence.startswith("not determined by")]
+
+
+def _xy(x: Float, y: Float) -> dict[str, Any]:
+    return {"x": [float(f"{v:.6g}") for v in x], "y": [None if np.isnan(v) else float(f"{v:.6g}") for v in y]}
+
+
+def _points(name: str, x: Float, y: Float, colour: str, size: int) -> dict[str, Any]:
+    marker = {"color": colour, "size": size, "opacity": 0.75}
+    return {"type": "scatter", "mode": "markers", "name": name, **_xy(x, y), "marker": marker}
+
+
+def _some(index: Any) -> Any:
+    """At most :data:`_POINTS` of the places, evenly."""
+    return index[:: max(1, -(-len(index) // _POINTS))]
+
+
+def _cycle(count: int) -> tuple[str, ...]:
+    return tuple(_PALETTE[i % len(_PALETTE)] for i in range(count))
+
 
 _OUTLIERS = 20
 

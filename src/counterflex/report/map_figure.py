@@ -31,6 +31,51 @@ class MapPicture:
     # (ny, nx) deviation, NaN where nothing was machined. Walls are drawn as a band just outside the floor.
     value_mm: Float
 
+    def _heatmap(self, dx: float, axis: str) -> dict[str, Any]:
+        return {
+            "type": "heatmap",
+            "x0": round(float(self.x_mm[0]), 4),
+            "dx": round(dx, 6),
+            "y0": round(float(self.y_mm[0]), 4),
+            "dy": round(dx, 6),
+            "z": block(np.round(self.value_mm, 4)),
+            "coloraxis": "coloraxis",
+            "xaxis": f"x{axis}",
+            "yaxis": f"y{axis}",
+            "hoverongaps": False,
+            "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>deviation %{z:+.3f} mm<extra></extra>",
+        }
+
+    def figure(self, places: tuple[Callout, ...], limit_mm: float, title: str) -> dict[str, Any]:
+        """Plotly specification of one map alone, over the whole width."""
+        figure = map_figure(self, self, (), limit_mm, (title, ""))
+        figure["data"] = figure["data"][:1]
+        layout = figure["layout"]
+        dx = float(self.x_mm[1] - self.x_mm[0])
+        width, height = float(np.ptp(self.x_mm)) + dx, float(np.ptp(self.y_mm)) + dx
+        pixels = min(max(1090.0 * height / width, 180.0), 620.0)
+        del layout["xaxis2"], layout["yaxis2"]
+        layout["xaxis"]["domain"] = [0.0, 1.0]
+        layout["height"] = round(pixels + 150.0)
+        layout["coloraxis"]["colorbar"]["y"] = -52.0 / pixels
+        offsets = _offsets(places, self, min(1090.0 / width, pixels / height))
+        pointers = [place.pointer(0, offset) for place, offset in zip(places, offsets, strict=True)]
+        layout["annotations"] = [layout["annotations"][0], *pointers]
+        offsets = _offsets(places, self, 290.0 / width, _NUMBER_PX)
+        figure["medium"] = {}
+        for k, (place, offset) in enumerate(zip(places, offsets, strict=True)):
+            figure["medium"] |= {f"annotations[{1 + k}].text": f"<b>{place.label}</b>"}
+            figure["medium"] |= {f"annotations[{1 + k}].ax": offset[0], f"annotations[{1 + k}].ay": offset[1]}
+        narrow = min(max(300.0 * height / width, 120.0), 420.0)
+        figure["narrow"] = {
+            "height": round(narrow + 170.0),
+            "coloraxis.colorbar.y": -58.0 / narrow,
+            "coloraxis.colorbar.len": 1.0,
+            "coloraxis.colorbar.tickvals": edges_mm(limit_mm)[::3],
+            "coloraxis.colorbar.title.text": "deviation, mm<br><b>+ = material left</b>, − = too much removed",
+        }
+        return figure
+
 
 @dataclass(frozen=True)
 class Callout:
@@ -41,6 +86,29 @@ class Callout:
     y_mm: float
     before_mm: float  # Deviation before, NaN where unknown
     after_mm: float  # Deviation after, NaN where unknown
+
+    def pointer(self, n: int, offset: tuple[int, int]) -> dict[str, Any]:
+        """Annotation with an arrow, on the map before (0) or after (1)."""
+        value = self.after_mm if n else self.before_mm
+        text = f"<b>{self.label}</b> {'n/a' if math.isnan(value) else f'{value:+.2f}'}"
+        return {
+            "x": round(self.x_mm, 3),
+            "y": round(self.y_mm, 3),
+            "xref": f"x{'2' if n else ''}",
+            "yref": f"y{'2' if n else ''}",
+            "text": text,
+            "showarrow": True,
+            "arrowhead": 6,
+            "arrowsize": 0.8,
+            "arrowwidth": 1.2,
+            "arrowcolor": "#222",
+            "ax": offset[0],
+            "ay": offset[1],
+            "bgcolor": "rgba(255,255,255,0.92)",
+            "bordercolor": "#222",
+            "borderpad": 2,
+            "font": {"size": 11},
+        }
 
 
 def map_picture(surface: NominalSurface, measured: SurfaceDeviation, limit_cells: int = LIMIT_CELLS) -> MapPicture:
@@ -94,22 +162,6 @@ def callouts(before: MapPicture, after: MapPicture) -> tuple[Callout, ...]:
     )
 
 
-def _heatmap(picture: MapPicture, dx: float, axis: str) -> dict[str, Any]:
-    return {
-        "type": "heatmap",
-        "x0": round(float(picture.x_mm[0]), 4),
-        "dx": round(dx, 6),
-        "y0": round(float(picture.y_mm[0]), 4),
-        "dy": round(dx, 6),
-        "z": block(np.round(picture.value_mm, 4)),
-        "coloraxis": "coloraxis",
-        "xaxis": f"x{axis}",
-        "yaxis": f"y{axis}",
-        "hoverongaps": False,
-        "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>deviation %{z:+.3f} mm<extra></extra>",
-    }
-
-
 def map_figure(
     before: MapPicture,
     after: MapPicture,
@@ -123,7 +175,7 @@ def map_figure(
     height = float(np.ptp(before.y_mm)) + dx
     pixels = min(max(530.0 * height / width, 180.0), 620.0)
     offsets = _offsets(places, before, min(530.0 / width, pixels / height))
-    data = [_heatmap(picture, dx, axis) for picture, axis in ((before, ""), (after, "2"))]
+    data = [picture._heatmap(dx, axis) for picture, axis in ((before, ""), (after, "2"))]
     frame = {"showgrid": False, "zeroline": False, "ticks": "outside", "mirror": True, "showline": True}
     x_range = [float(before.x_mm[0]) - 0.5 * dx, float(before.x_mm[-1]) + 0.5 * dx]
     y_range = [float(before.y_mm[0]) - 0.5 * dx, float(before.y_mm[-1]) + 0.5 * dx]
@@ -166,7 +218,7 @@ def map_figure(
                 }
                 for title, x in zip(titles, (0.0, 0.515), strict=True)
             ),
-            *(_pointer(place, n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
+            *(place.pointer(n, offset) for place, offset in zip(places, offsets, strict=True) for n in (0, 1)),
         ],
     }  # fmt: skip
     return {
@@ -175,37 +227,6 @@ def map_figure(
         "medium": _short(places, before, width),
         "narrow": _narrow(height / width, limit_mm),
     }
-
-
-def single_map_figure(picture: MapPicture, places: tuple[Callout, ...], limit_mm: float, title: str) -> dict[str, Any]:
-    """Plotly specification of one map alone, over the whole width."""
-    figure = map_figure(picture, picture, (), limit_mm, (title, ""))
-    figure["data"] = figure["data"][:1]
-    layout = figure["layout"]
-    dx = float(picture.x_mm[1] - picture.x_mm[0])
-    width, height = float(np.ptp(picture.x_mm)) + dx, float(np.ptp(picture.y_mm)) + dx
-    pixels = min(max(1090.0 * height / width, 180.0), 620.0)
-    del layout["xaxis2"], layout["yaxis2"]
-    layout["xaxis"]["domain"] = [0.0, 1.0]
-    layout["height"] = round(pixels + 150.0)
-    layout["coloraxis"]["colorbar"]["y"] = -52.0 / pixels
-    offsets = _offsets(places, picture, min(1090.0 / width, pixels / height))
-    pointers = [_pointer(place, 0, offset) for place, offset in zip(places, offsets, strict=True)]
-    layout["annotations"] = [layout["annotations"][0], *pointers]
-    offsets = _offsets(places, picture, 290.0 / width, _NUMBER_PX)
-    figure["medium"] = {}
-    for k, (place, offset) in enumerate(zip(places, offsets, strict=True)):
-        figure["medium"] |= {f"annotations[{1 + k}].text": f"<b>{place.label}</b>"}
-        figure["medium"] |= {f"annotations[{1 + k}].ax": offset[0], f"annotations[{1 + k}].ay": offset[1]}
-    narrow = min(max(300.0 * height / width, 120.0), 420.0)
-    figure["narrow"] = {
-        "height": round(narrow + 170.0),
-        "coloraxis.colorbar.y": -58.0 / narrow,
-        "coloraxis.colorbar.len": 1.0,
-        "coloraxis.colorbar.tickvals": edges_mm(limit_mm)[::3],
-        "coloraxis.colorbar.title.text": "deviation, mm<br><b>+ = material left</b>, − = too much removed",
-    }
-    return figure
 
 
 def _narrow(aspect: float, limit_mm: float) -> dict[str, Any]:
@@ -346,26 +367,3 @@ def _offsets(
         taken.append((spot[0] + best[0], spot[1] + best[1]))
         chosen.append(best)
     return chosen
-
-
-def _pointer(place: Callout, n: int, offset: tuple[int, int]) -> dict[str, Any]:
-    value = place.after_mm if n else place.before_mm
-    text = f"<b>{place.label}</b> {'n/a' if math.isnan(value) else f'{value:+.2f}'}"
-    return {
-        "x": round(place.x_mm, 3),
-        "y": round(place.y_mm, 3),
-        "xref": f"x{'2' if n else ''}",
-        "yref": f"y{'2' if n else ''}",
-        "text": text,
-        "showarrow": True,
-        "arrowhead": 6,
-        "arrowsize": 0.8,
-        "arrowwidth": 1.2,
-        "arrowcolor": "#222",
-        "ax": offset[0],
-        "ay": offset[1],
-        "bgcolor": "rgba(255,255,255,0.92)",
-        "bordercolor": "#222",
-        "borderpad": 2,
-        "font": {"size": 11},
-    }

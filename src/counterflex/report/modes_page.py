@@ -35,15 +35,16 @@ class ModesData:
     subtitle: str = ""
     created: str = ""  # Date as printed, or empty
 
-
-def modes_page(data: ModesData) -> str:
-    """The page, as HTML text."""
-    rows = data.summary["modes"]
-    figures = {f"mode{k}": mode_figure(data.points_m, data.moved_m[:, :, k], data.flange) for k in range(len(rows))}
-    lowest = rows[0]
-    low, high = lowest["of_90_percent_hz"]
-    verdict = f"The lowest mode is at {lowest['hz']:.1f} Hz ({low:.1f} to {high:.1f} Hz in nine of ten such robots)."
-    return render("modes.html.j2", figures, [], data=data, summary=data.summary, verdict=verdict)
+    def page(self) -> str:
+        """The page, as HTML text."""
+        rows = self.summary["modes"]
+        figures = {f"mode{k}": mode_figure(self.points_m, self.moved_m[:, :, k], self.flange) for k in range(len(rows))}
+        lowest = rows[0]
+        low, high = lowest["of_90_percent_hz"]
+        verdict = (
+            f"The lowest mode is at {lowest['hz']:.1f} Hz ({low:.1f} to {high:.1f} Hz in nine of ten such robots)."
+        )
+        return render("modes.html.j2", figures, [], data=self, summary=self.summary, verdict=verdict)
 
 
 def mode_figure(points_m: Float, moved_m: Float, flange: int) -> dict[str, Any]:

@@ -175,10 +175,17 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     write_text(path, page.encode("utf-8", "backslashreplace").decode("utf-8"))  # names of files need not be UTF-8
 
 
-def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any]], **values: Any) -> str:
-    """Fill a template of this room that extends ``base.html.j2``.
+def render(
+    template: str,
+    figures: Mapping[str, Any],
+    scales: list[dict[str, Any]],
+    package: str = "counterflex.report",
+    **values: Any,
+) -> str:
+    """Fill a template that extends ``base.html.j2``.
 
     Args:
+        package: Package whose folder ``templates`` has it.
         figures: Plotly figures by the name that ``data-figure`` has in the template.
         values: Whatever the template names; ``data`` must have ``title``, ``subtitle`` and ``created``.
     """
@@ -188,7 +195,7 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
     solid = {"metrology": stepped((*METROLOGY, NOT_MACHINED)), "colour-blind": stepped((*COLOUR_BLIND, NOT_MACHINED))}
     controls = {"palettes": palettes, "solid": solid, "beyond": 1.0 + 2.0 / STEPS, "scales": scales}
     return (
-        _environment()
+        _environment(package)
         .get_template(template)
         .render(
             plotly=Markup(get_plotlyjs()),
@@ -202,9 +209,9 @@ def render(template: str, figures: Mapping[str, Any], scales: list[dict[str, Any
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment(package: str) -> jinja2.Environment:
     return jinja2.Environment(
-        loader=jinja2.PackageLoader("counterflex.report"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in ("counterflex.report", package)]),
         autoescape=True,
         finalize=lambda value: printable(value) if type(value) is str else value,
         undefined=jinja2.StrictUndefined,

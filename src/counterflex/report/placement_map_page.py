@@ -28,26 +28,25 @@ class MapData:
     summary: Mapping[str, Any]
     rows: Sequence[Mapping[str, Any]]  # Of ``map.csv``
 
-
-def placement_map_page(data: MapData) -> str:
-    """The page, as HTML text."""
-    summary = data.summary
-    figures, listed = {}, []
-    for key, (title, unit) in _FIGURES.items():
-        for view in _VIEWS:
-            name = f"{key}_{view}"
-            figures[name] = map_figure(data.rows, summary["present"], view, key)
-            place = "at the present height" if view == "level" else "at the present y"
-            listed.append({"name": name, "title": f"{title}, {unit}, {place}"})
-    best = summary["best"]["level"]
-    present = summary["present"]["deflection_um"]
-    verdict = "The program can be run in no place of the map."
-    if best is not None:
-        verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
-        verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
-        verdict += "." if present is None else f"; {present:g} um in the present place."
-    head = Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
-    return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
+    def page(self) -> str:
+        """The page, as HTML text."""
+        summary = self.summary
+        figures, listed = {}, []
+        for key, (title, unit) in _FIGURES.items():
+            for view in _VIEWS:
+                name = f"{key}_{view}"
+                figures[name] = map_figure(self.rows, summary["present"], view, key)
+                place = "at the present height" if view == "level" else "at the present y"
+                listed.append({"name": name, "title": f"{title}, {unit}, {place}"})
+        best = summary["best"]["level"]
+        present = summary["present"]["deflection_um"]
+        verdict = "The program can be run in no place of the map."
+        if best is not None:
+            verdict = f"Least deflection by the model at this height: {best['deflection_um']:g} um"
+            verdict += f" at x {best['x_mm']:g}, y {best['y_mm']:g} mm"
+            verdict += "." if present is None else f"; {present:g} um in the present place."
+        head = Head(f"Working space: {summary['program']}", f"{summary['cell']}, {summary['robot']}")
+        return render("placement_map.html.j2", figures, [], data=head, summary=summary, verdict=verdict, listed=listed)
 
 
 def _grid(at: Mapping[tuple[Any, Any], Mapping[str, Any]], x: list[Any], y: list[Any], key: str, missing: Any) -> Any:

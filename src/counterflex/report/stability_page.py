@@ -27,34 +27,32 @@ class StabilityData:
     lobes: Sequence[Mapping[str, Any]]  # Rows of ``lobes.csv``
     title: str = "Stability"
 
-
-def stability_page(data: StabilityData) -> str:
-    """The page, as HTML text."""
-    figures = {"margins": margin_figure(data.stretches)}
-    for tool in data.summary["tools"]:
-        rows = [row for row in data.lobes if row["tool"] == tool["tool"]]
-        figures[f"lobes{tool['tool']}"] = lobe_figure(rows, tool["worst"])
-    summary = data.summary
-    worst = summary["worst"]
-    verdict = (
-        f"{_TEXTS[summary['verdict']]} Least margin {worst['margin']:.3g} at line {worst['line']} ({worst['method']})."
-    )
-    needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
-    if summary["verdict_over_interval"] == "open":
-        low, high = summary["robot_damping_between"]
-        verdict += (
-            f" Open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} "
-            "the program chatters."
+    def page(self) -> str:
+        """The page, as HTML text."""
+        figures = {"margins": margin_figure(self.stretches)}
+        for tool in self.summary["tools"]:
+            rows = [row for row in self.lobes if row["tool"] == tool["tool"]]
+            figures[f"lobes{tool['tool']}"] = lobe_figure(rows, tool["worst"])
+        summary = self.summary
+        worst = summary["worst"]
+        least = f"{worst['margin']:.3g} at line {worst['line']} ({worst['method']})"
+        verdict = f"{_TEXTS[summary['verdict']]} Least margin {least}."
+        needed = max(tool["needed_damping_ratio"] for tool in summary["tools"])
+        if summary["verdict_over_interval"] == "open":
+            low, high = summary["robot_damping_between"]
+            verdict += (
+                f" Open: the damping ratio was not measured and may be {low:g} to {high:g}; below {needed:.3g} "
+                "the program chatters."
+            )
+        return render(
+            "stability.html.j2",
+            figures,
+            [],
+            data=Head(f"Stability: {summary['program']}", f"{summary['cell']}, {summary['robot']}"),
+            summary=summary,
+            verdict=verdict,
+            needed=needed,
         )
-    return render(
-        "stability.html.j2",
-        figures,
-        [],
-        data=Head(f"Stability: {summary['program']}", f"{summary['cell']}, {summary['robot']}"),
-        summary=summary,
-        verdict=verdict,
-        needed=needed,
-    )
 
 
 def margin_figure(stretches: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

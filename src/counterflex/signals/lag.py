@@ -19,7 +19,7 @@ from counterflex.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class Clock:
+class RecorderClock:
     """Run of another clock: ``stamp = t + offset + drift (t - reference)`` for an instant t of the first clock."""
 
     offset_s: float = 0.0  # by how much the other clock is ahead at the reference, s

@@ -10,7 +10,7 @@ import polars
 import pytest
 
 from counterflex.app.campaign import campaign
-from counterflex.app.campaign.axes import Grid, Placement, branch_and_rotation, read_placements, setups_of
+from counterflex.app.campaign.axes import Grid, Placement, branch_and_rotation, read_placements
 from counterflex.app.proof import simulate
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import read_cell
@@ -122,13 +122,13 @@ def test_what_are_no_placements(tmp_path: Path, text: str, message: str) -> None
 
 
 def test_set_ups_are_named_by_what_differs() -> None:
-    assert [item.name for item in setups_of(Grid(["a.ngc"]))] == [""]
-    assert [item.name for item in setups_of(Grid(["a.ngc", "x/b.ngc"], PLACES))] == [
+    assert [item.name for item in Grid(["a.ngc"]).setups()] == [""]
+    assert [item.name for item in Grid(["a.ngc", "x/b.ngc"], PLACES).setups()] == [
         "a_near", "a_nowhere", "b_near", "b_nowhere",
     ]  # fmt: skip
-    assert [item.name for item in setups_of(Grid(["a.ngc"], (), ["present", "chosen"]))] == ["present", "chosen"]
+    assert [item.name for item in Grid(["a.ngc"], (), ["present", "chosen"]).setups()] == ["present", "chosen"]
     assert branch_and_rotation("back down flip -90") == ("back down flip", -90.0)
-    assert setups_of(Grid()) == ()
+    assert Grid().setups() == ()
 
 
 @pytest.mark.parametrize(
@@ -144,4 +144,4 @@ def test_set_ups_are_named_by_what_differs() -> None:
 )
 def test_what_is_no_grid(grid: Grid, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        setups_of(grid)
+        grid.setups()

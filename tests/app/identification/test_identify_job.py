@@ -14,8 +14,8 @@ import pytest
 
 from counterflex.app.identification import identify
 from counterflex.app.identification.history import history
+from counterflex.app.identification.identify import judged
 from counterflex.app.identification.propose import propose
-from counterflex.app.identification.verdict import judged
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError
 from counterflex.core.units import URAD_PER_KNM

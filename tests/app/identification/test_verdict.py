@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from counterflex.app.identification.verdict import judged
+from counterflex.app.identification.identify import judged
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import ModelError
 from counterflex.identify.recipe import Figure, Identification

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import cluster_steps as steps
-from counterflex.app.long_jobs.on_worker import carried_out, ordered, packed, taken, unpacked
+from counterflex.app.long_jobs.on_worker import ordered, packed, taken, unpacked
 from counterflex.app.long_jobs.step_cache import program_files
 from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ReachError
@@ -42,7 +42,7 @@ def test_a_task_needs_no_shared_disk(tmp_path: Path) -> None:
     def report(fraction: float, what: str = "") -> None:
         told.append(fraction)
 
-    parcel = carried_out(order, report)
+    parcel = order.carry_out(report)
     assert not (root / "copy-0").exists()
     assert taken(parcel, task, root) == {"k": 0}
     assert (root / "copy-0" / "copy.txt").read_text(encoding="ascii") == "x0"
@@ -52,18 +52,18 @@ def test_a_task_needs_no_shared_disk(tmp_path: Path) -> None:
 def test_a_fault_is_that_of_the_task_with_the_names_of_this_machine(tmp_path: Path) -> None:
     root, _ = job(tmp_path)
     task = Task("far", "", steps.unreachable, (Reads(str(root / "in.txt")),))
-    fault = taken(carried_out(ordered(task, root)), task, root)
+    fault = taken(ordered(task, root).carry_out(), task, root)
     assert isinstance(fault, ReachError)
     assert str(fault) == f"{root / 'in.txt'}:3: out of reach; got 1.5; expected <= 1. Move the part"
     broken = Task("b", "", steps.broken)
-    fault = taken(carried_out(ordered(broken, root)), broken, root)
+    fault = taken(ordered(broken, root).carry_out(), broken, root)
     assert isinstance(fault, RuntimeError)
     assert "cluster_steps.py" in str(fault)
 
 
 def test_a_worker_with_another_program_refuses(tmp_path: Path) -> None:
     root, task = job(tmp_path)
-    parcel = carried_out(replace(ordered(task, root), program="0.0.1 (abc)"))
+    parcel = replace(ordered(task, root), program="0.0.1 (abc)").carry_out()
     with pytest.raises(InputError, match="another counterflex"):  # raised, not a result: it ends the job
         taken(parcel, task, root)
     assert not (root / "log").exists()

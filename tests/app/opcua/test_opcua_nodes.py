@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.app.opcua.nodes import ALARMS, NODES, ROBOT, UNITS, View, occurred
-from counterflex.app.opcua.settings import OpcuaSettings, require_safe
+from counterflex.app.opcua.settings import OpcuaSettings
 from counterflex.app.panel.watched_run import Seen
 from counterflex.core.errors import InputError
 
@@ -54,11 +54,11 @@ def test_events_come_once_when_something_begins_and_when_it_is_acknowledged() ->
 )
 def test_no_network_without_passwords_and_encryption(given: dict[str, object], words: str) -> None:
     with pytest.raises(InputError) as caught:
-        require_safe(OpcuaSettings(Path("log"), **given))  # type: ignore[arg-type]
+        OpcuaSettings(Path("log"), **given).require_safe()  # type: ignore[arg-type]
     assert words in str(caught.value)
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(InputError, match="asyncua"):
-        require_safe(OpcuaSettings(Path("log")))
+        OpcuaSettings(Path("log")).require_safe()

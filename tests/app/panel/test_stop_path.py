@@ -12,7 +12,7 @@ import pytest
 from counterflex.core.errors import OutputError
 
 PAGE = pytest.importorskip("counterflex.app.panel.page", reason="the extra panel is not installed")
-from counterflex.app.panel.access import Session  # noqa: E402
+from counterflex.app.panel.access import PanelSession  # noqa: E402
 
 
 class Run:
@@ -36,7 +36,7 @@ class Bare(PAGE.PanelPage):  # type: ignore[misc, name-defined]
     """A page without a browser."""
 
     def __init__(self, run: Run, role: Any, *, valid: bool = True) -> None:
-        self._run, self.session = run, Session("anna", role, "10.0.0.7", 1e9)
+        self._run, self.session = run, PanelSession("anna", role, "10.0.0.7", 1e9)
         self._valid = lambda: valid
         self.told: list[str] = []
         self._report_action = self.told.append

@@ -13,7 +13,7 @@ from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement
 from counterflex.app.placement.frame import Frame
-from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.region import Wish
 from counterflex.cli.arguments import region
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
@@ -97,7 +97,7 @@ def test_values_that_an_axis_cannot_have_are_refused(
 def test_an_axis_that_is_not_named_stands_still(tmp_path: Path) -> None:
     program, file = written(tmp_path)
     cell = read_cell(file)
-    some = region_of(Wish(axes={"E2": (-10.0, 10.0)}), Frame(cell, np.zeros(3)))
+    some = Wish(axes={"E2": (-10.0, 10.0)}).region(Frame(cell, np.zeros(3)))
     assert (some.low[4], some.high[4]) == pytest.approx((0.1, 0.1))
     assert (some.low[5], some.high[5]) == pytest.approx((-10.0 * DEG, 10.0 * DEG))
     assert program.exists()

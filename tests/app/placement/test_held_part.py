@@ -12,7 +12,7 @@ from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement, placement_map
-from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.region import Wish
 from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.app.posture import posture_of
 from counterflex.core.units import DEG, MM
@@ -153,7 +153,7 @@ def test_a_vertical_spindle_is_not_turned_and_a_tilted_one_is(tmp_path: Path) ->
     for angle, free in ((0.0, False), (90.0, True)):
         cell = Mounting("tcp", "b_deg", ()).cell(read_cell(file), angle)
         _, cell, task = placement.task_of(program, cell, AS_IT_IS, "both")
-        region = region_of(Wish(), placement.frame_of(task, cell))
+        region = Wish().region(placement.frame_of(task, cell))
         assert (region.high[3] > region.low[3]) is free
 
 

@@ -13,7 +13,7 @@ from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import operations_job, placement
 from counterflex.app.placement.operations import per_operation
-from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.region import Wish
 from counterflex.app.placement.whole_program import placed_cell
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
@@ -70,7 +70,7 @@ def test_each_operation_stands_where_it_costs_least(tmp_path: Path) -> None:
     program, file = files(tmp_path)
     given = placement.prepared(program, read_cell(file), AS_IT_IS, "both")
     done = per_operation(
-        program, given, region_of(Wish(), given.frame),
+        program, given, Wish().region(given.frame),
         reading=AS_IT_IS, one=None, least_damping=-np.inf,
     )  # fmt: skip
     rows, whole = done.summary["operations"], done.summary["per_operation"]

@@ -13,7 +13,7 @@ from counterflex.app.proof.judge import features, judge, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.core.errors import InputError
 from counterflex.cutting.cutter import Cutter
-from counterflex.evaluate.swept_section import swept_section, wall_exit
+from counterflex.evaluate.swept_section import swept_section
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.path.toolpath import FEED
 from counterflex.twin.plant.simulate import mounted_tools
@@ -89,9 +89,9 @@ def test_a_section_through_moves_of_two_radii() -> None:
     outline = np.array([[1.0, 0.0], [8e-3, 0.0], [10e-3, 0.0]])
     section = swept_section(p, outline, 3e-3)
     point, up = np.array([[0.02, 8e-3, 0.0], [0.06, 8e-3, 0.0]]), np.tile([0.0, 1.0], (2, 1))
-    np.testing.assert_allclose(wall_exit(section, point, up, 1e-3)[0], [0.0, 2e-3], atol=1e-12)
+    np.testing.assert_allclose(section.wall_exit(point, up, 1e-3)[0], [0.0, 2e-3], atol=1e-12)
     cutter = Cutter(diameter_m=16e-3, corner_radius_m=0.0, flutes=2, flute_length_m=20e-3)
-    np.testing.assert_allclose(wall_exit(swept_section(p, cutter, 3e-3), point, up, 1e-3)[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(swept_section(p, cutter, 3e-3).wall_exit(point, up, 1e-3)[0], 0.0, atol=1e-12)
 
 
 def test_online_correction_has_one_tool(job: Job) -> None:

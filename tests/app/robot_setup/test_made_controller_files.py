@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
-from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings, make as make_egm
-from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings, check, make
+from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings
+from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings
 
 PORTS = {  # type of object: its number, inputs, outputs
     "ETHERNET": (64, 64, 64),
@@ -69,7 +69,7 @@ def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     (tmp_path / "part.src").write_text(PROGRAM, encoding="latin-1")
     (tmp_path / "part.dat").write_text(DATA, encoding="latin-1")
     program = None if way == "link test" else tmp_path / "part.src"
-    make(MakeSettings(tmp_path / "cell.toml", program), tmp_path / "robot")
+    MakeSettings(tmp_path / "cell.toml", program).make(tmp_path / "robot")
     return tmp_path / "robot"
 
 
@@ -77,7 +77,7 @@ def test_what_is_made_has_no_finding(robot: Path) -> None:
     (main,) = robot.glob("*.src")
     (context,) = (path for path in robot.iterdir() if path.name in ("counterflex.rsi.xml", "counterflex.rsix"))
     judged = CheckSettings(robot / "counterflex_ethernet.xml", robot.parent / "cell.toml", context, main)
-    assert [item.line() for item in check(judged)] == []
+    assert [item.line() for item in judged.check()] == []
 
 
 def local(element: ElementTree.Element) -> str:
@@ -378,7 +378,7 @@ def test_the_program_is_a_whole_rapid_module(tmp_path: Path, mode: str, signal: 
     (tmp_path / "p.mod").write_text(
         RAPID if mode == "path" else RAPID.replace("    SetDO doSpindle,0;\n", ""), encoding="latin-1"
     )
-    make_egm(EgmSettings(tmp_path / "cell.toml", tmp_path / "p.mod"), tmp_path / "robot")
+    EgmSettings(tmp_path / "cell.toml", tmp_path / "p.mod").make(tmp_path / "robot")
     module = (tmp_path / "robot/p.mod").read_text(encoding="latin-1")
     declared = {name.upper() for name in re.findall(r"^\s*(?:VAR|PERS|CONST)\s+\w+\s+(\w+)", module, re.MULTILINE)}
     stack: list[str] = []

@@ -13,7 +13,7 @@ from counterflex.app.run.robot_links import ROBOT_LINKS, LinkOrder, chosen, valu
 from counterflex.app.run.session import RunSettings, one_protocol
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.monitor import OverrideTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.protocols.robot.link import RobotLink

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.protocols.tracker.link import TrackerLink
-from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose
 from counterflex.runtime.settings import ForceMode, OnlineSettings, TrackerMode
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex_lab.faults.rig import Rig
@@ -59,7 +59,7 @@ def test_a_tracker_that_shows_nothing_before_the_start_is_the_cause_of_idle(
             for k in range(150):
                 if status is not None:
                     pose = TrackerPose(k, 4_000_000 * k, status, 0, np.eye(4), 0.0)
-                    rig.robot_socket.sendto(write_pose(pose), tracker.address)
+                    rig.robot_socket.sendto(pose.telegram(), tracker.address)
                 rig.cycle()
             assert rig.state == State.IDLE
             assert rig.loop.cause == Cause.TRACKER_LOST

@@ -12,9 +12,8 @@ from counterflex.app.lowest_mode import lowest_mode
 from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
-from counterflex.evaluate import tracking
 from counterflex.files.cell.cell import read_cell
-from counterflex_lab.reproduce import closed_loop, mandiola as reproduce_mandiola, mandiola_report
+from counterflex_lab.reproduce import closed_loop, mandiola as reproduce_mandiola, mandiola_report, tracking
 from counterflex_lab.reproduce.mandiola_case import write_case
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.arrays import Float
-from counterflex.protocols.wrench.link import WrenchLink
+from counterflex.protocols.wrench.sensor import WrenchLink
 from counterflex.protocols.wrench.telegram import INVALID, WARNING
 from counterflex.twin.devices.wrench import WrenchSender
 from counterflex_lab.faults.rig import Rig

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.run.session import RunSettings, _opening
-from counterflex.app.simulated_cell.cell import LiveSettings, _device
+from counterflex.app.simulated_cell.cell import LiveSettings
 from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.integrations.ati.simulated import NetftServer
@@ -51,7 +51,7 @@ def test_both_sides_speak_what_the_cell_file_names(tmp_path: Path, sensor: str) 
     assert table is not None
     link = opened(table.protocol, _opening(RunSettings(tmp_path / "cell.toml"), ("127.0.0.1", 0), table))
     port = link.address[1]  # type: ignore[attr-defined]
-    device = _device(settings(port, Fault("nan", first=4, count=1), Fault("saturated", first=6, count=1)), cell)
+    device = settings(port, Fault("nan", first=4, count=1), Fault("saturated", first=6, count=1))._device(cell)
     assert device is not None
     for k in range(6):
         device.send(W, 1e-3 * k)
@@ -66,13 +66,13 @@ def test_both_sides_speak_what_the_cell_file_names(tmp_path: Path, sensor: str) 
 
 
 def test_other_sensors_are_a_net_ft_and_what_cannot_be_shown_is_refused(tmp_path: Path) -> None:
-    plain = _device(settings(0), cell_of(tmp_path, ""))
+    plain = settings(0)._device(cell_of(tmp_path, ""))
     assert isinstance(plain, NetftServer)
     plain.close()
-    assert _device(settings(None), cell_of(tmp_path, WRENCH)) is None
+    assert settings(None)._device(cell_of(tmp_path, WRENCH)) is None
     with pytest.raises(InputError, match=r"where the force sensor sends to is not said.*force_sensor\.address"):
-        _device(settings(0), cell_of(tmp_path, WRENCH))
+        settings(0)._device(cell_of(tmp_path, WRENCH))
     for line in ('transport = "tcp"', 'start = "01"', 'request = "01"'):
         asked = FRAME.replace("[sensor.frame]\n", f"[sensor.frame]\n{line}\n")
         with pytest.raises(InputError, match="sends frames by itself over UDP only"):
-            _device(settings(49300), cell_of(tmp_path, asked))
+            settings(49300)._device(cell_of(tmp_path, asked))

@@ -13,13 +13,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.run.tracker_replay import run_log_as_tracker
-from counterflex.app.simulated_cell.instruments import (
-    Clock,
-    LoneForce,
-    LoneTracker,
-    run_force,
-    run_tracker,
-)
+from counterflex.app.simulated_cell.instruments import InstrumentClock, LoneForce, LoneTracker
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.files.cell.cell import read_cell
@@ -32,8 +26,8 @@ from counterflex.protocols.session.senses import tracker_frames
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, TrackerPose, read_pose
 from counterflex.runtime.record_ring import COLUMNS
+from counterflex.twin.devices.datagram_sender import keep_pace
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import CircleTarget, NoisyPose, SquareTarget, StandingTarget, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench_source import NoisyWrench, RecordedWrench, SteadyWrench
@@ -50,8 +44,8 @@ class VirtualClock:
         self.time_s = 0.0
         self._meanwhile = meanwhile
 
-    def clock(self) -> Clock:
-        return Clock(lambda: self.time_s, self._wait)
+    def clock(self) -> InstrumentClock:
+        return InstrumentClock(lambda: self.time_s, self._wait)
 
     def _wait(self, seconds: float) -> None:
         self.time_s += seconds
@@ -92,7 +86,7 @@ def test_a_sensor_alone_is_read_by_the_link_as_a_real_one() -> None:
 
     clock = VirtualClock(lambda _: None)
     source = NoisyWrench(STEADY, 0.5, 0.05, seed=3)
-    found = run_force(LoneForce("netft", source, ForceStart(rate_hz=7000), 0.02), started=started, clock=clock.clock())
+    found = LoneForce("netft", source, ForceStart(rate_hz=7000), 0.02).run(started=started, clock=clock.clock())
     link = read["link"]
     assert link.drain() == found["records"] == found["samples"] == 140
     assert found["ended"] == "finished"
@@ -104,10 +98,10 @@ def test_a_sensor_alone_is_read_by_the_link_as_a_real_one() -> None:
 
 def test_a_rate_out_of_range_and_a_taken_port_are_refused() -> None:
     with pytest.raises(InputError, match="rate of an instrument"):
-        run_force(LoneForce("netft", STEADY, ForceStart(rate_hz=8000)))
+        LoneForce("netft", STEADY, ForceStart(rate_hz=8000)).run()
     server = NetftServer(http_port=None)
     with pytest.raises(OutputError, match="port cannot be opened"):
-        run_force(LoneForce("netft", STEADY, ForceStart(port=server.address[1])))
+        LoneForce("netft", STEADY, ForceStart(port=server.address[1])).run()
     server.close()
 
 
@@ -174,7 +168,7 @@ def sent(settings: dict[str, Any]) -> tuple[list[TrackerPose], dict[str, Any]]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         listener.bind(("127.0.0.1", 0))
-        summary = run_tracker(LoneTracker(listener.getsockname(), **settings), clock=VirtualClock().clock())
+        summary = LoneTracker(listener.getsockname(), **settings).run(clock=VirtualClock().clock())
         listener.setblocking(False)
         found = []
         while True:
@@ -223,7 +217,7 @@ def test_a_log_is_replayed_by_its_own_clock() -> None:
     clock = VirtualClock()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
-        run_tracker(LoneTracker(listener.getsockname(), log=LOG, speed=2.0), clock=clock.clock())
+        LoneTracker(listener.getsockname(), log=LOG, speed=2.0).run(clock=clock.clock())
     assert clock.time_s == pytest.approx((9.0 - 1e-6) / 2.0)
     found, summary = sent({"log": LOG})
     assert summary["measurements"] == 3

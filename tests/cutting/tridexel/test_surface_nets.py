@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from counterflex.core.arrays import Bool, Float
-from counterflex.cutting.tridexel.surface_nets import CrossedEdges, net
+from counterflex.cutting.tridexel.surface import CrossedEdges, net
 
 
 def _crossed(filled: Bool) -> tuple[list[CrossedEdges], Float]:

@@ -16,8 +16,8 @@ from counterflex.evaluate.inspection.datum import datum_faces
 from counterflex.evaluate.inspection.part_deviations import FREE, PartDeviations
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.inspection.size_errors import scale_of
-from counterflex.evaluate.iso230.circular_test import Circle as NominalCircle, Turn, bi_directional, turn_figures, turns
-from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches, positioning
+from counterflex.evaluate.iso230.circular_test import Circle as NominalCircle, Turn, bi_directional, turns
+from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 QUICK = settings(max_examples=40)
@@ -167,8 +167,8 @@ def test_a_turn_run_the_other_way_has_the_same_figures(
     """About its own centre the deviations are those of the radius, about the nominal one those of the place too."""
     rho = R + (off_um + lobes_um * np.cos(3.0 * ANGLE)) * UM
     points = np.column_stack([rho * np.cos(ANGLE), rho * np.sin(ANGLE)]) + np.array([x_um, y_um]) * UM
-    one = turn_figures(Turn("ccw", points, 0.0), R, nominal_centre=True)
-    other = turn_figures(Turn("cw", points[::-1], 0.0), R, nominal_centre=True)
+    one = Turn("ccw", points, 0.0).figures(R, nominal_centre=True)
+    other = Turn("cw", points[::-1], 0.0).figures(R, nominal_centre=True)
     about = np.linalg.norm(points, axis=1) - R
     assert one.f_nominal_max_m == pytest.approx(about.max(), abs=1e-12)
     assert one.f_nominal_min_m == pytest.approx(about.min(), abs=1e-12)
@@ -203,10 +203,10 @@ def test_a_test_of_positioning_mirrored_in_value_or_direction_has_the_same_figur
     target, way = (np.tile(v, 5) for v in np.meshgrid(np.arange(6) * 0.1, [UP, DOWN]))
     target, way = target.ravel(), way.ravel()
     deviation = rng.normal(scale=5.0 * UM, size=len(target)) + np.where(way == UP, 8.0, -3.0) * UM
-    one = positioning(Approaches(target, deviation, way))
+    one = Approaches(target, deviation, way).figures()
     for other, same in (
-        (positioning(Approaches(target, -deviation, way)), True),
-        (positioning(Approaches(target, deviation, -way)), False),
+        (Approaches(target, -deviation, way).figures(), True),
+        (Approaches(target, deviation, -way).figures(), False),
     ):
         for name in ("accuracy_m", "repeatability_m", "systematic_m", "mean_deviation_m", "reversal_m"):
             assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-9)

@@ -14,7 +14,6 @@ from counterflex.evaluate.iso230.circular_test import (
     bi_directional,
     fitted_circle,
     least_squares_circle,
-    turn_figures,
     turns,
 )
 from counterflex.evaluate.iso230.straightness import narrowest_cylinder, parallel_lines, straightness
@@ -31,7 +30,7 @@ def ring(r: Float, direction: str = "ccw", angle: Float = ANGLE) -> Turn:
 
 def test_two_lobes() -> None:
     """Radius R + 20 + 10 cos 2a um: G = 20 (both methods), F from +10 to +30."""
-    f = turn_figures(ring(R + (20.0 + 10.0 * np.cos(2.0 * ANGLE)) * UM), R, nominal_centre=True)
+    f = ring(R + (20.0 + 10.0 * np.cos(2.0 * ANGLE)) * UM).figures(R, nominal_centre=True)
     assert [f.g_m, f.g_lsc_m] == pytest.approx([20.0 * UM] * 2, abs=1e-9)
     assert [f.f_max_m, f.f_min_m] == pytest.approx([30.0 * UM, 10.0 * UM], abs=1e-9)
 
@@ -39,7 +38,7 @@ def test_two_lobes() -> None:
 def test_minimum_zone_is_below_least_squares() -> None:
     """A bump of 10 um over 20 deg pulls the least-squares centre, not the narrowest ring."""
     bump = np.where(np.abs(ANGLE - np.pi) < 10.0 * DEG, 10.0 * UM, 0.0)
-    f = turn_figures(ring(R + bump), R, nominal_centre=False)
+    f = ring(R + bump).figures(R, nominal_centre=False)
     assert f.g_m < f.g_lsc_m
     assert f.f_nominal_max_m is None
     assert 5.0 * UM - 1e-9 <= f.g_m <= 10.0 * UM
@@ -49,7 +48,7 @@ def test_eccentric_circle_has_no_deviation_about_its_own_centre() -> None:
     """Off by 30 um in x: G = 0; F about the nominal centre is +-30, about the least-squares centre 0."""
     turn = ring(np.full(3600, R))
     moved = Turn("ccw", turn.points + np.array([30.0 * UM, 0.0]), 0.0)
-    f = turn_figures(moved, R, nominal_centre=True)
+    f = moved.figures(R, nominal_centre=True)
     assert [f.g_m, f.f_max_m, f.f_nominal_max_m, f.f_nominal_min_m] == pytest.approx(
         [0.0, 0.0, 30.0 * UM, -30.0 * UM], abs=1e-9
     )

@@ -11,7 +11,7 @@ import pytest
 
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches, positioning
+from counterflex.evaluate.iso230.positioning import DOWN, UP, Approaches
 from counterflex.files.positioning_file import read_approaches
 
 UP_UM = {
@@ -57,11 +57,11 @@ def of_tables() -> Approaches:
 
 @pytest.mark.parametrize("name", EXPECTED_UM)
 def test_a_test_computed_by_hand(name: str) -> None:
-    assert getattr(positioning(of_tables()), name) / UM == pytest.approx(EXPECTED_UM[name], abs=1e-9)
+    assert getattr(of_tables().figures(), name) / UM == pytest.approx(EXPECTED_UM[name], abs=1e-9)
 
 
 def test_a_whole_test_is_by_the_standard() -> None:
-    assert positioning(of_tables()).not_by_standard == ()
+    assert of_tables().figures().not_by_standard == ()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -71,7 +71,7 @@ def test_another_arithmetic_agrees(seed: int) -> None:
     places = np.sort(rng.uniform(0.0, 1.5, 9))
     runs = {w: {float(p): (rng.normal(size=6) * 5e-6 + w * 4e-6).tolist() for p in places} for w in (UP, DOWN)}
     rows = rng.permutation([(p, d, w) for w, table in runs.items() for p, ds in table.items() for d in ds])
-    found = positioning(Approaches(rows[:, 0], rows[:, 1], rows[:, 2].astype(np.int64)))
+    found = Approaches(rows[:, 0], rows[:, 1], rows[:, 2].astype(np.int64)).figures()
     mean = {w: [statistics.fmean(runs[w][p]) for p in sorted(runs[w])] for w in runs}
     s = {w: [statistics.stdev(runs[w][p]) for p in sorted(runs[w])] for w in runs}
     ends = [m + k * 2.0 * d for w in runs for m, d in zip(mean[w], s[w], strict=True) for k in (-1.0, 1.0)]
@@ -87,7 +87,7 @@ def test_another_arithmetic_agrees(seed: int) -> None:
 def test_one_direction_gives_no_figure_of_both() -> None:
     whole = of_tables()
     some = whole.direction == UP
-    found = positioning(Approaches(whole.target_m[some], whole.deviation_m[some], whole.direction[some]))
+    found = Approaches(whole.target_m[some], whole.deviation_m[some], whole.direction[some]).figures()
     assert found.accuracy_up_m is not None
     assert (found.accuracy_m, found.repeatability_m, found.reversal_m, found.mean_deviation_m) == (None,) * 4
     assert "both directions" in found.not_by_standard[0]
@@ -95,7 +95,7 @@ def test_one_direction_gives_no_figure_of_both() -> None:
 
 def test_one_approach_gives_no_repeatability() -> None:
     target = np.array([0.0, 0.1, 0.2, 0.2, 0.1, 0.0])
-    found = positioning(Approaches(target, 1e-5 * target, np.array([1, 1, 1, -1, -1, -1])))
+    found = Approaches(target, 1e-5 * target, np.array([1, 1, 1, -1, -1, -1])).figures()
     assert found.accuracy_m is None
     assert found.repeatability_m is None
     assert found.systematic_m == pytest.approx(2e-6)
@@ -134,4 +134,4 @@ def test_a_bad_table_is_named(tmp_path: Path, text: str, word: str) -> None:
 
 def test_one_target_is_no_axis() -> None:
     with pytest.raises(InputError, match="needs targets"):
-        positioning(Approaches(np.zeros(4), np.zeros(4), np.array([1, -1, 1, -1])))
+        Approaches(np.zeros(4), np.zeros(4), np.array([1, -1, 1, -1])).figures()

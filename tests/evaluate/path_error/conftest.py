@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDeviations
-from counterflex.evaluate.path_error.contacts import Contacts, Nodes, contacts_of, left_on, nodes_of
+from counterflex.evaluate.path_error.contacts import Contacts, Nodes, contacts_of, nodes_of
 from counterflex.path.toolpath import FEED, RAPID, ToolPath
 
 LENGTH_M = 60.0 * MM
@@ -76,6 +76,6 @@ def groove(mill: Cutter) -> Groove:
         rng = np.random.default_rng(seed)
         noise = noise_m * rng.standard_normal(len(points))
         sigma = np.full(len(points), max(noise_m, 1e-6))
-        return PartDeviations(points, normals, left_on(contacts, error_m) + noise, sigma, face)
+        return PartDeviations(points, normals, contacts.left_on(error_m) + noise, sigma, face)
 
     return Groove(path, nodes, contacts, scan)

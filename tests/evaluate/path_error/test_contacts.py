@@ -11,7 +11,7 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.removal import remove_tool_path
 from counterflex.cutting.stock import HeightMap
-from counterflex.evaluate.path_error.contacts import UNREST, contacts_of, left_on, nodes_of
+from counterflex.evaluate.path_error.contacts import UNREST, contacts_of, nodes_of
 from counterflex.evaluate.surface import nominal_surface, surface_deviation
 from counterflex.path.toolpath import ToolPath
 
@@ -48,7 +48,7 @@ def test_law_agrees_with_the_removal_of_the_displaced_path(mill: Cutter) -> None
         contacts = contacts_of(path, nodes, lambda _: mill, points, normals, 1.0 * MM)
         assert contacts.made.all()
         # stretches of 0.5 mm at slopes up to 9 um/mm, and the second order d^2/R
-        np.testing.assert_allclose(left_on(contacts, error[nodes.row]), true, atol=6.0 * UM)
+        np.testing.assert_allclose(contacts.left_on(error[nodes.row]), true, atol=6.0 * UM)
 
 
 @given(
@@ -75,7 +75,7 @@ def test_tool_off_by_the_same_everywhere_leaves_its_component_along_the_normal(
     d = np.array(off_um) * UM
     # along the feed the tool of another stretch does the same; across, curvature adds d^2 / 2r at most
     bound = 3.0 * UM + float(d @ d) / (2.0 * max(r, 0.5 * MM))
-    assert np.all(np.abs(left_on(contacts, np.tile(d, (len(nodes), 1))) - normal @ d) < bound)
+    assert np.all(np.abs(contacts.left_on(np.tile(d, (len(nodes), 1))) - normal @ d) < bound)
 
 
 def test_places_that_the_program_did_not_make_are_left_out(mill: Cutter) -> None:

@@ -10,7 +10,7 @@ from tests.evaluate.path_error.conftest import Groove
 
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.path_error.contacts import UNREST, left_on, nodes_of
+from counterflex.evaluate.path_error.contacts import UNREST, nodes_of
 from counterflex.evaluate.path_error.estimate import path_error
 from counterflex.evaluate.path_error.learning import RESTLESS, expected, surface_now
 
@@ -87,7 +87,7 @@ def test_nine_of_ten_parts_of_the_same_program_lie_in_the_interval(groove: Groov
     found = path_error(groove.scan(true, 20 * UM, 6), groove.nodes, groove.contacts)
     predicted = expected(found, groove.contacts, np.zeros_like(true), NOTHING, scatter_um * UM)
     parts = [true + scatter_um * UM * rng.standard_normal(3) for _ in range(200)]
-    figures = np.array([np.quantile(np.abs(left_on(groove.contacts, part)), 0.997) for part in parts])
+    figures = np.array([np.quantile(np.abs(groove.contacts.left_on(part)), 0.997) for part in parts])
     inside = float(np.mean((predicted.low_m <= figures) & (figures <= predicted.high_m)))
     assert 0.8 <= inside <= 0.98
 

@@ -13,7 +13,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error import learning
-from counterflex.evaluate.path_error.learning import MeasuredError, ToolResponse, best_step, learned, scatter_of
+from counterflex.evaluate.path_error.learning import MeasuredError, ToolResponse, learned, scatter_of
 
 N = 300
 TIME = np.linspace(0.0, 0.012 * (N - 1), N)
@@ -45,7 +45,7 @@ def run(error: Float, plant: Plant, parts: int, ways: ToolResponse) -> tuple[lis
         errors.append(error - plant(taken))
         done.append(part_of(taken, errors[-1]))
         state = learned(done, ways)
-        taken = taken + best_step(state, ways)
+        taken = taken + state.best_step(ways)
     return errors, state
 
 
@@ -61,7 +61,7 @@ def test_a_tool_that_follows_as_it_should_is_right_after_one_part_in_closed_form
     """With one even error e and no doubt of delays the step is ``e / (1 + gain^2 + LOCAL^2)``, less what SIZE holds."""
     even = np.tile([0.0, 200.0 * UM, -100.0 * UM], (N, 1))
     ways = following(delay_s=0.0)
-    step = best_step(learned([part_of(np.zeros((N, 3)), even)], ways), ways)
+    step = learned([part_of(np.zeros((N, 3)), even)], ways).best_step(ways)
     np.testing.assert_allclose(step, even / (1.0 + 0.1**2 + learning.LOCAL**2), rtol=1e-4, atol=1e-12)
     errors, _ = run(smooth(), lambda taken: taken, 3, following())
     assert size(errors[1]) < 0.03 * size(errors[0])
@@ -93,7 +93,7 @@ def test_the_secant_recovers_the_gain_of_a_scalar_plant(gain: float) -> None:
 
 def test_parts_without_error_change_nothing() -> None:
     parts = [part_of(smooth(), np.zeros((N, 3)))] * 3
-    np.testing.assert_array_equal(best_step(learned(parts, following()), following()), 0.0)
+    np.testing.assert_array_equal(learned(parts, following()).best_step(following()), 0.0)
 
 
 @pytest.mark.parametrize("gain", [0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
@@ -119,7 +119,7 @@ def test_what_no_part_shows_stays_unchanged_and_the_step_fades_towards_it() -> N
     seen[150:, 1] = False
     one = part_of(np.zeros((N, 3)), np.tile([300.0, 200.0, 0.0], (N, 1)) * UM, seen)
     ways = following()
-    step = best_step(learned([one], ways), ways)
+    step = learned([one], ways).best_step(ways)
     np.testing.assert_array_equal(step[:, 0], 0.0)
     assert step[100, 1] == pytest.approx(200.0 * UM, rel=0.03)
     assert np.all(np.diff(step[149:, 1]) <= 0.0)
@@ -127,7 +127,7 @@ def test_what_no_part_shows_stays_unchanged_and_the_step_fades_towards_it() -> N
     closed = step[149, 1] * np.cosh(behind) / np.cosh((TIME[149] - TIME[-1]) * learning.RATE_M_S / learning.SIZE_M)
     np.testing.assert_allclose(step[150:, 1], closed, rtol=0.02)
     other_run = replace(ways, group=np.repeat([0, 1], 150))
-    np.testing.assert_array_equal(best_step(learned([one], other_run), other_run)[150:, 1], 0.0)
+    np.testing.assert_array_equal(learned([one], other_run).best_step(other_run)[150:, 1], 0.0)
 
 
 def test_a_part_that_was_spoiled_is_repaired_by_the_next() -> None:
@@ -136,7 +136,7 @@ def test_a_part_that_was_spoiled_is_repaired_by_the_next() -> None:
     step = smooth()
     parts = [part_of(np.zeros((N, 3)), step), part_of(step, spoiled)]
     ways = following()
-    again = best_step(learned(parts, ways), ways)
+    again = learned(parts, ways).best_step(ways)
     inside = (TIME > 1.1) & (TIME < 1.9)
     assert np.min(again[inside, 1]) > 0.85 * 250.0 * UM
     outside = (TIME < 0.8) | (TIME > 2.2)
@@ -171,7 +171,7 @@ def test_scatter_alone_makes_no_correction_grow() -> None:
         taken, parts, sizes = np.zeros((N, 3)), [], []
         for _ in range(20):
             parts.append(part_of(taken, spread * rng.standard_normal(3) - taken))
-            step = best_step(learned(parts, ways), ways)
+            step = learned(parts, ways).best_step(ways)
             taken = taken + (step if np.max(np.abs(step)) > LEAST else 0.0)
             sizes.append(np.max(np.abs(taken)))
         worst.append([max(sizes[:10]), max(sizes[10:])])
@@ -183,7 +183,7 @@ def test_an_axis_is_corrected_by_its_own_error_and_in_its_own_direction() -> Non
     """A tool 50 um too far along +y of the part: 50 um are taken back along +y, nothing along x and z."""
     error = np.tile([0.0, 50.0 * UM, 0.0], (N, 1))
     ways = following()
-    step = best_step(learned([part_of(np.zeros((N, 3)), error)], ways), ways)
+    step = learned([part_of(np.zeros((N, 3)), error)], ways).best_step(ways)
     np.testing.assert_allclose(step[:, 1], 50.0 * UM, rtol=0.02)
     np.testing.assert_array_equal(step[:, [0, 2]], 0.0)
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings, strategies as st
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG, MM
 from counterflex.files.logs.tracker_exports.formats import FORMATS, DTrackLines, collected, read_export
-from counterflex.files.logs.tracker_exports.point_table import PointTableLines
-from counterflex.files.logs.tracker_exports.stamps import stamp_ns
+from counterflex.files.logs.tracker_exports.point_table import PointTableLines, stamp_ns
 from counterflex.files.logs.tracker_log import log_text
 from counterflex.geometry import pose, rotation
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose

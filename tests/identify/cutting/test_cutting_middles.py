@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from counterflex.app.identification.cell_model import model_of
-from counterflex.app.identification.verdict import judged
+from counterflex.app.identification.identify import judged
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import silent

@@ -24,7 +24,7 @@ from counterflex.identify.delays.residuals import Order
 from counterflex.identify.delays.stamped import Stamped, stamped
 from counterflex.identify.solver.jackknife import long_run
 from counterflex.identify.timing import recipe as timing
-from counterflex.signals.lag import Clock, Lag
+from counterflex.signals.lag import Lag, RecorderClock
 from derivative_check import convergence_order
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -62,7 +62,7 @@ def pair_of(
     *,
     delay: float,
     lag: float = 0.0,
-    clock: Clock | None = None,
+    clock: RecorderClock | None = None,
     noise: float = 2e-5,
     a: float = 0.0,
     lost: float = 0.0,
@@ -85,7 +85,7 @@ def pair_of(
 @pytest.mark.parametrize("order", ["none", "first", "second"])
 def test_jacobian_is_the_derivative(order: Order) -> None:
     rng = np.random.default_rng(1)
-    pair = replace(pair_of(rng, delay=0.013, lag=0.03, clock=Clock(0.2, 1e-4), n=400), inertia=True)
+    pair = replace(pair_of(rng, delay=0.013, lag=0.03, clock=RecorderClock(0.2, 1e-4), n=400), inertia=True)
     parameters, block, start, _ = build(pair, order, 0.2)
     size = {"delay": 1.0 * MS, "drift": 1e-2, "lag": 0.2 * MS, "damping": 0.01}
     steps = np.array([size.get(p.name.removeprefix("drive."), 0.1 * p.scale) for p in parameters])
@@ -150,7 +150,7 @@ def test_dead_time_and_lag_are_told_apart_and_bring_the_bandwidth() -> None:
 
 
 def test_another_clock_with_offset_drift_and_lost_samples() -> None:
-    clock = Clock(-1.7342, 40e-6)
+    clock = RecorderClock(-1.7342, 40e-6)
     found = find_delay(pair_of(np.random.default_rng(7), delay=0.005, clock=clock, lost=0.02))
     middle = found.block.middle_s
     instant = float(clock.instants(np.array([middle]))[0])

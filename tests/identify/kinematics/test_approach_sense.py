@@ -23,9 +23,8 @@ from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerRes
 from counterflex.identify.kinematics import stages as kinematics_stages
 from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, better, in_order, senses
 from counterflex.identify.kinematics.held_out import approach_remarks
-from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
-from counterflex.identify.kinematics.setup import set_up
+from counterflex.identify.kinematics.setup import propose, set_up
 from counterflex.identify.recipe import Identification
 from counterflex.identify.solver.holdout import HeldOut
 from counterflex.identify.solver.solve import solve

@@ -19,8 +19,8 @@ from counterflex.geometry import rotation
 from counterflex.identify.data.changes import BodyMass, Calibration
 from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.pose_candidates import measurable, seen
-from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.recipe import RECIPE
+from counterflex.identify.kinematics.setup import propose
 from counterflex.identify.recipe import Identification
 from counterflex.robot.elasticity.chain import ElasticChain, forward
 from counterflex.robot.kinematics.inverse import inverse

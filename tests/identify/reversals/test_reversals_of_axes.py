@@ -20,7 +20,7 @@ from counterflex.identify.play.parameters import why_not
 from counterflex.identify.play.proposal import motion, propose
 from counterflex.identify.play.recipe import resolved
 from counterflex.identify.play.residuals import PlayPlaces, ReversalResiduals, follow_with_slopes
-from counterflex.identify.reversals.data import Motion, balance, motions
+from counterflex.identify.reversals.data import ReversalMotion, balance, motions
 from counterflex.robot.elasticity.chain import forward
 from counterflex.robot.elasticity.play import axis_torque, torsion_path
 from counterflex.robot.model.description import Play
@@ -188,7 +188,9 @@ def test_a_standard_deviation_that_is_wide_excuses_nothing() -> None:
     q = 1e-3 * np.sin(2.0 * t)
     poses = np.stack([np.zeros(6), np.full(6, 0.5)])
     mine = [
-        Motion(k, 5, "tracker", q, 0.0 * q, t, q, 0.0 * q + 1e-6, 43.4 * np.sign(np.cos(2.0 * t)), "", pose=poses[k])
+        ReversalMotion(
+            k, 5, "tracker", q, 0.0 * q, t, q, 0.0 * q + 1e-6, 43.4 * np.sign(np.cos(2.0 * t)), "", pose=poses[k]
+        )
         for k in range(2)
     ]
     assert "contradict the 43.4 N m" in (why_not(5, mine, 60.9, 21.0) or "")

@@ -21,7 +21,7 @@ from counterflex.identify.geometry.arm_geometry import displaced_arm
 from counterflex.identify.geometry.compliances import springs
 from counterflex.identify.pulls.blocks import block, layout
 from counterflex.identify.pulls.pulls import read_pulls
-from counterflex.identify.pulls.residuals import Shape
+from counterflex.identify.pulls.residuals import PullShape
 from counterflex.identify.recipe import Identification
 from counterflex.identify.stiffness import recipe as stiffness
 from counterflex.identify.stiffness.piecewise_compliance import BLEND_RAD
@@ -191,7 +191,7 @@ def test_shapes_on_one_spring_multiply_with_exact_derivatives() -> None:
     plan = layout(chain, springs(chain, {}), [read])
     n = len(plan.parameters)
     rng = np.random.default_rng(0)
-    shapes = (Shape(1, n, rng.uniform(-0.5, 0.5, 8)), Shape(1, n + 1, rng.uniform(-0.5, 0.5, 8)))
+    shapes = (PullShape(1, n, rng.uniform(-0.5, 0.5, 8)), PullShape(1, n + 1, rng.uniform(-0.5, 0.5, 8)))
     rows = replace(block(chain, plan, read, None), shapes=shapes)
     x = np.append(plan.parameters.nominal, [0.4, -0.3])
     grown = (1.0 + 0.4 * shapes[0].phi) * (1.0 - 0.3 * shapes[1].phi)

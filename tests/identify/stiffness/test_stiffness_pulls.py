@@ -27,7 +27,7 @@ from counterflex.identify.pulls.blocks import block, layout, refreshed
 from counterflex.identify.pulls.checks import impossible
 from counterflex.identify.pulls.history import lost_angles, unknown_angles
 from counterflex.identify.pulls.pulls import AGAIN, HELD_SETTING, Pulls, read_pulls
-from counterflex.identify.pulls.residuals import Shape, gains
+from counterflex.identify.pulls.residuals import PullShape, gains
 from counterflex.identify.recipe import Proposal
 from counterflex.identify.stiffness import piecewise_compliance, recipe as stiffness
 from counterflex.robot.elasticity.chain import ElasticChain, forward
@@ -137,7 +137,7 @@ def test_jacobian_is_the_derivative(cell: CellModel) -> None:
     plan = layout(chain, springs(chain, {"free": "axis2.tx"}), [pulls])
     R = rotation.exp(np.array([0.2, -0.4, 2.0]))
     own = block(chain, plan, pulls, R)
-    own = replace(own, shapes=(Shape(2, len(plan.parameters), np.linspace(-0.5, 0.5, 6)),))
+    own = replace(own, shapes=(PullShape(2, len(plan.parameters), np.linspace(-0.5, 0.5, 6)),))
     x = np.append(plan.parameters.nominal * 1.1 + np.where(np.array(plan.parameters.nominal) == 0.0, 0.02, 0.0), 0.3)
     x[plan.parameters.index("axis2.tx")] = 2e-9
     steps = np.append(np.where(np.abs(x[:-1]) > 1e-3, 0.05, 0.1 * np.abs(x[:-1])), 0.2)

@@ -20,7 +20,6 @@ from counterflex.integrations.abb.link.telegram import (
     read_robot,
     write_guidance,
     write_path_correction,
-    write_robot,
 )
 
 VECTOR = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
@@ -51,7 +50,7 @@ def test_robot_round_trip(robotware: int, p: tuple[float, ...], turn: tuple[floa
     T = pose.make(rotation.exp(np.array(turn)), np.array(p))
     force = np.array([1.0, -2.0, 3.0, 0.1, 0.2, 0.3])
     state = RobotState(5, 123456, np.array(q), T, T, True, True, True, 0.5, force)
-    back = read_robot(write_robot(state, robotware=robotware))
+    back = read_robot(state.telegram(robotware=robotware))
     assert (back.sequence, back.time_ms, back.motors_on, back.guided, back.rapid_running) == (
         5,
         123456,

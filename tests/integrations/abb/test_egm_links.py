@@ -20,13 +20,7 @@ from counterflex.integrations.abb.link.force import FROZEN, EgmForce
 from counterflex.integrations.abb.link.guidance_link import EgmGuidanceLink, GuidanceSettings, Phase
 from counterflex.integrations.abb.link.messages import MESSAGES
 from counterflex.integrations.abb.link.path_link import EgmPathLink, path_frame
-from counterflex.integrations.abb.link.telegram import (
-    RobotState,
-    read_guidance,
-    read_path_correction,
-    write_guidance,
-    write_robot,
-)
+from counterflex.integrations.abb.link.telegram import RobotState, read_guidance, read_path_correction, write_guidance
 from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
 from counterflex.path.stream import PoseStream
 from counterflex.path.toolpath import FEED, ToolPath
@@ -42,7 +36,7 @@ ZERO = np.zeros(6)
 def robot(sequence: int, p: Any, *, period_ms: int = 24, **changes: Any) -> bytes:
     T = pose.make(DOWN, np.asarray(p, dtype=np.float64))
     state = RobotState(sequence, 50_000 + period_ms * sequence, Q, T, T, True, True, True, 0.2, None)
-    return write_robot(replace(state, **changes))
+    return replace(state, **changes).telegram()
 
 
 class Controller:
@@ -470,7 +464,7 @@ def test_the_robots_own_force_is_a_force_sensor(robotware: int) -> None:
             if k == FROZEN + 1:
                 shown = w * 40.0
             state = RobotState(k, 24 * k + 1, Q, T, None, True, True, True, None, None if k == 1 else shown)
-            controller.send(write_robot(state, robotware=robotware))
+            controller.send(state.telegram(robotware=robotware))
             assert link.wait(1.0)
             assert force.drain() == (0 if k == 1 else 1)
             assert force.drain() == 0  # the same message is no second sample

@@ -21,7 +21,7 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.integrations.beckhoff import jobs as job
 from counterflex.integrations.beckhoff.alone import LoneAds, run, variables
 from counterflex.integrations.beckhoff.link import telegram as ads
-from counterflex.integrations.beckhoff.link.link import AdsLink, AdsReader, AdsSettings, AdsSymbol, Reading
+from counterflex.integrations.beckhoff.link.link import AdsLink, AdsReader, AdsReading, AdsSettings, AdsSymbol
 from counterflex.integrations.beckhoff.simulated import AdsServer, PlcVariable
 from counterflex.protocols.tracker.link import TrackerLink
 from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE
@@ -171,7 +171,7 @@ def test_frozen_values_and_not_a_number() -> None:
 
 def test_the_reader_reads_in_a_thread_of_its_own(plc: AdsServer) -> None:
     connection = link(plc, AdsSymbol("f", "GVL.f"))
-    came: queue.SimpleQueue[Reading] = queue.SimpleQueue()
+    came: queue.SimpleQueue[AdsReading] = queue.SimpleQueue()
     reader = AdsReader(connection, 1e-4, take=came.put)
     reader.start()
     first, second = came.get(timeout=20.0), came.get(timeout=20.0)
@@ -308,13 +308,13 @@ def test_a_cell_without_a_twincat_says_so(tmp_path: Path) -> None:
 
 def test_frames_of_the_published_layout() -> None:
     """Byte by byte: both headers, ReadState, as Beckhoff documents them."""
-    request = ads.Frame((bytes([5, 1, 2, 3, 1, 1]), 851), (bytes([5, 9, 8, 7, 1, 1]), 32905), 4, 4, 0, 7, b"")
-    data = ads.write_frame(request)
+    request = ads.AmsFrame((bytes([5, 1, 2, 3, 1, 1]), 851), (bytes([5, 9, 8, 7, 1, 1]), 32905), 4, 4, 0, 7, b"")
+    data = request.telegram()
     assert data == bytes.fromhex(
         "0000 20000000 050102030101 5303 050908070101 8980 0400 0400 00000000 00000000 07000000"
     )
     assert ads.read_frame(data) == request
-    reply = ads.answer(request, struct.pack("<IHH", 0, 5, 0))
+    reply = request.answered(struct.pack("<IHH", 0, 5, 0))
     assert (reply.target, reply.source, reply.flags, reply.invoke) == (request.source, request.target, 5, 7)
     entry = ads.symbol_entry("GVL.f", "LREAL", 0x4040, 16, "c")
     assert struct.unpack_from("<IIIIIIHHH", entry) == (len(entry), 0x4040, 16, 8, 5, 0, 5, 5, 1)
@@ -324,7 +324,7 @@ def test_frames_of_the_published_layout() -> None:
 @given(st.binary(max_size=120))
 def test_any_bytes_are_a_frame_or_a_clear_error(data: bytes) -> None:
     try:
-        found = ads.write_frame(ads.read_frame(data))
+        found = ads.read_frame(data).telegram()
     except ProtocolError:
         return
     assert found == data
@@ -344,9 +344,9 @@ def test_requests_that_a_plc_refuses() -> None:
     plc = server({"GVL.f": PlcVariable(value=2.5)})
 
     def ask(command: int, data: bytes) -> int:
-        frame = ads.Frame((bytes(6), 851), (bytes(6), 1), command, ads.REQUEST, 0, 1, data)
+        frame = ads.AmsFrame((bytes(6), 851), (bytes(6), 1), command, ads.REQUEST, 0, 1, data)
         with socket.create_connection(plc.address, 10.0) as client:
-            client.sendall(ads.write_frame(frame))
+            client.sendall(frame.telegram())
             return int(struct.unpack_from("<I", client.recv(4096), ads.HEADER)[0])
 
     assert ask(99, b"") == ads.NOT_SUPPORTED

@@ -344,6 +344,7 @@ BAD = {
     "L X+1 X+2 FMAX": "twice",
     "CP IPA+90 DR+": "without a pole",
     "L X+1 IX+2 FMAX": "both|and incrementally",
+    "CC X+1 IX+2": "both|and incrementally",
     "CYCL DEF 10.0 R\nCYCL DEF 10.1 ROT+30\nL X+5 FMAX": "leaves out an axis",
     "CYCL DEF 10.0 R\nCYCL DEF 10.1 ROT+30\nCYCL DEF 7.0 D\nCYCL DEF 7.1 X+5\nCYCL DEF 10.0 R\nCYCL DEF 10.1 ROT+40":
         "acts first",

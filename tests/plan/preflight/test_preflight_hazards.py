@@ -13,8 +13,8 @@ import pytest
 from counterflex.app import preflight as job
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.files.cell.controller import ControllerTable
+from counterflex.files.cell.machine import ProcessLimitsTable
 from counterflex.files.cell.planning import LimitsTable
-from counterflex.files.cell.process import ProcessLimitsTable
 from counterflex.files.cell.tables import CellTables, MaterialTable, ToolTable
 from counterflex.files.schema import Table, parse
 from counterflex.plan.inputs import Limits

@@ -18,7 +18,7 @@ from counterflex.files.cell.controller import SpindleTable
 from counterflex.files.cell.tables import ToolTable
 from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.writer import KrlSettings, KrlWriter
-from counterflex.path.path_speed import build_track, timed
+from counterflex.path.path_speed import build_track
 from counterflex.path.toolpath import FEED, RAPID, tool_orientation, tool_poses
 from counterflex.plan.preflight.hazards import HAZARDS
 from counterflex.plan.preflight.joints import at_feed, joint_accelerations, joint_speeds
@@ -109,7 +109,7 @@ def test_accelerations_are_those_of_a_controller_that_rounds_the_corners(checked
         rapid_m_s=controller.rapid_m_s,
         acceleration_m_s2=controller.acceleration_m_s2,
     )
-    _, p, axis, row = timed(track, controller.acceleration_m_s2, cycle_s)
+    _, p, axis, row = track.timed(controller.acceleration_m_s2, cycle_s)
     Rs = tool_orientation(axis, cell.tables.posture.rotation_about_tool_rad)
     run = inverse_path(cell.controller_chain, tool_poses(cell.T_base_part, p, Rs), cell.tables.posture.branch).q
     second = np.abs(np.diff(run, 2, axis=0)) / cycle_s**2
@@ -290,7 +290,7 @@ def test_path_speed_is_that_of_the_model_of_the_controller(checked: Any, path_of
     held = done.along.held
     path = path_of(CORNERED, step_mm=1000.0)
     track = build_track(path, blending_m=0.3e-3, rapid_m_s=0.25, acceleration_m_s2=0.6)
-    _, p, _, row = timed(track, 0.6, 0.001)
+    _, p, _, row = track.timed(0.6, 0.001)
     speed = np.linalg.norm(np.diff(p, axis=0), axis=1) / 0.001
     corner = path.p_part_tcp[np.flatnonzero(path.motion == path.motion.max() - 3)[-1]]
     near = np.linalg.norm(p[1:] - corner, axis=1) < 0.25e-3

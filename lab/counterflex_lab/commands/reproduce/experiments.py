@@ -122,11 +122,7 @@ def _show_paths(summary: dict[str, Any]) -> None:
             if name != "seed"
         ],
     )
-    print_table(
-        "Margins on the robot of the cell file",
-        list(report.MARGIN_COLUMNS),
-        report.margin_rows(summary),
-    )
+    print_table("Margins on the robot of the cell file", list(report.MARGIN_COLUMNS), report.margin_rows(summary))
     typer.echo(report.verdict(summary))
     missed = [name.replace("_", " ") for name, goal in summary["goals"].items() if not goal["reached"]]
     if missed:

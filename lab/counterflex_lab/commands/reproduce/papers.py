@@ -33,9 +33,7 @@ Level = Annotated[
 LongSeeds = Annotated[
     str,
     typer.Option(
-        "--seeds",
-        help="With --long: truth seeds, how many from 1 on, or which: 2001-2008,2011.",
-        metavar="N|A-B,C",
+        "--seeds", help="With --long: truth seeds, how many from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C"
     ),
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="With --long: as briefly as possible, on one simulated cell.")]

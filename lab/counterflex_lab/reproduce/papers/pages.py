@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any, Final
 
-from counterflex.report.still import Still
 from counterflex_lab.reproduce.papers.read import Paper
 from counterflex_lab.reproduce.papers.row import VERDICTS
+from counterflex_lab.reproduce.papers.still import Still
 
 _MARK: Final = "<!-- written by: counterflex reproduce all; do not edit -->"
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MS
-from counterflex.report.still import Curve, Level, Still
 from counterflex.robot.model import load_cases
 from counterflex_lab.reproduce.papers import berger2013, denkena2015, haehn2020
+from counterflex_lab.reproduce.papers.still import Curve, Level, Still
 
 Results = Mapping[str, Mapping[str, Any]]
 """Results of experiments, by name."""

@@ -13,12 +13,12 @@ from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.files.summary_file import write_summary
 from counterflex.report.page import write_page
-from counterflex.report.printed_page import printed_page
-from counterflex.report.still import svg
 from counterflex_lab.reproduce.papers import berger2013, denkena2015, haehn2020, mandiola2023, pages
 from counterflex_lab.reproduce.papers.pictures import PICTURES, Results
+from counterflex_lab.reproduce.papers.printed_page import printed_page
 from counterflex_lab.reproduce.papers.read import PAPERS, Paper, paper, stored
 from counterflex_lab.reproduce.papers.row import Row
+from counterflex_lab.reproduce.papers.still import svg
 
 COLUMNS: Final = ("place", "figure", "printed", "ours", "unit", "verdict", "because")
 _MODULES: Final = {

@@ -29,7 +29,7 @@ RESULT: Final = "result.json"
 
 
 @dataclass(frozen=True)
-class About:
+class BenchmarkConditions:
     """Person, robot and method that milled the part."""
 
     laboratory: str
@@ -39,7 +39,7 @@ class About:
 
 
 def judge(
-    cell_file: Path, scan: Path, out: Path, about: About, *, how: How, progress: Progress = silent
+    cell_file: Path, scan: Path, out: Path, about: BenchmarkConditions, *, how: How, progress: Progress = silent
 ) -> BenchmarkResult:
     """Judge a scan against drawing and tolerances.
 
@@ -70,7 +70,7 @@ def judge(
     return result_of(summary, robot, material, about)
 
 
-def result_of(summary: dict[str, Any], robot: str, material: str, about: About) -> BenchmarkResult:
+def result_of(summary: dict[str, Any], robot: str, material: str, about: BenchmarkConditions) -> BenchmarkResult:
     """The result that a summary of ``inspect`` holds. Raises InputError: something of the part is not in the scan."""
     part = summary["parts"]["part"]
     rows = {(row["feature"], row["quantity"]): row for row in summary["features"] if "part" in row}

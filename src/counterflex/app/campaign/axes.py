@@ -35,7 +35,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Setup:
+class CampaignSetup:
     """One program at one placement in one posture."""
 
     name: str  # Of its folders; empty where the campaign has only one
@@ -55,7 +55,37 @@ class Grid:
 
     programs: Sequence[str | Path] = ()
     placements: Sequence[Placement] = ()  # Where the part stands; none is where the cell file says
-    postures: Sequence[str] = ()  # As in :class:`Setup`; none is that of the cell file
+    postures: Sequence[str] = ()  # As in :class:`CampaignSetup`; none is that of the cell file
+
+    def setups(self) -> tuple[CampaignSetup, ...]:
+        """Every program at every placement in every posture; none where there is no program.
+
+        Raises:
+            InputError: Placements or postures without a program, two programs have the same name, a posture is none or
+                is named twice.
+        """
+        programs, placements, postures = tuple(map(Path, self.programs)), self.placements, self.postures
+        if not programs and (placements or postures):
+            raise InputError("placements and postures are those of a program", value="no program", hint="Name one")
+        if (stem := twice([program.stem.lower() for program in programs])) is not None:
+            raise InputError(
+                "two programs have the same name", value=stem, hint="Rename one; results are named after them"
+            )
+        places, held = tuple(placements) or (Placement(),), tuple(postures) or (PRESENT,)
+        for posture in held:
+            if posture not in (PRESENT, CHOSEN):
+                branch_and_rotation(posture)
+        if twice(held) is not None:
+            raise InputError("a posture is named twice", value=", ".join(held))
+        setups = []
+        for program, place, posture in itertools.product(programs, places, held):
+            parts = (
+                program.stem if len(programs) > 1 else "",
+                place.name,
+                posture.replace(" ", "-") if len(held) > 1 or posture != PRESENT else "",
+            )
+            setups.append(CampaignSetup("_".join(filter(None, parts)), program.name, place, posture))
+        return tuple(setups)
 
 
 IDENTIFY_ONLY: Final = Grid()
@@ -115,35 +145,6 @@ def branch_and_rotation(text: str) -> tuple[str, float]:
             limit=f'{PRESENT}, {CHOSEN}, or such as "front up noflip 180" (degrees, -360 to 360)',
         )
     return " ".join(words), rotation_deg
-
-
-def setups_of(grid: Grid) -> tuple[Setup, ...]:
-    """Every program at every placement in every posture; none where there is no program.
-
-    Raises:
-        InputError: Placements or postures without a program, two programs have the same name, a posture is none or is
-            named twice.
-    """
-    programs, placements, postures = tuple(map(Path, grid.programs)), grid.placements, grid.postures
-    if not programs and (placements or postures):
-        raise InputError("placements and postures are those of a program", value="no program", hint="Name one")
-    if (stem := twice([program.stem.lower() for program in programs])) is not None:
-        raise InputError("two programs have the same name", value=stem, hint="Rename one; results are named after them")
-    places, held = tuple(placements) or (Placement(),), tuple(postures) or (PRESENT,)
-    for posture in held:
-        if posture not in (PRESENT, CHOSEN):
-            branch_and_rotation(posture)
-    if twice(held) is not None:
-        raise InputError("a posture is named twice", value=", ".join(held))
-    setups = []
-    for program, place, posture in itertools.product(programs, places, held):
-        parts = (
-            program.stem if len(programs) > 1 else "",
-            place.name,
-            posture.replace(" ", "-") if len(held) > 1 or posture != PRESENT else "",
-        )
-        setups.append(Setup("_".join(filter(None, parts)), program.name, place, posture))
-    return tuple(setups)
 
 
 def _number(text: str | None, where: str, key: str) -> float:

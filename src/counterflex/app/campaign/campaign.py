@@ -17,10 +17,10 @@ from typing import Any, Final
 import polars
 
 from counterflex import __version__
-from counterflex.app.campaign.axes import IDENTIFY_ONLY, Grid, Setup, setups_of
+from counterflex.app.campaign.axes import IDENTIFY_ONLY, CampaignSetup, Grid
 from counterflex.app.campaign.plan import Measurement, campaign_of
 from counterflex.app.campaign.step import CELL, RESULT
-from counterflex.app.campaign.tasks import Layout, Place, machined_name, tasks_of
+from counterflex.app.campaign.tasks import Layout, TaskPlace, machined_name, tasks_of
 from counterflex.app.compensation.cell_facts import robot_name
 from counterflex.app.inputs import read_in_plane
 from counterflex.app.long_jobs.cluster import cluster
@@ -62,7 +62,7 @@ _SCHEMA: Final = {
 
 
 def rows_of_results(
-    places: Sequence[Place], setups: Sequence[Setup], results: Mapping[str, Any]
+    places: Sequence[TaskPlace], setups: Sequence[CampaignSetup], results: Mapping[str, Any]
 ) -> Iterator[dict[str, Any]]:
     """Rows of the table, in the order of set-ups, seeds, levels.
 
@@ -79,7 +79,7 @@ def rows_of_results(
                     yield _row(place, setup, level, held, (before, after))
 
 
-def _row(place: Place, setup: Setup, level: str, held: Any, machined: tuple[Any, Any]) -> dict[str, Any]:
+def _row(place: TaskPlace, setup: CampaignSetup, level: str, held: Any, machined: tuple[Any, Any]) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys(_SCHEMA)
     row |= {
         "program": setup.program,
@@ -157,7 +157,7 @@ def run(
         InputError: Neither or both of ``seeds`` and ``truth_file``, an unknown recipe, nothing to do, no scheduler, or
             no set-up could be run.
     """
-    setups = setups_of(grid)
+    setups = grid.setups()
     _require_task(seeds, truth_file, setups, recipes)
     if isinstance(workers, str):
         require_scheduler(workers)
@@ -198,7 +198,7 @@ def run(
 
 
 def _require_task(
-    seeds: Sequence[int] | None, truth_file: object, setups: Sequence[Setup], recipes: Sequence[str] | None
+    seeds: Sequence[int] | None, truth_file: object, setups: Sequence[CampaignSetup], recipes: Sequence[str] | None
 ) -> None:
     if (seeds is None) == (truth_file is None):
         raise InputError("a campaign needs either a number of seeds or one truth file")
@@ -235,27 +235,31 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
 
 def _places(
     start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[Measurement, ...]
-) -> list[Place]:
+) -> list[TaskPlace]:
     places = []
     if truth is not None:
         name = "twin" if truth.seed is None else f"seed-{truth.seed}"
-        places.append(Place(name, out / name, truth.seed, steps))
+        places.append(TaskPlace(name, out / name, truth.seed, steps))
         write_truth(places[0].truth, truth)
     cell = read_cell(start)
     for seed in seeds:
-        places.append(Place(f"seed-{seed}", out / f"seed-{seed}", seed, steps))
+        places.append(TaskPlace(f"seed-{seed}", out / f"seed-{seed}", seed, steps))
         make_truth(cell, seed, places[-1].truth, family)
     return places
 
 
-def _with_report(result: Mapping[str, Any], place: Place, k: int) -> dict[str, Any]:
+def _with_report(result: Mapping[str, Any], place: TaskPlace, k: int) -> dict[str, Any]:
     """Return what a recipe brought, and where its report is, relative to the campaign's folder."""
     report = f"{place.folder.name}/{place.step_folder(k).name}/{RESULT}/report.html" if result["accepted"] else ""
     return {**result, "report": report}
 
 
 def _summary(
-    places: Sequence[Place], setups: Sequence[Setup], results: Mapping[str, Any], layout: Layout, seconds: float
+    places: Sequence[TaskPlace],
+    setups: Sequence[CampaignSetup],
+    results: Mapping[str, Any],
+    layout: Layout,
+    seconds: float,
 ) -> dict[str, Any]:
     cell = read_cell(layout.start)
     campaigns = []

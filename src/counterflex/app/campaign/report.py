@@ -13,7 +13,7 @@ from counterflex import __version__
 from counterflex.app.prediction_interval import worse_text
 from counterflex.evaluate.summary import TRUTH_LEVELS
 from counterflex.files.shop_unit import unit_of_name
-from counterflex.report.campaign_page import CampaignData, CampaignOfSeed, FigureRow, RecipeRow, TruthRow, campaign_page
+from counterflex.report.campaign_page import CampaignData, CampaignOfSeed, FigureRow, RecipeRow, TruthRow
 from counterflex.report.data import Fact
 
 COLUMNS: Final = (
@@ -59,29 +59,27 @@ def campaign_page_of(summary: Mapping[str, Any]) -> str:
     columns: Sequence[str] = COLUMNS if with_exact else COLUMNS[:-2]
     if "setups" in summary:
         columns, shown = SETUP_COLUMNS, [tuple(row) for row in setup_rows(summary)]
-    return campaign_page(
-        CampaignData(
-            title=f"Campaign: {summary['cell']}",
-            subtitle=f"{summary['robot']}, set up as a laboratory would, on simulated cells",
-            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            verdict=verdict(summary),
-            cards=_cards(summary),
-            columns=columns,
-            rows=shown,
-            seeds=tuple(_campaign(item) for item in summary["campaigns"]),
-            facts=(
-                Fact("Cell", str(summary["cell"])),
-                Fact("Robot", str(summary["robot"])),
-                *((Fact("Program", str(summary["program"])),) if summary["program"] else ()),
-            ),
-            timing=(Fact("Whole campaign", f"{summary['seconds']:.0f} s"),),
-            versions={
-                "counterflex": __version__,
-                "Python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in _LIBRARIES},
-            },
-        )
-    )
+    return CampaignData(
+        title=f"Campaign: {summary['cell']}",
+        subtitle=f"{summary['robot']}, set up as a laboratory would, on simulated cells",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        verdict=verdict(summary),
+        cards=_cards(summary),
+        columns=columns,
+        rows=shown,
+        seeds=tuple(_campaign(item) for item in summary["campaigns"]),
+        facts=(
+            Fact("Cell", str(summary["cell"])),
+            Fact("Robot", str(summary["robot"])),
+            *((Fact("Program", str(summary["program"])),) if summary["program"] else ()),
+        ),
+        timing=(Fact("Whole campaign", f"{summary['seconds']:.0f} s"),),
+        versions={
+            "counterflex": __version__,
+            "Python": platform.python_version(),
+            **{name: importlib.metadata.version(name) for name in _LIBRARIES},
+        },
+    ).page()
 
 
 def rows_of(summary: Mapping[str, Any]) -> list[tuple[str, ...]]:

@@ -30,13 +30,28 @@ _EXPANDED: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Value:
+class CertificateValue:
     """A quantity, or several together, in SI."""
 
     name: str
     values: tuple[float, ...]  # SI
     sigma: tuple[float, ...] | None  # Standard uncertainties, SI; None where none is stated
     units: tuple[Unit, ...]  # Of each value
+
+    def channel_units(self) -> set[tuple[int, ...]]:
+        """Exponents of a channel's unit, of each element of a matrix."""
+        rows = [exponents for exponents in _ROWS for _ in range(6)]
+        return {
+            tuple(r - n for r, n in zip(row, unit.exponents, strict=True))
+            for row, unit in zip(rows, self.units, strict=False)
+        }
+
+    def share(self) -> str:
+        """Standard uncertainty as a share of the largest value; empty where none is stated."""
+        most = max(abs(v) for v in self.values)
+        if self.sigma is None or most == 0.0:
+            return ""
+        return f"standard uncertainty {max(self.sigma) / most:.2g} of the value"
 
 
 def apply_certificate(
@@ -77,12 +92,12 @@ def apply_certificate(
         value = _value(certificate, key, quantity)
         matrix_unit = parse_unit(channel, "--channel") if key.name == MATRIX else None
         text = _enter(doc, key, body, value, certificate.source, matrix_unit)
-        written.append({"key": name, "quantity": value.name, "value": text, "sigma": _share(value)})
+        written.append({"key": name, "quantity": value.name, "value": text, "sigma": value.share()})
     _write(doc, template, out, cell is not None)
     return {"file": str(out), "certificate": certificate.source, "written": written, "signed": certificate.signed}
 
 
-def _value(certificate: Certificate, key: Key, requested: str) -> Value:
+def _value(certificate: Certificate, key: Key, requested: str) -> CertificateValue:
     """The quantity for a key: the one that is named, or the only one that fits."""
     where = certificate.file
     if requested:
@@ -128,7 +143,7 @@ def _named(certificate: Certificate, name: str) -> Quantity:
     )  # fmt: skip
 
 
-def _together(chosen: Sequence[Quantity], where: str) -> Value:
+def _together(chosen: Sequence[Quantity], where: str) -> CertificateValue:
     """Quantities one behind the other, in SI."""
     values: list[float] = []
     sigma: list[float] = []
@@ -142,10 +157,10 @@ def _together(chosen: Sequence[Quantity], where: str) -> Value:
         sigma += [s * unit.factor for s, unit in zip(one.sigma or (), of_values, strict=bool(one.sigma))]
         units += of_values
     name = ", ".join(f"quantity {one.number}{f' ({one.name})' if one.name else ''}" for one in chosen)
-    return Value(name, tuple(values), tuple(sigma) if len(sigma) == len(values) else None, tuple(units))
+    return CertificateValue(name, tuple(values), tuple(sigma) if len(sigma) == len(values) else None, tuple(units))
 
 
-def _misfit(key: Key, value: Value) -> str:
+def _misfit(key: Key, value: CertificateValue) -> str:
     """Return why a value cannot go to a key; empty where it can."""
     if key.counts and len(value.values) not in key.counts:
         return f"{len(value.values)} numbers where {key.counts[0]} belong"
@@ -153,7 +168,7 @@ def _misfit(key: Key, value: Value) -> str:
         wrong = next((unit for unit in value.units if unit.exponents != key.exponents), None)
         if wrong is not None:
             return f"the unit is {wrong.si}"
-    elif len(_channel_units(value)) != 1:
+    elif len(value.channel_units()) != 1:
         return "the rows are not N, N, N, N m, N m, N m per one unit of a channel"
     if key.uncertain and value.sigma is None:
         return "no uncertainty is stated"
@@ -162,17 +177,8 @@ def _misfit(key: Key, value: Value) -> str:
     return ""
 
 
-def _channel_units(value: Value) -> set[tuple[int, ...]]:
-    """Exponents of a channel's unit, of each element of a matrix."""
-    rows = [exponents for exponents in _ROWS for _ in range(6)]
-    return {
-        tuple(r - n for r, n in zip(row, unit.exponents, strict=True))
-        for row, unit in zip(rows, value.units, strict=False)
-    }
-
-
-def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: Value, note: str, channel: Unit) -> Any:
-    (of_channel,) = _channel_units(value)
+def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: CertificateValue, note: str, channel: Unit) -> Any:
+    (of_channel,) = value.channel_units()
     if of_channel != channel.exponents:
         raise InputError(
             "the matrix is per another unit of a channel", where="--channel", value=channel.si,
@@ -185,9 +191,11 @@ def _enter_matrix(doc: MutableMapping[str, Any], key: Key, value: Value, note: s
     return [[_digits(v) for v in row] for row in rows]
 
 
-def _enter(doc: MutableMapping[str, Any], key: Key, body: str, value: Value, source: str, channel: Unit | None) -> Any:
+def _enter(
+    doc: MutableMapping[str, Any], key: Key, body: str, value: CertificateValue, source: str, channel: Unit | None
+) -> Any:
     """Enter a value; what was entered."""
-    note = f"{source}; {_share(value) or 'no uncertainty stated'}"
+    note = f"{source}; {value.share() or 'no uncertainty stated'}"
     if channel is not None:
         return _enter_matrix(doc, key, value, note, channel)
     if body:
@@ -242,14 +250,6 @@ def _array_of_rows(rows: Any) -> Any:
 
 def _digits(value: float) -> float:
     return float(f"{float(value):.9g}")
-
-
-def _share(value: Value) -> str:
-    """Standard uncertainty as a share of the largest value; empty where none is stated."""
-    most = max(abs(v) for v in value.values)
-    if value.sigma is None or most == 0.0:
-        return ""
-    return f"standard uncertainty {max(value.sigma) / most:.2g} of the value"
 
 
 def _write(doc: Any, template: Path, out: Path, is_cell: bool) -> None:

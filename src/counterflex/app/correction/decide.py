@@ -15,7 +15,7 @@ from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.contacts import Nodes, contacts_of
 from counterflex.evaluate.path_error.estimate import path_error
-from counterflex.evaluate.path_error.learning import LOCAL, Learned, MeasuredError, ToolResponse, best_step, learned
+from counterflex.evaluate.path_error.learning import LOCAL, Learned, MeasuredError, ToolResponse, learned
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan
@@ -84,7 +84,7 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     """
     following, taken = tool_response_of(loaded), parts[-1].taken_m
     state = learned(parts, following)
-    requested = best_step(state, following)
+    requested = state.best_step(following)
     further = requested if np.max(np.abs(requested), initial=0.0) > LEAST_M else np.zeros_like(requested)
     patterns = following.patterns(further)
     left = state.error_m - further + np.tensordot(state.response, patterns, 1)

@@ -25,4 +25,4 @@ def correction_page(result: Corrected) -> str:
         sigma_m=last.sigma_m,
         change_m=page.broken(result.change_m[nodes.row], nodes.chain),
     )
-    return page.correction_page(data)
+    return data.page()

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from counterflex.core import atomic, file_lock
 from counterflex.core.errors import FileFormatError
-from counterflex.files.identification_archive import Run, keep_inputs, run_name, runs_below
+from counterflex.files.identification_archive import ArchivedRun, keep_inputs, run_name, runs_below
 
 SIGNIFICANT: Final = 3.0
 """A change of so many standard deviations of the difference is marked: 3 in 1000 are by chance."""
@@ -64,7 +64,7 @@ def history(folder: Path, recipe: str | None = None) -> dict[str, Any]:
     return {"runs": [_line(run, folder) for run in runs], "compared": compared, "not_compared": others}
 
 
-def _line(run: Run, folder: Path) -> dict[str, Any]:
+def _line(run: ArchivedRun, folder: Path) -> dict[str, Any]:
     result = run.result
     head = result["headline"][0]
     return {
@@ -82,7 +82,7 @@ def _line(run: Run, folder: Path) -> dict[str, Any]:
     }
 
 
-def _compare(runs: list[Run]) -> list[dict[str, Any]]:
+def _compare(runs: list[ArchivedRun]) -> list[dict[str, Any]]:
     tables = [
         {(name, p["name"]): p for name, fit in run.result["fits"].items() for p in fit["parameters"] if p["free"]}
         for run in runs

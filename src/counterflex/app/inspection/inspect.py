@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from counterflex.app.inspection.judging import How, Inspection, inspect
 from counterflex.app.inspection.path_entry import path_rows
-from counterflex.app.inspection.summary import Inspected
+from counterflex.app.inspection.summary import InspectedScan
 from counterflex.app.inspection.tool_log import LogHow
 from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.core import atomic, file_content
@@ -84,7 +84,7 @@ def write_folder(inspection: Inspection, program: Path, folder: Path) -> None:
     write_page(page_of(inspection), folder / REPORT)
 
 
-def _write_rows(folder: Path, inspection: Inspection, last: Inspected | InspectedPath, program: Path) -> None:
+def _write_rows(folder: Path, inspection: Inspection, last: InspectedScan | InspectedPath, program: Path) -> None:
     """Write the measured places: of a surface, or of the path of the tool."""
     digest = hashlib.sha256(file_content.content(program)).hexdigest()
     if isinstance(last, InspectedPath):

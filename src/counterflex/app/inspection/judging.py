@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex import __version__
 from counterflex.app.inputs import Job, read_in_plane
-from counterflex.app.inspection.summary import Inspected, summary_of
+from counterflex.app.inspection.summary import InspectedScan, summary_of
 from counterflex.app.inspection.tool_log import LogHow, ToolLog, read_tool_log
 from counterflex.app.inspection.tool_path import InspectedPath, judged_path
 from counterflex.app.proof.cut_logs import log_of_path, top_of
@@ -31,7 +31,7 @@ from counterflex.evaluate.inspection.coarse import NoPose, coarse_pose
 from counterflex.evaluate.inspection.coverage import Coverage, coverage
 from counterflex.evaluate.inspection.feature_rows import features_of_part, inspected_features, with_uncertainty
 from counterflex.evaluate.inspection.mesh_shape import CadSolid
-from counterflex.evaluate.inspection.nominal_part import NominalPart, Shape, nominal_part
+from counterflex.evaluate.inspection.nominal_part import NominalPart, NominalShape, nominal_part
 from counterflex.evaluate.inspection.part_deviations import FREE
 from counterflex.evaluate.inspection.registration import LEAST_POINTS, aligned, register
 from counterflex.evaluate.inspection.scan_size import ScanUnit, scan_unit
@@ -69,7 +69,7 @@ class Inspection:
 
     job: Job
     cell: Cell  # Where
-    parts: dict[str, Inspected | InspectedPath]  # ``part``, or ``before`` and ``after``
+    parts: dict[str, InspectedScan | InspectedPath]  # ``part``, or ``before`` and ``after``
     features: tuple[FeatureRow, ...]  # Measured on each
     # By part, areas of the machined surface and of each feature by what is known about them
     covered: dict[str, tuple[Coverage, Mapping[str, Coverage]]]
@@ -97,7 +97,7 @@ def inspect(
     progress(0.15)
     part = nominal_of(job, cell, nominal)
     progress(0.4)
-    parts: dict[str, Inspected | InspectedPath] = {}
+    parts: dict[str, InspectedScan | InspectedPath] = {}
     for k, (name, one) in enumerate(read.items()):
         if isinstance(one, ToolLog):
             parts[name] = judged_path(one, part, job, cell)
@@ -106,7 +106,7 @@ def inspect(
         progress(0.4 + 0.4 * (k + 1) / len(read))
     named = {name: one.part for name, one in parts.items()}
     candidates = features_of_part(next(iter(named.values())), candidates_of(job.path, cell))
-    scales = {name: one.scale for name, one in parts.items() if isinstance(one, Inspected)}
+    scales = {name: one.scale for name, one in parts.items() if isinstance(one, InspectedScan)}
     features = inspected_features(candidates, named, tolerances_m, scales)
     features += _of_faces(part.shape, nominal, named, tolerances_m, scales)
     _require_used(tolerances_m or {}, features)
@@ -126,7 +126,7 @@ def inspect(
 
 
 def _of_faces(
-    shape: Shape,
+    shape: NominalShape,
     cad: Path | None,
     parts: Mapping[str, Any],
     tolerances_m: Mapping[tuple[str, str], float] | None,
@@ -167,7 +167,7 @@ def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
             where=job.program.name,
             limit="a program with one direction of the tool",
         )
-    shape: Shape = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
+    shape: NominalShape = log_of_path(job.path, cell, top_of(cell, job.path.p_part_tcp))
     if cad is not None:
         from counterflex.app.inspection.cad_shape import read_shape
 
@@ -177,7 +177,7 @@ def nominal_of(job: Job, cell: Cell, cad: Path | None = None) -> NominalPart:
 
 def judged(
     scan: Scan, part: NominalPart, p_part_tcp: Float, how: How, where: str, outline: Float | None = None
-) -> Inspected:
+) -> InspectedScan:
     """Lay one scan on the nominal part and judge it.
 
     Args:
@@ -218,7 +218,7 @@ def judged(
             raise ball_error(offset, where)
     _check_same(result, where)
     scale = scale_of(result.rows, part.faces)
-    return Inspected(Path(where).name, scan, unit, result, cloud.outliers, cut_away, ball or 0.0, scale)
+    return InspectedScan(Path(where).name, scan, unit, result, cloud.outliers, cut_away, ball or 0.0, scale)
 
 
 def _ball(scan: Scan, how: How, unit_m: float) -> float | None:

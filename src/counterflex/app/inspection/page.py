@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.inspection.judging import Inspection
-from counterflex.app.inspection.summary import Inspected
+from counterflex.app.inspection.summary import InspectedScan
 from counterflex.app.inspection.tool_path import InspectedPath
 from counterflex.app.proof.judge import candidates_of
 from counterflex.core.units import MM
 from counterflex.evaluate.inspection.coverage import Coverage
 from counterflex.evaluate.inspection.sections import groove_sections
 from counterflex.report.data import Fact
-from counterflex.report.inspection.page import InspectionData, inspection_page
+from counterflex.report.inspection.page import InspectionData
 from counterflex.report.inspection.path_figures import MeasuredPath
 
 NOT_SURFACE: Final = (
@@ -43,28 +43,26 @@ def page_of(inspection: Inspection) -> str:
         for name, one in logged.items()
     }
     files = " and ".join(one.file for one in inspection.parts.values())
-    return inspection_page(
-        InspectionData(
-            title=Path(inspection.job.program.name).name,
-            subtitle=f"{files} against what {program} makes in {inspection.cell.name}",
-            created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
-            surface=surface,
-            deviations={name: part.surface_deviation() for name, part in parts.items()},
-            features=inspection.features,
-            sections=groove_sections(candidates, parts),
-            facts={
-                name: (facts if isinstance(one, Inspected) else log_facts)(inspection.summary["parts"][name])
-                for name, one in inspection.parts.items()
-            },
-            coverage=inspection.covered,
-            notes=(
-                *(() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ()))),
-                *_unseen(inspection.covered, bool(paths)),
-                *_scales(inspection.parts),
-            ),
-            paths=paths,
-        )
-    )
+    return InspectionData(
+        title=Path(inspection.job.program.name).name,
+        subtitle=f"{files} against what {program} makes in {inspection.cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        surface=surface,
+        deviations={name: part.surface_deviation() for name, part in parts.items()},
+        features=inspection.features,
+        sections=groove_sections(candidates, parts),
+        facts={
+            name: (facts if isinstance(one, InspectedScan) else log_facts)(inspection.summary["parts"][name])
+            for name, one in inspection.parts.items()
+        },
+        coverage=inspection.covered,
+        notes=(
+            *(() if not paths else (NOT_SURFACE, *((FITTED,) if fitted else ()))),
+            *_unseen(inspection.covered, bool(paths)),
+            *_scales(inspection.parts),
+        ),
+        paths=paths,
+    ).page()
 
 
 def _unseen(covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]], logged: bool) -> tuple[str, ...]:
@@ -79,13 +77,13 @@ def _unseen(covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]], logg
     )
 
 
-def _scales(parts: Mapping[str, Inspected | InspectedPath]) -> tuple[str, ...]:
+def _scales(parts: Mapping[str, InspectedScan | InspectedPath]) -> tuple[str, ...]:
     """Note of each scan whose scale is not 1."""
     return tuple(
         f"{one.file}: {100.0 * one.scale.scale:+.4f} % ± {100.0 * one.scale.sigma:.4f} % of scale in "
         f"{len(one.scale.agreeing)} directions alike, {abs(one.scale.scale) * 1e5:.0f} µm over 100 mm. U holds it."
         for one in parts.values()
-        if isinstance(one, Inspected) and one.scale.common and one.scale.significant
+        if isinstance(one, InspectedScan) and one.scale.common and one.scale.significant
     )
 
 

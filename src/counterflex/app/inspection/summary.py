@@ -24,7 +24,7 @@ from counterflex.files.scan.scan import Scan
 
 
 @dataclass(frozen=True, eq=False)
-class Inspected:
+class InspectedScan:
     """A scan, judged."""
 
     file: str
@@ -36,9 +36,27 @@ class Inspected:
     ball_radius_m: float  # Of the probe whose centres the points are; 0: they lie on the surface
     scale: ScaleEstimate  # Of the scan against the blank
 
+    def row(self) -> dict[str, Any]:
+        """Row of the summary."""
+        return {
+            "scan": {
+                "file": self.file,
+                "kind": self.scan.kind,
+                "unit": self.unit,
+                "points": len(self.scan),
+                "not_numbers": self.scan.dropped,
+                "outliers": self.outliers,
+                "cut_away": self.cut_away,
+                "ball_diameter_mm": round(2.0 * self.ball_radius_m / MM, 4),
+                "unmatched_share": round(self.part.unmatched_share, 4),
+                "noise_um": round(self.part.noise_m / UM, 2),
+                "scale": _scale(self.scale),
+            }
+        }
+
 
 def summary_of(
-    parts: Mapping[str, Inspected | InspectedPath],
+    parts: Mapping[str, InspectedScan | InspectedPath],
     features: tuple[FeatureRow, ...],
     covered: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]],
 ) -> dict[str, Any]:
@@ -50,7 +68,7 @@ def summary_of(
     return {
         "parts": {
             name: {
-                **(_scan(one) if isinstance(one, Inspected) else path_entry(one)),
+                **(one.row() if isinstance(one, InspectedScan) else path_entry(one)),
                 "registration": _registration(one.part.registration),
                 **_surface(one.part.surface_deviation()),
                 "coverage": _coverage(covered[name][0])
@@ -79,24 +97,6 @@ def summary_of(
             }
             for row in features
         ],
-    }
-
-
-def _scan(one: Inspected) -> dict[str, Any]:
-    return {
-        "scan": {
-            "file": one.file,
-            "kind": one.scan.kind,
-            "unit": one.unit,
-            "points": len(one.scan),
-            "not_numbers": one.scan.dropped,
-            "outliers": one.outliers,
-            "cut_away": one.cut_away,
-            "ball_diameter_mm": round(2.0 * one.ball_radius_m / MM, 4),
-            "unmatched_share": round(one.part.unmatched_share, 4),
-            "noise_um": round(one.part.noise_m / UM, 2),
-            "scale": _scale(one.scale),
-        }
     }
 
 

@@ -10,8 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.run_history.logged_run import LoggedRun, one_run
-from counterflex.app.run_history.run_files import file_of_run
+from counterflex.app.run_history.logged_run import RunOfHistory, file_of_run, one_run
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import CounterflexError
 from counterflex.core.units import MM, NS, UM
@@ -138,7 +137,7 @@ def _columns(folder: Path, number: int) -> dict[str, Float]:
     return {name: np.concatenate([part[name] for part in parts]) for name in places}
 
 
-def _cut(run: LoggedRun, p: Float, rest: Float, time: Int) -> tuple[Float, Float, Int]:
+def _cut(run: RunOfHistory, p: Float, rest: Float, time: Int) -> tuple[Float, Float, Int]:
     """Places of the cut, at least half a millimetre apart; fewer of a long one."""
     at = np.flatnonzero(run.curves.cut & np.isfinite(p).all(axis=1))
     if len(at) == 0:
@@ -149,7 +148,7 @@ def _cut(run: LoggedRun, p: Float, rest: Float, time: Int) -> tuple[Float, Float
     return p[at], np.nan_to_num(np.linalg.norm(rest[at], axis=1)), time[at]
 
 
-def _happened(run: LoggedRun, rows: dict[str, Float], time: Int) -> Iterator[Happened]:
+def _happened(run: RunOfHistory, rows: dict[str, Float], time: Int) -> Iterator[Happened]:
     begin = int(time[0])
     state, cause = rows["state"].astype(np.int64), rows["cause"].astype(np.int64)
     yield Happened(begin, f"state {State(int(state[0])).name}", False)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.long_jobs.executors import Executor, Start
-from counterflex.app.long_jobs.on_worker import Order, carried_out, ordered, taken
+from counterflex.app.long_jobs.on_worker import WorkOrder, ordered, taken
 from counterflex.app.long_jobs.scheduler import connected, local_cluster, require_scheduler_address
 from counterflex.app.long_jobs.task import Task
 from counterflex.app.long_jobs.workers import REPORT_EVERY_S, Shares
@@ -131,13 +131,13 @@ class _Cluster:
         )
 
 
-def _worked(order: Order, topic: str, place: int) -> bytes:
+def _worked(order: WorkOrder, topic: str, place: int) -> bytes:
     """On a worker: do a task, telling twice in a second at most how far it is."""
     from distributed import get_worker
 
     worker = get_worker()
     report = partial(_report, worker, topic, place, [time.monotonic()])
-    return carried_out(order, report, worker.local_directory)
+    return order.carry_out(report, worker.local_directory)
 
 
 def _report(worker: Any, topic: str, place: int, reported_s: list[float], fraction: float, what: str = "") -> None:  # noqa: ARG001

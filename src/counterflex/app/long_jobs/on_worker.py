@@ -104,13 +104,46 @@ def _target(root: Path, name: str, below: str | None) -> Path:
 
 
 @dataclass(frozen=True)
-class Order:
+class WorkOrder:
     """A task on its way to a worker."""
 
     task: Task  # With paths relative to the folder of the job
     files: bytes  # What it reads, as :func:`counterflex.app.long_jobs.on_worker.packed` packs it
     root: str  # The folder of the job on the machine that ordered it, for messages
     program: str  # :func:`program_now` there
+
+    def carry_out(self, progress: Progress = silent, scratch: str | None = None) -> bytes:
+        """Do a task.
+
+        Args:
+            progress: Called with the fraction done.
+            scratch: Folder for its files while it runs; None is that of the system.
+
+        Returns:
+            Parcel of the files that it wrote and ``result``, or ``fault``, or ``other`` where this is another program;
+            it never raises what a task raised, so that the other side has nothing to unpickle.
+        """
+        if self.program != program_now():
+            return packed(Path(), (), {"other": program_now(), "rooms": dict(program_files())})
+        with tempfile.TemporaryDirectory(prefix="counterflex-", dir=scratch, ignore_cleanup_errors=True) as folder:
+            root = Path(folder).resolve()
+            arguments = tuple(
+                type(item)(str(root / item.path)) if isinstance(item, Reads | Writes) else item
+                for item in self.task.arguments
+            )
+            task = Task(self.task.name, self.task.text, self.task.function, arguments, tells=self.task.tells)
+            try:
+                unpacked(self.files, root)
+                if task.writes is not None:
+                    task.writes.mkdir(parents=True, exist_ok=True)
+                result = call(task, progress)
+                written = [] if task.writes is None else [file for file in task.writes.rglob("*") if file.is_file()]
+                return packed(root, written, {"result": result})
+            except CounterflexError as fault:
+                return packed(root, (), {"fault": _plain(fault, str(root), self.root)})
+            except Exception as fault:
+                text = "".join(traceback.format_exception(fault)).replace(str(root), self.root)
+                return packed(root, (), {"broken": f"{type(fault).__name__}: {fault}", "traceback": text})
 
 
 @cache
@@ -120,7 +153,7 @@ def program_now() -> str:
     return f"{__version__} ({hashlib.sha256(rooms.encode()).hexdigest()[:12]})"
 
 
-def ordered(task: Task, root: Path) -> Order:
+def ordered(task: Task, root: Path) -> WorkOrder:
     """A task with everything that it needs. Raises InputError: a file is not below the folder of the job."""
     arguments = tuple(
         type(item)(name_below(root, Path(item.path))) if isinstance(item, Reads | Writes) else item
@@ -128,41 +161,7 @@ def ordered(task: Task, root: Path) -> Order:
     )
     files = packed(root, task.files(), {})
     sent = Task(task.name, task.text, task.function, arguments, weight=task.weight, tells=task.tells)
-    return Order(sent, files, str(root), program_now())
-
-
-def carried_out(order: Order, progress: Progress = silent, scratch: str | None = None) -> bytes:
-    """Do a task.
-
-    Args:
-        progress: Called with the fraction done.
-        scratch: Folder for its files while it runs; None is that of the system.
-
-    Returns:
-        Parcel of the files that it wrote and ``result``, or ``fault``, or ``other`` where this is another program; it
-        never raises what a task raised, so that the other side has nothing to unpickle.
-    """
-    if order.program != program_now():
-        return packed(Path(), (), {"other": program_now(), "rooms": dict(program_files())})
-    with tempfile.TemporaryDirectory(prefix="counterflex-", dir=scratch, ignore_cleanup_errors=True) as folder:
-        root = Path(folder).resolve()
-        arguments = tuple(
-            type(item)(str(root / item.path)) if isinstance(item, Reads | Writes) else item
-            for item in order.task.arguments
-        )
-        task = Task(order.task.name, order.task.text, order.task.function, arguments, tells=order.task.tells)
-        try:
-            unpacked(order.files, root)
-            if task.writes is not None:
-                task.writes.mkdir(parents=True, exist_ok=True)
-            result = call(task, progress)
-            written = [] if task.writes is None else [file for file in task.writes.rglob("*") if file.is_file()]
-            return packed(root, written, {"result": result})
-        except CounterflexError as fault:
-            return packed(root, (), {"fault": _plain(fault, str(root), order.root)})
-        except Exception as fault:
-            text = "".join(traceback.format_exception(fault)).replace(str(root), order.root)
-            return packed(root, (), {"broken": f"{type(fault).__name__}: {fault}", "traceback": text})
+    return WorkOrder(sent, files, str(root), program_now())
 
 
 def taken(parcel: object, task: Task, root: Path) -> Any:

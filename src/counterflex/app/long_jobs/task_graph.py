@@ -44,7 +44,7 @@ def run_tasks(
         InputError: Names are not unique, a task waits for one that is not there, or tasks wait in a circle.
         CounterflexError: What a task raised; the others are ended.
     """
-    run = _Run(tasks, progress, keep_going)
+    run = _GraphRun(tasks, progress, keep_going)
     count = count_of(workers, len(tasks))
     own = here if count == 1 else processes(count)
     with contextlib.ExitStack() as stack:
@@ -64,7 +64,7 @@ def run_tasks(
     return run.results
 
 
-class _Run:
+class _GraphRun:
     """State of the tasks of a job: those that run, and results by name."""
 
     def __init__(self, tasks: Sequence[Task], progress: Progress, keep_going: bool) -> None:

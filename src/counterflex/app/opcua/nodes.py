@@ -51,6 +51,16 @@ class View:
     last: Any  # Last snapshot, or None
     why: str  # Why a run that goes on cannot be read
 
+    def program_name(self) -> str | None:
+        """Name of the program that runs."""
+        files = self.about.get("files", {})
+        name = files.get("program", files.get("plan"))
+        return None if name is None else Path(name).name
+
+    def on_path(self) -> bool | None:
+        """True where the tool is on the path of the plan; None before the first answer."""
+        return None if self.last is None else bool(self.last.share >= 0.0)
+
 
 @dataclass(frozen=True)
 class Node:
@@ -76,12 +86,6 @@ def _figure(*keys: str | int) -> Callable[[View], Any]:
     return of
 
 
-def _program(view: View) -> str | None:
-    files = view.about.get("files", {})
-    name = files.get("program", files.get("plan"))
-    return None if name is None else Path(name).name
-
-
 def _axis(k: int) -> Callable[[View], float | None]:
     def of(view: View) -> float | None:
         if view.last is None:
@@ -103,10 +107,6 @@ def _axes_of(cell: str) -> ControllerAxes | None:
         return read_cell(cell).robot.axes
     except CounterflexError:
         return None
-
-
-def _on_path(view: View) -> bool | None:
-    return None if view.last is None else bool(view.last.share >= 0.0)
 
 
 def _event(event: Event, key: str) -> Callable[[View], Any]:
@@ -133,9 +133,9 @@ def _robot() -> list[Node]:
     task = f"{SYSTEM}/Controllers/Controller/TaskControls/Task/ParameterSet"
     nodes = [
         Node(f"{ROBOT}/MotionDeviceCategory", 0, "", lambda _: ARTICULATED, live=False),
-        Node(f"{ROBOT}/ParameterSet/OnPath", False, "", _on_path),
+        Node(f"{ROBOT}/ParameterSet/OnPath", False, "", View.on_path),
         Node(f"{ROBOT}/ParameterSet/SpeedOverride", 0.0, "%", _figure("speed")),
-        Node(f"{task}/TaskProgramName", "", "", _program),
+        Node(f"{task}/TaskProgramName", "", "", View.program_name),
         Node(f"{task}/TaskProgramLoaded", False, "", lambda view: bool(view.figures)),
     ]
     for k in range(6):

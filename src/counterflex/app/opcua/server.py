@@ -18,7 +18,7 @@ from asyncua.common.node import Node as UaNode
 from counterflex import __version__
 from counterflex.app.opcua.bounded import BoundedServer, Inner, Users, caller
 from counterflex.app.opcua.nodes import NODES, OWN, UNITS, Node, View, occurred
-from counterflex.app.opcua.settings import OpcuaSettings, require_safe
+from counterflex.app.opcua.settings import OpcuaSettings
 from counterflex.app.panel.door import Door
 from counterflex.app.panel.figures import Figures
 from counterflex.app.panel.tries import Tries
@@ -321,7 +321,7 @@ def serve(settings: OpcuaSettings, started: Callable[[str], None]) -> None:
     Raises:
         InputError: It would not be safe, or the library is missing.
     """
-    require_safe(settings)
+    settings.require_safe()
     logging.getLogger("asyncua").setLevel(logging.ERROR)
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(OpcuaServer(settings, started).serve())

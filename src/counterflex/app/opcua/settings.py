@@ -27,15 +27,14 @@ class OpcuaSettings:
     key: Path | None = None
     rate_hz: float = RATE_HZ
 
+    def require_safe(self) -> None:
+        """Refuse a server that others could reach without a password or could listen to.
 
-def require_safe(settings: OpcuaSettings) -> None:
-    """Refuse a server that others could reach without a password or could listen to.
-
-    Raises:
-        InputError: Users or encryption are missing, or the library is not installed.
-    """
-    require_protected("an OPC UA server", "encryption", settings)
-    if importlib.util.find_spec("asyncua") is None:
-        raise InputError(
-            "the OPC UA server needs the package asyncua", hint='Install it with pip install "counterflex[opcua]"'
-        )
+        Raises:
+            InputError: Users or encryption are missing, or the library is not installed.
+        """
+        require_protected("an OPC UA server", "encryption", self)
+        if importlib.util.find_spec("asyncua") is None:
+            raise InputError(
+                "the OPC UA server needs the package asyncua", hint='Install it with pip install "counterflex[opcua]"'
+            )

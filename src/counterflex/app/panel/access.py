@@ -49,7 +49,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
 @dataclass(frozen=True)
-class Session:
+class PanelSession:
     """Somebody who has shown who he is."""
 
     name: str
@@ -118,7 +118,7 @@ class Sessions:
 
     def __init__(self, clock_s: Callable[[], float] = time.monotonic) -> None:
         self._clock_s = clock_s
-        self._sessions: dict[str, Session] = {}
+        self._sessions: dict[str, PanelSession] = {}
 
     def begin(self, name: str, role: Role, source: str) -> str:
         """A new session; the secret that stands for it."""
@@ -127,10 +127,10 @@ class Sessions:
         if len(self._sessions) >= SESSIONS:
             del self._sessions[next(iter(self._sessions))]
         key = secrets.token_urlsafe(32)
-        self._sessions[key] = Session(name, role, source, now + LONGEST_S)
+        self._sessions[key] = PanelSession(name, role, source, now + LONGEST_S)
         return key
 
-    def of(self, key: str) -> Session | None:
+    def of(self, key: str) -> PanelSession | None:
         """The session that a secret stands for, as long as it lasts."""
         one = self._sessions.get(key)
         return one if one is not None and one.end_s > self._clock_s() else None
@@ -176,7 +176,7 @@ class Gate:
         hosts: tuple[str, ...] | None,
         keys: Mapping[str, tuple[str, Role]],
         secure: bool,
-        opened: Callable[[Session], None] = lambda _: None,
+        opened: Callable[[PanelSession], None] = lambda _: None,
         known: Callable[[Any], None] = lambda _: None,
         full: Callable[[], bool] = lambda: False,
         cookie: str = COOKIE,

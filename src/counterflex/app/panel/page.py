@@ -14,7 +14,7 @@ from nicegui.element import Element
 from nicegui.elements.scene import Scene
 from nicegui.events import GenericEventArguments, KeyEventArguments
 
-from counterflex.app.panel.access import Session
+from counterflex.app.panel.access import PanelSession
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.app.run.recorder import SUMMARY
 from counterflex.core import file_content
@@ -129,7 +129,7 @@ _TITLES: Final = {"stop": "RAMP OUT", "reset": "ACKNOWLEDGE", "arm": "ARM"}
 class Live(Element, component="live.js", esm={"counterflex-cell-view": "cell_view"}):  # type: ignore[call-arg, misc]
     """Figures, charts and the cell, drawn by the browser from one message per tick."""
 
-    def __init__(self, session: Session, range_um: float) -> None:
+    def __init__(self, session: PanelSession, range_um: float) -> None:
         super().__init__()
         self._props["role"], self._props["user"], self._props["range"] = session.role, session.name, range_um
 
@@ -144,7 +144,7 @@ class PanelPage:
     def __init__(
         self,
         client: Client,
-        session: Session,
+        session: PanelSession,
         run: WatchedRun,
         range_um: float,
         *,

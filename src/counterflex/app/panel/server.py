@@ -18,7 +18,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from counterflex.app.panel.access import COOKIE, SESSION, Session, Sessions, cookie_of, cookie_text, source_of
+from counterflex.app.panel.access import COOKIE, SESSION, PanelSession, Sessions, cookie_of, cookie_text, source_of
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.panel.gated_server import GatedServer
 from counterflex.app.panel.page import PanelPage
@@ -118,7 +118,7 @@ class LoginRoutes:
 
     async def _leave(self, request: Request) -> Response:
         key = cookie_of({"cookie": request.headers.get("cookie", "")})
-        one: Session | None = self._sessions.of(key)
+        one: PanelSession | None = self._sessions.of(key)
         if one is not None:
             self._note(one.name, one.source, "log out")
         self._sessions.end(key)
@@ -187,7 +187,7 @@ class PanelServer(GatedServer):
         ui.page("/", title="counterflex panel")(self._live)
 
     def _live(self, request: Request, client: Client) -> None:
-        session: Session = request.scope[SESSION]
+        session: PanelSession = request.scope[SESSION]
         cookie = request.cookies.get(COOKIE, "")
         ui.add_css(_CSS, shared=False)
         self.pages[client.id] = PanelPage(

@@ -12,7 +12,7 @@ from counterflex.app.inputs import AS_IT_IS, faults_in
 from counterflex.app.placement.candidates_table import table_of
 from counterflex.app.placement.operations import per_operation, require_operations
 from counterflex.app.placement.placement import CUTTING, ROUNDING, SEARCHING, TABLE, placement_of, prepared
-from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.region import Wish
 from counterflex.core import atomic
 from counterflex.core.errors import ReachError
 from counterflex.core.progress import Progress, in_parts, silent
@@ -46,7 +46,7 @@ def run(
         damping = -np.inf if done is None else done.summary["chosen"]["damping_in_cut"]
         with faults_in(given.job):
             divided = per_operation(
-                program, given, region_of(options.get("wish") or Wish(), given.frame), reading=reading, one=one,
+                program, given, (options.get("wish") or Wish()).region(given.frame), reading=reading, one=one,
                 least_damping=-np.inf if damping is None else min(0.0, damping - ROUNDING),
                 progress=parts[OPERATIONS],
             )  # fmt: skip

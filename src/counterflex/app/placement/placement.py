@@ -14,7 +14,7 @@ from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.placement.candidates_table import table_of, values_of
 from counterflex.app.placement.frame import Frame, Stand
-from counterflex.app.placement.region import Wish, region_of, shown
+from counterflex.app.placement.region import Wish, shown
 from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.app.posture import expected_um, held_row, loaded_path, robot_of, surroundings_of
 from counterflex.core import atomic
@@ -131,7 +131,7 @@ def placement_of(
     given = prepared(program, cell, reading, surface, parts[CUTTING]) if given is None else given
     job, cell, task, frame = given.job, given.cell, given.task, given.frame
     begin = time.perf_counter()
-    region = region_of(wish, frame)
+    region = wish.region(frame)
     site = site_of(task, given.stretches)
     judged = search(site, region, frame.seen, count, progress=parts[SEARCHING])
     alone, present = _here(task)

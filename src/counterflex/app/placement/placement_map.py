@@ -12,7 +12,7 @@ import polars as pl
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.placement.placement import frame_of, task_of
-from counterflex.app.placement.region import Wish, region_of
+from counterflex.app.placement.region import Wish
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -62,7 +62,7 @@ def run(
             value="no --region",
             hint="Give --region X0,X1,Y0,Y1,Z0,Z1; the axes stand where the cell file has them",
         )
-    region, here = region_of(Wish() if wish is None else wish, frame), frame.here
+    region, here = (Wish() if wish is None else wish).region(frame), frame.here
     rows = []
     places = _places(region, here, points)
     for k, (view, place) in enumerate(places):
@@ -83,11 +83,11 @@ def run(
     }
     with atomic.atomic_folder(out) as staging:
         from counterflex.report.page import write_page
-        from counterflex.report.placement_map_page import MapData, placement_map_page
+        from counterflex.report.placement_map_page import MapData
 
         atomic.write_text(staging / TABLE, pl.DataFrame(rows, infer_schema_length=None).write_csv())
         write_summary(staging / "summary.json", summary)
-        write_page(placement_map_page(MapData(summary, rows)), staging / "report.html")
+        write_page(MapData(summary, rows).page(), staging / "report.html")
     return summary
 
 

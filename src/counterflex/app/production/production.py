@@ -22,7 +22,7 @@ from counterflex.app.identification.recipe_settings import Setting, settings_of
 from counterflex.app.plan_of_cell import require_of_cell
 from counterflex.app.production.history import KeptRun, keep_runs, read_history, require_alike, require_unchanged
 from counterflex.app.production.result import Produced, identification_of, result_of
-from counterflex.app.production.runs import LoggedRun, plan_of, planned_cut, read_runs
+from counterflex.app.production.runs import LoggedRun, planned_cut, read_runs
 from counterflex.app.unknowns import IDENTIFIED
 from counterflex.core import atomic, file_content, file_lock
 from counterflex.core.arrays import Float, Int
@@ -39,11 +39,11 @@ from counterflex.identify.cutting.considered import CROSS_TALK, RUNOUT_M, SCALE,
 from counterflex.identify.cutting.force_forms import NAMES
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.production import TITLE
-from counterflex.identify.production.alignment import PlannedCut, aligned
+from counterflex.identify.production.alignment import PlannedCut
 from counterflex.identify.production.constants import ConstantEstimate, find, reference_m
 from counterflex.identify.production.drift import ForceDrift, RunFactor, drift, run_factor
 from counterflex.identify.production.residuals import TOP_SIGMA_M, ProductionResiduals, geometry_of
-from counterflex.identify.production.stretches import Choice, joined, stretches_of
+from counterflex.identify.production.stretches import StretchChoice, joined, stretches_of
 from counterflex.identify.recipe import Identification
 from counterflex.runtime.monitoring.plan import lost_tooth
 
@@ -227,7 +227,7 @@ def produce(
             remarks.append(f"{one.record.name} is in the history already and is not taken twice")
             continue
         known.add(one.sha256)
-        plan_file = plan_of(one, plans, digests)
+        plan_file = one.plan_among(plans, digests)
         key = (plan_file, one.compensated)
         if key not in cuts:
             plan, about = read_plan(plan_file)
@@ -283,8 +283,8 @@ def _taken(
     is_new: bool,
     options: Mapping[str, Any],
 ) -> KeptRun:
-    at = aligned(one.record, plan)
-    choice = Choice(float(options["trim_diameters"]), float(options["settle_s"]))
+    at = one.record.aligned(plan)
+    choice = StretchChoice(float(options["trim_diameters"]), float(options["settle_s"]))
     result = stretches_of(model, one.record, plan, at, tool, choice)
     facts = {
         "run": one.record.name,

@@ -19,7 +19,7 @@ from counterflex.cutting.coefficients import edge_force
 from counterflex.files.cell.cell import Cell
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
-from counterflex.identify.production.alignment import CHIP_M, EXPONENTS, PlannedCut, RunRecord, force_of
+from counterflex.identify.production.alignment import CHIP_M, EXPONENTS, AlignedRunRecord, PlannedCut, force_of
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import at_points, cut
 from counterflex.plan.plan import Plan
@@ -163,7 +163,7 @@ _STALE_CYCLES: Final = 25
 class LoggedRun:
     """A run of a log."""
 
-    record: RunRecord
+    record: AlignedRunRecord
     folder: Path  # Of the log
     number: int  # Of the run in it
     sha256: str  # Over its records
@@ -171,6 +171,25 @@ class LoggedRun:
     cell_sha256: str  # Of its cell file
     compensated: bool  # The robot ran the compensated program
     begun_s: float  # When it began, seconds since 1970, 0 where the log does not say
+
+    def plan_among(self, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:
+        """The plan of a run among those given. Raises InputError: the run had none, or it is not among them."""
+        if not self.plan_sha256:
+            raise InputError(
+                "the run was made without a plan",
+                where=self.record.name,
+                hint="Give run --plan, also where it only watches",
+            )
+        for plan in plans:
+            if digests[plan] == self.plan_sha256:
+                return plan
+        raise InputError(
+            "the run was made with another plan",
+            where=self.record.name,
+            value=", ".join(f"{p.name} {digests[p][:12]}" for p in plans),
+            limit=f"SHA-256 {self.plan_sha256[:12]}...",
+            hint="Give the plan of that run with a --plan of its own",
+        )
 
 
 def read_runs(folder: Path) -> list[LoggedRun]:
@@ -231,7 +250,7 @@ def _logged(folder: Path, number: int, rows: Float, about: Mapping[str, Any]) ->
             hint="The controller was started again: give each run a folder of its own",
         )
     soft = rows[:, column("flag_soft")].astype(np.int64)
-    record = RunRecord(
+    record = AlignedRunRecord(
         name=name,
         time_s=time,
         p_part=np.ascontiguousarray(rows[:, _PLACE]),
@@ -264,21 +283,3 @@ def _fresh(rows: Float) -> Bool:
         last = np.maximum.accumulate(np.where(samples, cycle, -_STALE_CYCLES - 1))
         fresh &= cycle - last <= _STALE_CYCLES
     return np.array(fresh, dtype=np.bool_)
-
-
-def plan_of(run: LoggedRun, plans: Sequence[Path], digests: Mapping[Path, str]) -> Path:
-    """The plan of a run among those given. Raises InputError: the run had none, or it is not among them."""
-    if not run.plan_sha256:
-        raise InputError(
-            "the run was made without a plan", where=run.record.name, hint="Give run --plan, also where it only watches"
-        )
-    for plan in plans:
-        if digests[plan] == run.plan_sha256:
-            return plan
-    raise InputError(
-        "the run was made with another plan",
-        where=run.record.name,
-        value=", ".join(f"{p.name} {digests[p][:12]}" for p in plans),
-        limit=f"SHA-256 {run.plan_sha256[:12]}...",
-        hint="Give the plan of that run with a --plan of its own",
-    )

@@ -26,7 +26,7 @@ from counterflex.evaluate.features import FeatureRow, Machined, measure_features
 from counterflex.evaluate.path_deviation import PathDeviation, path_deviation, path_figures
 from counterflex.evaluate.summary import SeedResult, TruthLevel, Variant, summary
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation, nominal_surface, surface_deviation
-from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_deviation, turned_surface
+from counterflex.evaluate.turned_surface import TurnedDeviation, TurnedSurface, turned_surface
 from counterflex.files.cell.cell import Cell
 from counterflex.files.run_file import read_run
 from counterflex.files.summary_file import read_summary
@@ -138,7 +138,7 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
     surface, turned = None, None
     if reference.turned is not None:
         cell = reference.cell
-        turned = turned_deviation(reference.turned, log_of_run(run, reference.job.path, cell, top_of(cell)))
+        turned = reference.turned.deviation(log_of_run(run, reference.job.path, cell, top_of(cell)))
     if reference.surface is not None:
         surface = surface_deviation(
             reference.surface,
@@ -171,7 +171,7 @@ def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[Featur
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ProgramComparison:
     """One or two machined programs, judged."""
 
     reference: Reference  # What they are judged against
@@ -180,7 +180,7 @@ class Comparison:
     summary: dict[str, Any]
 
 
-def compare(folders: Sequence[str | Path]) -> Comparison:
+def compare(folders: Sequence[str | Path]) -> ProgramComparison:
     """Read folders that ``simulate`` wrote and judge them; the first is the uncompensated program.
 
     Raises:
@@ -218,7 +218,7 @@ def compare(folders: Sequence[str | Path]) -> Comparison:
     }
     variants = {name: item.variant for name, item in judged.items()}
     level: TruthLevel = "exact" if truth.seed is None else "catalogue"
-    return Comparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
+    return ProgramComparison(reference, judged, truth, summary([SeedResult(truth.seed, level, variants)], about))
 
 
 def _check_same(paths: Sequence[Path]) -> None:

@@ -72,7 +72,7 @@ def run(folder: str | Path, out: str | Path, *, range_m: float, progress: Progre
     with atomic.atomic_folder(out) as staging:
         should_be.turned(R).save(staging / NOMINAL)
         made.turned(R).save(staging / MACHINED, made.at_vertices(deviation), range_m)
-        points = _Points(made.turned(R).points[made.cut], made.along[made.cut], deviation[made.cut])
+        points = _MeshPoints(made.turned(R).points[made.cut], made.along[made.cut], deviation[made.cut])
         write(staging / POINTS, FORMAT, 1, _LAYOUT, points, {"program": summary["program"], "cell": cell.name})
         write_summary(staging / SUMMARY, summary)
     progress(1.0)
@@ -101,7 +101,7 @@ def _figures(made: Surface, deviation: Float) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Points:
+class _MeshPoints:
     """Points that a cut made: (n, 3) m, the axis of their line, m material left."""
 
     points: Float

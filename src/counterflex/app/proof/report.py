@@ -18,7 +18,7 @@ from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import Comparison, Judged, features
+from counterflex.app.proof.judge import Judged, ProgramComparison, features
 from counterflex.app.proof.result import Proof
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
@@ -29,7 +29,7 @@ from counterflex.evaluate.path_deviation import PathDeviation
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
-from counterflex.report.data import Curve, Difference, Fact, ReportData, VariantData
+from counterflex.report.data import ErrorCurve, Fact, ReportData, ReportedDifference, VariantData
 from counterflex.report.page import report_page
 from counterflex.robot.elasticity import compliance
 from counterflex.twin.truth.perturb import differences
@@ -40,11 +40,11 @@ _LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
 def proof_page(proof: Proof) -> str:
     """The page of a proven compensation, as HTML."""
     judged = {name: proof.judged[proof.first_seed, name] for name in ("nominal", "compensated")}
-    comparison = Comparison(proof.reference, judged, proof.truths[proof.first_seed], proof.summary)
+    comparison = ProgramComparison(proof.reference, judged, proof.truths[proof.first_seed], proof.summary)
     return _page(comparison, proof.plan, proof.summary["prediction"], proof.timing)
 
 
-def comparison_page(comparison: Comparison) -> str:
+def comparison_page(comparison: ProgramComparison) -> str:
     """The page of two machined programs, as HTML; what the model says about the first is planned anew."""
     job, cell = comparison.reference.job, comparison.reference.cell
     setting = setting_of(
@@ -54,7 +54,7 @@ def comparison_page(comparison: Comparison) -> str:
     return _page(comparison, plan, figures(plan), {})
 
 
-def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], timing: Mapping[str, float]) -> str:
+def _page(comparison: ProgramComparison, plan: Plan, identified: Mapping[str, Any], timing: Mapping[str, float]) -> str:
     cell, truth = comparison.reference.cell, comparison.truth
     before, after = comparison.judged["nominal"], comparison.judged["compensated"]
     measured = features(comparison.reference, comparison.judged)
@@ -77,7 +77,7 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
             budget=budget(plan, before.deviation, cell),
             assumptions=assumptions(cell, plan),
             differences=tuple(
-                Difference(
+                ReportedDifference(
                     f"{row.group}: {row.name}",
                     f"{row.known:.4g} {row.unit}",
                     f"{row.true:.4g} {row.unit}",
@@ -102,10 +102,10 @@ def _page(comparison: Comparison, plan: Plan, identified: Mapping[str, Any], tim
 
 def _variant(item: Judged) -> VariantData:
     force: Float = np.linalg.norm(item.run.force_part, axis=1)
-    return VariantData(item.deviation, item.surface, Curve(item.run.time_s, force))
+    return VariantData(item.deviation, item.surface, ErrorCurve(item.run.time_s, force))
 
 
-def _facts(comparison: Comparison, identified: Mapping[str, Any]) -> tuple[Fact, ...]:
+def _facts(comparison: ProgramComparison, identified: Mapping[str, Any]) -> tuple[Fact, ...]:
     cell, truth = comparison.reference.cell, comparison.truth
     numbers = simulate.tools_of(comparison.reference.job.path)
     tools = [table for table in cell.tables.tools if table.number in numbers]

@@ -12,7 +12,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests.commanded import commanded_circle, commanded_path
-from counterflex.app.tracker_readings import AS_MEASURED, Frame, Measured, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, Frame, TrackerMeasurement, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -25,7 +25,6 @@ from counterflex.evaluate.iso230.circular_test import (
     Turn,
     bi_directional,
     fitted_circle,
-    turn_figures,
     turns,
 )
 from counterflex.evaluate.iso230.straightness import straightness
@@ -105,7 +104,7 @@ def _radius(nominal: Circle | None, stated_mm: float | None) -> float | None:
     return None if stated_mm is None else stated_mm * MM
 
 
-def _turns(one: Measured, nominal: Circle | None) -> Sequence[Turn]:
+def _turns(one: TrackerMeasurement, nominal: Circle | None) -> Sequence[Turn]:
     return turns(one.p, fitted_circle(_on_circle(one.p)) if nominal is None else nominal)
 
 
@@ -170,7 +169,7 @@ def straight(
 
 def _read(
     files: Sequence[str | Path], frame: str, form: str, average_ms: float, progress: Progress
-) -> tuple[Frame, list[Measured]]:
+) -> tuple[Frame, list[TrackerMeasurement]]:
     place, measured = frame_of(frame), []
     for k, file in enumerate(files):
         one = read_measured(file, form).averaged(average_ms * MS)
@@ -180,7 +179,7 @@ def _read(
 
 
 def _conditions(
-    measured: Sequence[Measured], path: str | Path | None, place: Frame, average_ms: float
+    measured: Sequence[TrackerMeasurement], path: str | Path | None, place: Frame, average_ms: float
 ) -> dict[str, Any]:
     return {
         "files": [one.name for one in measured],
@@ -208,7 +207,7 @@ def _on_circle(p: Float) -> Float:
 
 
 def _turn_row(turn: Turn, radius_m: float | None, nominal: bool) -> dict[str, Any]:
-    f = turn_figures(turn, radius_m, nominal_centre=nominal)
+    f = turn.figures(radius_m, nominal_centre=nominal)
     values = {name: value for name, value in asdict(f).items() if name not in ("direction", "radius_m", "centre_m")}
     out: dict[str, Any] = {"direction": f.direction, "readings": len(turn.points), **_in_um(values)}
     out["radius_mm"] = round(f.radius_m / MM, 5)
@@ -239,7 +238,7 @@ def _turn_table(number: int, turn: Turn) -> pl.DataFrame:
     )
 
 
-def _straights(one: Measured, path: str | Path | None) -> list[tuple[dict[str, Any], Float]]:
+def _straights(one: TrackerMeasurement, path: str | Path | None) -> list[tuple[dict[str, Any], Float]]:
     """Readings of every straight stretch and cycle."""
     if path is None:
         return [({"file": one.name, "stretch": 1, "cycle": 1}, one.p)]

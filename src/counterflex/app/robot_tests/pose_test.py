@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from counterflex.app.robot_tests.commanded import CommandedPoses
-from counterflex.app.tracker_readings import Frame, Measured
+from counterflex.app.tracker_readings import Frame, TrackerMeasurement
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
@@ -55,7 +55,7 @@ class PoseResult:
 
 
 def judge(
-    measured: Sequence[Measured],
+    measured: Sequence[TrackerMeasurement],
     commanded: CommandedPoses | None,
     frame: Frame,
     *,
@@ -102,7 +102,7 @@ def _distances(joined: Sequence[PoseCycles]) -> list[dict[str, Any]]:
 
 
 def _attained(
-    one: Measured, commanded: CommandedPoses | None, frame: Frame, average_s: float, band_m: float
+    one: TrackerMeasurement, commanded: CommandedPoses | None, frame: Frame, average_s: float, band_m: float
 ) -> Attained:
     if one.pose is not None:
         return Attained(_stated(one, commanded, frame), [], {})
@@ -160,7 +160,7 @@ def _oriented(poses: list[PoseCycles], commanded: CommandedPoses, frame: Frame) 
     return poses
 
 
-def _own_command(one: Measured, count: int) -> CommandedPoses:
+def _own_command(one: TrackerMeasurement, count: int) -> CommandedPoses:
     """Commanded poses as a dataset states them."""
     if one.command is None or one.pose is None:
         raise InputError(
@@ -170,7 +170,7 @@ def _own_command(one: Measured, count: int) -> CommandedPoses:
     return CommandedPoses(one.command[first], one.commanded_oriented)
 
 
-def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> list[PoseCycles]:
+def _stated(one: TrackerMeasurement, commanded: CommandedPoses | None, frame: Frame) -> list[PoseCycles]:
     """Poses of a dataset that states which row belongs to which."""
     assert one.pose is not None
     count = int(one.pose.max()) + 1 if commanded is None else len(commanded.Ts_command)
@@ -195,7 +195,7 @@ def _stated(one: Measured, commanded: CommandedPoses | None, frame: Frame) -> li
     return _oriented(poses, commanded, frame)
 
 
-def _by_stated_direction(measured: Measured, attained: Attained) -> list[list[PoseCycles]]:
+def _by_stated_direction(measured: TrackerMeasurement, attained: Attained) -> list[list[PoseCycles]]:
     if measured.pose is None or measured.direction is None:
         return [attained.poses]
     by_pose = [measured.direction[measured.pose == k] for k in range(len(attained.poses))]
@@ -206,7 +206,7 @@ def _by_stated_direction(measured: Measured, attained: Attained) -> list[list[Po
 
 
 def _settling(
-    moved: Measured,
+    moved: TrackerMeasurement,
     stands: Sequence[still.MeasuredStandstill],
     cycles: Sequence[Sequence[int]],
     count: int,

@@ -12,7 +12,7 @@ import polars as pl
 from counterflex import __version__
 from counterflex.core import atomic
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.iso230.positioning import Positioning, TargetFigures, positioning
+from counterflex.evaluate.iso230.positioning import Positioning, TargetFigures
 from counterflex.files.positioning_file import read_approaches
 from counterflex.files.summary_file import write_summary
 
@@ -39,7 +39,7 @@ def judge_positioning(file: str | Path, out: str | Path | None = None) -> dict[s
     Args:
         file: Table of approaches (:mod:`counterflex.files.positioning_file`).
     """
-    result = positioning(read_approaches(file))
+    result = read_approaches(file).figures()
     targets = result.targets
     summary = {
         "job": "iso230 positioning",

@@ -80,6 +80,21 @@ class Status:
     tracker_off: str = ""
     compared: Mapping[str, float | None] = field(default_factory=dict)
 
+    def force_message(self) -> str:
+        """Advice where the force is off the plan in the cut, for the status line; empty where it is not."""
+        if self.state < State.ACTIVE:
+            return ""
+        if Cause.FORCE_OFFSET in (self.cause, self.degraded):
+            return "  FORCE STEPPED: look for another zero of the sensor, a hit, deeper stock, harder material"
+        if Cause.FORCE_DISAGREES in (self.cause, self.degraded):
+            return "  THE TWO FORCE SENSORS DIFFER: look for a zero that moved, a loose cable, a bridge, a wrong matrix"
+        if self.degraded == Cause.FORCE_DIFFERS:
+            return (
+                "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder "
+                "material; or the sensor's zero, which the next way in air shows"
+            )
+        return ""
+
 
 class StatusReader:
     """Looks at the records and the shared numbers of a run, disturbing nobody.
@@ -154,19 +169,3 @@ def age_s(then_ns: int, now_ns: int) -> float | None:
 
 def _shared(number: int, unit: float) -> float | None:
     return None if number < 0 else number * unit
-
-
-def force_message(status: Status) -> str:
-    """Advice where the force is off the plan in the cut, for the status line; empty where it is not."""
-    if status.state < State.ACTIVE:
-        return ""
-    if Cause.FORCE_OFFSET in (status.cause, status.degraded):
-        return "  FORCE STEPPED: look for another zero of the sensor, a hit, deeper stock, harder material"
-    if Cause.FORCE_DISAGREES in (status.cause, status.degraded):
-        return "  THE TWO FORCE SENSORS DIFFER: look for a zero that moved, a loose cable, a bridge, a wrong matrix"
-    if status.degraded == Cause.FORCE_DIFFERS:
-        return (
-            "  FORCE OFF THE PLAN otherwise than in such cuts before, and followed: deeper stock or harder material;"
-            " or the sensor's zero, which the next way in air shows"
-        )
-    return ""

@@ -8,7 +8,6 @@ from typing import Any
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs.tracker_exports.formats import OWN, lines_of
 from counterflex.protocols.system.forwarder import Forwarder
-from counterflex.protocols.tracker.telegram import write_pose
 
 
 def forward(
@@ -54,7 +53,7 @@ def forward(
                 continue
             if measured is not None:
                 sequence += 1
-                sender.send(write_pose(measured))
+                sender.send(measured.telegram())
     finally:
         sender.close()
     if not reader.ready:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,7 +16,6 @@ from counterflex.app.run.incidents import Numbered, numbered
 from counterflex.app.run.log import micro
 from counterflex.app.run.missing import LogMissing
 from counterflex.app.run.process_events import shown_process
-from counterflex.app.run_history.run_files import file_of_run
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import NS, PERCENT, UM
@@ -24,12 +25,29 @@ from counterflex.evaluate.run_record import RunRecord
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import read_plan
 
+
+def file_of_run(about: Mapping[str, Any], kind: str, folder: Path) -> Path | None:
+    """A file of a run where it still is, unchanged by its SHA-256; None where it is not.
+
+    Its path was relative to where the run was started: often the folder that the log lies in.
+
+    Args:
+        kind: ``cell``, ``plan``, ``program`` or ``rsi``.
+    """
+    name, sha256 = about.get("files", {}).get(kind), about.get("sha256", {}).get(kind)
+    for place in () if name is None else (Path(name), folder.absolute().parent / name):
+        with contextlib.suppress(OSError):
+            if hashlib.sha256(place.read_bytes()).hexdigest() == sha256:
+                return place
+    return None
+
+
 FIGURES: Final = ("predicted_um", "corrected_um", "remaining_um", "measured_um", "force_peak_n", "force_ratio")
 """Names of the figures of deviation and force."""
 
 
 @dataclass(frozen=True, eq=False)
-class LoggedRun:
+class RunOfHistory:
     """A run."""
 
     row: dict[str, Any]  # Plain values in shop units, see :func:`read_runs`
@@ -53,7 +71,7 @@ class _Open:
     actions: list[dict[str, Any]]
 
 
-def read_runs(folder: Path) -> list[LoggedRun]:
+def read_runs(folder: Path) -> list[RunOfHistory]:
     """Runs of a folder in the order of their numbers.
 
     Each ``row`` has: ``folder``, ``run``, ``begun`` (ISO 8601, UTC, or None), ``program`` (its name) and
@@ -86,7 +104,7 @@ def read_runs(folder: Path) -> list[LoggedRun]:
     ]
 
 
-def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRun:
+def one_run(folder: Path, number: int | None, option: str = "--run") -> RunOfHistory:
     """A run of a folder by its number; None is the last one.
 
     Args:
@@ -112,7 +130,7 @@ def one_run(folder: Path, number: int | None, option: str = "--run") -> LoggedRu
     return runs[numbers.index(number)]
 
 
-def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> LoggedRun:
+def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *, incomplete: bool) -> RunOfHistory:
     record, about = one.record.figures(), one.about
     curves = curves_of(one.parts, planned="plan" in about.get("files", {}))
     begin_ns = int(curves.time_ns[0])
@@ -150,7 +168,7 @@ def _logged(folder: Path, number: int, one: _Open, incidents: list[Numbered], *,
         {"time_s": round((int(a["time_ns"]) - begin_ns) * NS, 3), **{k: v for k, v in a.items() if k != "time_ns"}}
         for a in one.actions
     )
-    return LoggedRun(row, curves, contained, tuple(incidents), actions, about)
+    return RunOfHistory(row, curves, contained, tuple(incidents), actions, about)
 
 
 def _um(value_m: float | None) -> float | None:

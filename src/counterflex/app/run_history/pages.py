@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex import __version__
-from counterflex.app.run_history.logged_run import LoggedRun, one_run
+from counterflex.app.run_history.logged_run import RunOfHistory, one_run
 from counterflex.core import atomic
 from counterflex.core.errors import InputError
 from counterflex.files.summary_file import write_summary
@@ -107,7 +107,7 @@ def _difference(first: float | None, second: float | None) -> float | None:
     return None if first is None or second is None else round(second - first, 4)
 
 
-def verdict(run: LoggedRun) -> str:
+def verdict(run: RunOfHistory) -> str:
     """Say in one sentence how far a run came, what stopped it and what the model says that remains."""
     row, causes = run.row, [str(one.shown()["cause"]).replace("_", " ") for one in run.incidents]
     share = "" if row["share_percent"] is None else f" over {row['share_percent']:g} % of the path"
@@ -123,12 +123,12 @@ def verdict(run: LoggedRun) -> str:
     return f"{row['seconds']:g} s{share}: {ended}; {remains}, {measured}{missing}."
 
 
-def _cell_of(run: LoggedRun) -> str:
+def _cell_of(run: RunOfHistory) -> str:
     name = run.about.get("files", {}).get("cell")
     return "cell not known" if name is None else Path(str(name)).name
 
 
-def _write(out: Path, summary: dict[str, Any], runs: list[LoggedRun], notes: list[str]) -> None:
+def _write(out: Path, summary: dict[str, Any], runs: list[RunOfHistory], notes: list[str]) -> None:
     shown = [
         ShownRun(
             f"{Path(one.row['folder']).name} run {one.row['run']}",

@@ -40,6 +40,50 @@ class LoneController:
     answer: PathAnswer = field(default_factory=PathAnswer)  # How it answers a correction of its path
     faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted
 
+    def serve(
+        self,
+        robot: ControlledRobot,
+        controller: RobotController,
+        peer: Address,
+        watched: Watched,
+        *,
+        most_cycles: int | None,
+        see: Callable[[CycleSeen], None] = lambda _: None,
+    ) -> tuple[RobotServer, dict[str, Any]]:
+        """Run a controller until its program has ended or it has stopped.
+
+        Args:
+            robot: That it drives.
+            controller: Its side of the protocol.
+            peer: Where telegrams go.
+            most_cycles: Limit, or None.
+            see: Told every cycle.
+
+        Returns:
+            The server, and figures of what was applied.
+
+        Raises:
+            OutputError: No sensor program answers, or the record cannot be written.
+        """
+        with contextlib.ExitStack() as stack:
+            server = RobotServer(
+                robot,
+                controller,
+                peer,
+                timing=self.timing,
+                faults=self.faults,
+                observe=lambda seen: _observe(applied, see, seen),
+            )
+            stack.callback(server.close)
+            watched.started(server.address, server.peer)
+            if self.timing.realtime:
+                prepare()
+            server.meet()  # before anything is written
+            record = watched.record
+            applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
+            server.run(after=0, most_cycles=most_cycles, progress=watched.progress)
+        return server, _figures(applied)
+
 
 @dataclass(frozen=True)
 class Watched:
@@ -48,51 +92,6 @@ class Watched:
     record: Path | None = None  # CSV file of every cycle, or None; written as it goes
     started: Callable[[Address, Address], None] = lambda *_: None  # Told from where telegrams come and where they go
     progress: Progress = silent  # Progress callback, fraction 0 to 1
-
-
-def serve(
-    settings: LoneController,
-    robot: ControlledRobot,
-    controller: RobotController,
-    peer: Address,
-    watched: Watched,
-    *,
-    most_cycles: int | None,
-    see: Callable[[CycleSeen], None] = lambda _: None,
-) -> tuple[RobotServer, dict[str, Any]]:
-    """Run a controller until its program has ended or it has stopped.
-
-    Args:
-        robot: That it drives.
-        controller: Its side of the protocol.
-        peer: Where telegrams go.
-        most_cycles: Limit, or None.
-        see: Told every cycle.
-
-    Returns:
-        The server, and figures of what was applied.
-
-    Raises:
-        OutputError: No sensor program answers, or the record cannot be written.
-    """
-    with contextlib.ExitStack() as stack:
-        server = RobotServer(
-            robot,
-            controller,
-            peer,
-            timing=settings.timing,
-            faults=settings.faults,
-            observe=lambda seen: _observe(applied, see, seen),
-        )
-        stack.callback(server.close)
-        watched.started(server.address, server.peer)
-        if settings.timing.realtime:
-            prepare()
-        server.meet()  # before anything is written
-        record = watched.record
-        applied = Applied(None if record is None else stack.enter_context(open_record(record, encoding="ascii")))
-        server.run(after=0, most_cycles=most_cycles, progress=watched.progress)
-    return server, _figures(applied)
 
 
 def _observe(applied: Applied, see: Callable[[CycleSeen], None], seen: CycleSeen) -> None:

@@ -84,6 +84,69 @@ class LiveSettings:
     # Truth file of the cell as it was when the part was touched, where the arm has drifted since; None: as it is now
     touched: Path | None = None
 
+    def _live(self, cell: Cell, truth: Truth, job: Job) -> LiveCell:
+        return LiveCell(
+            job.machined,
+            truth=truth,
+            controller=simulate.controller(cell),
+            stock=cell.stock(),
+            cutter={number: cell.cutter(number) for number in simulate.tools_of(job.path)},
+            datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
+            answer=self.answer,
+            own_backlash=self.own_backlash,
+            touched=None if self.touched is None else read_truth(self.touched),
+        )
+
+    def _instruments(self, cell: Cell, truth: Truth, live: LiveCell, device: ForceDevice | None) -> Instruments:
+        laboratory_, table = laboratory(self.seed), cell.tables.sensor
+        segment = None if table is None else table.segment
+        sensor = force_sensor(truth, self.seed, segment, hose_share=self.hose_share)
+        bridges, amplifiers, steps = strains(self, cell, live.plant, laboratory_)
+        return Instruments(
+            laboratory_,
+            sensor,
+            device,
+            self.tracker_peer,
+            tracker_faults=FaultSchedule(self.tracker_faults, self.seed),
+            tracker_every_s=1.0 / as_positive("tracker_hz", self.tracker_hz),
+            holder=bridges,
+            strain=amplifiers,
+            strain_steps=steps,
+        )
+
+    def _device(self, cell: Cell) -> ForceDevice | None:
+        """Open the force sensor that speaks the protocol of the cell file."""
+        if self.force_port is None:
+            return None
+        table = cell.tables.sensor
+        start = ForceStart(
+            host=self.force_host,
+            port=self.force_port,
+            http_port=self.force_http_port,
+            faults=FaultSchedule(self.force_faults, self.seed),
+            values={} if table is None else table.link,
+            frame=None if table is None or table.frame is None else table.frame.source(),
+            where=str(self.cell),
+        )
+        return force_device(PROTOCOL if table is None else table.protocol, start)
+
+    def _controller(self, cell: Cell) -> SimulatedController:
+        name, file = chosen(self.robot, cell)
+        place = ROBOT_LINKS[name].simulated
+        if not place:
+            raise InputError("this link has no simulated controller", where=str(self.cell), value=name)
+        made: SimulatedController = imported(place)(
+            ControllerOrder(
+                cell=cell,
+                file=file,
+                scenario=self.scenario,
+                seed=self.seed,
+                job=program_job(self.program),
+                values=values_of(name, cell),
+            )
+        )
+        return made
+
 
 def run(
     settings: LiveSettings,
@@ -113,13 +176,13 @@ def run(
     reference = settings.original if settings.original is not None else settings.program
     if settings.original is not None:
         read_job(reference, cell, reading=settings.reading)
-    made = _controller(settings, cell)
+    made = settings._controller(cell)
     robot_controller = made.controller
-    live = _live(settings, cell, truth, job)
+    live = settings._live(cell, truth, job)
     if not robot_controller.guides:
         live.skip_to_contact()
-    device = _device(settings, cell)
-    instruments = _instruments(settings, cell, truth, live, device)
+    device = settings._device(cell)
+    instruments = settings._instruments(cell, truth, live, device)
     plc = None
     if settings.strain_plc is not None and instruments.strain is not None:
         kind, where = settings.strain_plc
@@ -166,57 +229,6 @@ def run(
     return summary
 
 
-def _live(settings: LiveSettings, cell: Cell, truth: Truth, job: Job) -> LiveCell:
-    return LiveCell(
-        job.machined,
-        truth=truth,
-        controller=simulate.controller(cell),
-        stock=cell.stock(),
-        cutter={number: cell.cutter(number) for number in simulate.tools_of(job.path)},
-        datum_points_part=cell.datum_points_part if cell.part.measured_with == "robot" else None,
-        answer=settings.answer,
-        own_backlash=settings.own_backlash,
-        touched=None if settings.touched is None else read_truth(settings.touched),
-    )
-
-
-def _instruments(
-    settings: LiveSettings, cell: Cell, truth: Truth, live: LiveCell, device: ForceDevice | None
-) -> Instruments:
-    laboratory_, table = laboratory(settings.seed), cell.tables.sensor
-    segment = None if table is None else table.segment
-    sensor = force_sensor(truth, settings.seed, segment, hose_share=settings.hose_share)
-    bridges, amplifiers, steps = strains(settings, cell, live.plant, laboratory_)
-    return Instruments(
-        laboratory_,
-        sensor,
-        device,
-        settings.tracker_peer,
-        tracker_faults=FaultSchedule(settings.tracker_faults, settings.seed),
-        tracker_every_s=1.0 / as_positive("tracker_hz", settings.tracker_hz),
-        holder=bridges,
-        strain=amplifiers,
-        strain_steps=steps,
-    )
-
-
-def _device(settings: LiveSettings, cell: Cell) -> ForceDevice | None:
-    """Open the force sensor that speaks the protocol of the cell file."""
-    if settings.force_port is None:
-        return None
-    table = cell.tables.sensor
-    start = ForceStart(
-        host=settings.force_host,
-        port=settings.force_port,
-        http_port=settings.force_http_port,
-        faults=FaultSchedule(settings.force_faults, settings.seed),
-        values={} if table is None else table.link,
-        frame=None if table is None or table.frame is None else table.frame.source(),
-        where=str(settings.cell),
-    )
-    return force_device(PROTOCOL if table is None else table.protocol, start)
-
-
 def strains(
     settings: LiveSettings, cell: Cell, plant: Plant, laboratory_: Laboratory
 ) -> tuple[StrainStream | None, StrainSender | None, int]:
@@ -246,21 +258,3 @@ def strains(
     stream = StrainStream(true, holder.segment, plant, rng, steps * plant.step_s, settings.strain_warm_k)
     faults = FaultSchedule(settings.strain_faults, settings.seed)
     return stream, StrainSender(settings.strain_peer, len(places), faults), steps
-
-
-def _controller(settings: LiveSettings, cell: Cell) -> SimulatedController:
-    name, file = chosen(settings.robot, cell)
-    place = ROBOT_LINKS[name].simulated
-    if not place:
-        raise InputError("this link has no simulated controller", where=str(settings.cell), value=name)
-    made: SimulatedController = imported(place)(
-        ControllerOrder(
-            cell=cell,
-            file=file,
-            scenario=settings.scenario,
-            seed=settings.seed,
-            job=program_job(settings.program),
-            values=values_of(name, cell),
-        )
-    )
-    return made

@@ -17,8 +17,8 @@ from counterflex.app.simulated_cell.force_devices import force_device
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, NS
+from counterflex.twin.devices.datagram_sender import keep_pace
 from counterflex.twin.devices.force_device import ForceDevice, ForceStart
-from counterflex.twin.devices.pace import keep_pace
 from counterflex.twin.devices.pose_source import PoseSource, TrackerLog
 from counterflex.twin.devices.tracker import TrackerSender
 from counterflex.twin.devices.wrench_source import WrenchSource
@@ -29,7 +29,7 @@ RATES_HZ: Final = (0.1, 7000)
 
 
 @dataclass(frozen=True)
-class Clock:
+class InstrumentClock:
     """Time as an instrument alone keeps it; a test gives its own."""
 
     now: Callable[[], float] = time.perf_counter  # s
@@ -45,47 +45,46 @@ class LoneForce:
     start: ForceStart  # Where it is, its rate and its faults
     seconds: float | None = None  # How long, or None for ever
 
+    def run(
+        self, *, started: Callable[[ForceDevice], None] = lambda _: None, clock: InstrumentClock | None = None
+    ) -> dict[str, Any]:
+        """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
 
-def run_force(
-    settings: LoneForce, *, started: Callable[[ForceDevice], None] = lambda _: None, clock: Clock | None = None
-) -> dict[str, Any]:
-    """Run a force sensor until its time is over, it dies, or somebody presses Ctrl-C.
+        Args:
+            started: Told the sensor.
 
-    Args:
-        started: Told the sensor.
+        Returns:
+            Summary: samples, what left it, samples given up because the computer was too slow.
 
-    Returns:
-        Summary: samples, what left it, samples given up because the computer was too slow.
-
-    Raises:
-        InputError: The rate is out of range.
-        OutputError: A port is taken.
-    """
-    rate_hz = settings.start.rate_hz
-    _check_rate(rate_hz)
-    clock = clock if clock is not None else Clock()
-    device = force_device(settings.protocol, settings.start)
-    numbers = itertools.count()
-    ended, skipped = "stopped", 0
-    try:
-        started(device)
-        with contextlib.suppress(KeyboardInterrupt):
-            skipped = keep_pace(
-                _times(rate_hz, settings.seconds),
-                partial(_send_force, device, settings.source, numbers),
-                now=clock.now,
-                wait=clock.wait,
-            )
-            ended = "died" if device.dead else "finished"
-    finally:
-        device.close()
-    return {
-        "job": f"twin {settings.protocol}",
-        "ended": ended,
-        **device.counts(next(numbers)),
-        "given_up": skipped,
-        "counterflex": __version__,
-    }
+        Raises:
+            InputError: The rate is out of range.
+            OutputError: A port is taken.
+        """
+        rate_hz = self.start.rate_hz
+        _check_rate(rate_hz)
+        clock = clock if clock is not None else InstrumentClock()
+        device = force_device(self.protocol, self.start)
+        numbers = itertools.count()
+        ended, skipped = "stopped", 0
+        try:
+            started(device)
+            with contextlib.suppress(KeyboardInterrupt):
+                skipped = keep_pace(
+                    _times(rate_hz, self.seconds),
+                    partial(_send_force, device, self.source, numbers),
+                    now=clock.now,
+                    wait=clock.wait,
+                )
+                ended = "died" if device.dead else "finished"
+        finally:
+            device.close()
+        return {
+            "job": f"twin {self.protocol}",
+            "ended": ended,
+            **device.counts(next(numbers)),
+            "given_up": skipped,
+            "counterflex": __version__,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,42 +103,54 @@ class LoneTracker:
     clock_drift_ppm: float = 0.0  # Of its clock: how much faster than the computer's it runs
     faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted, by the time at which datagrams are sent
 
+    def run(self, *, clock: InstrumentClock | None = None) -> dict[str, Any]:
+        """Run a tracker until its time or its log is over, it dies, or somebody presses Ctrl-C.
 
-def run_tracker(settings: LoneTracker, *, clock: Clock | None = None) -> dict[str, Any]:
-    """Run a tracker until its time or its log is over, it dies, or somebody presses Ctrl-C.
+        Returns:
+            Summary: measurements sent, measurements given up because the computer was too slow.
 
-    Returns:
-        Summary: measurements sent, measurements given up because the computer was too slow.
+        Raises:
+            InputError: Rate or speed out of range; not one of source and log.
+        """
+        _check_rate(self.rate_hz)
+        if (self.source is None) == (self.log is None):
+            raise InputError("a tracker needs either a target or a log", hint="Give one of them")
+        if not 0.01 <= self.speed <= 100.0:
+            raise InputError("speed of a replay", value=self.speed, limit="0.01 .. 100")
+        clock = clock if clock is not None else InstrumentClock()
+        sender = TrackerSender(self.peer, self.faults)
 
-    Raises:
-        InputError: Rate or speed out of range; not one of source and log.
-    """
-    _check_rate(settings.rate_hz)
-    if (settings.source is None) == (settings.log is None):
-        raise InputError("a tracker needs either a target or a log", hint="Give one of them")
-    if not 0.01 <= settings.speed <= 100.0:
-        raise InputError("speed of a replay", value=settings.speed, limit="0.01 .. 100")
-    clock = clock if clock is not None else Clock()
-    sender = TrackerSender(settings.peer, settings.faults)
+        ended, skipped = "stopped", 0
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                if self.log is not None:
+                    times, tick = self._replay(self.log, sender)
+                else:
+                    times, tick = _times(self.rate_hz, self.seconds), partial(_send_pose, self, sender)
+                skipped = keep_pace(times, tick, now=clock.now, wait=clock.wait)
+                ended = "died" if sender.dead else "finished"
+        finally:
+            sender.close()
+        return {
+            "job": "twin tracker",
+            "ended": ended,
+            "measurements": sender.sent,
+            "given_up": skipped,
+            "counterflex": __version__,
+        }
 
-    ended, skipped = "stopped", 0
-    try:
-        with contextlib.suppress(KeyboardInterrupt):
-            if settings.log is not None:
-                times, tick = _replay(settings, settings.log, sender)
-            else:
-                times, tick = _times(settings.rate_hz, settings.seconds), partial(_send_pose, settings, sender)
-            skipped = keep_pace(times, tick, now=clock.now, wait=clock.wait)
-            ended = "died" if sender.dead else "finished"
-    finally:
-        sender.close()
-    return {
-        "job": "twin tracker",
-        "ended": ended,
-        "measurements": sender.sent,
-        "given_up": skipped,
-        "counterflex": __version__,
-    }
+    def _stamp(self, time_ns: int, elapsed_s: float) -> int:
+        """Time by the clock of the tracker, ns."""
+        return max(0, time_ns + round((self.clock_offset_s + elapsed_s * self.clock_drift_ppm * MICRO) / NS))
+
+    def _replay(self, log: TrackerLog, sender: TrackerSender) -> tuple[Iterator[float], Callable[[int, float], bool]]:
+        """Times of the rows of a log, lap after lap, and what sends each."""
+        own = np.array([t - log.time_ns[0] for t in log.time_ns], dtype=np.float64) * NS
+        lap = float(own[-1] + (own[-1] / (len(own) - 1) if len(own) > 1 else 1.0))
+        laps: Iterable[int] = itertools.count() if self.repeat else range(1)
+        due = ((number * lap + float(time_s)) / self.speed for number in laps for time_s in own)
+        within = due if self.seconds is None else itertools.takewhile(lambda due_s: due_s < (self.seconds or 0.0), due)
+        return within, partial(_send_row, self, log, sender, own, lap)
 
 
 def _send_force(device: ForceDevice, source: WrenchSource, numbers: Iterator[int], _: int, time_s: float) -> bool:
@@ -149,30 +160,11 @@ def _send_force(device: ForceDevice, source: WrenchSource, numbers: Iterator[int
     return not device.dead
 
 
-def _stamp(settings: LoneTracker, time_ns: int, elapsed_s: float) -> int:
-    """Time by the clock of the tracker, ns."""
-    return max(0, time_ns + round((settings.clock_offset_s + elapsed_s * settings.clock_drift_ppm * MICRO) / NS))
-
-
 def _send_pose(settings: LoneTracker, sender: TrackerSender, _: int, time_s: float) -> bool:
     if settings.source is not None:
-        time_ns = _stamp(settings, round(time_s / NS), time_s)
+        time_ns = settings._stamp(round(time_s / NS), time_s)
         sender.send(settings.source(time_s), time_s, time_ns=time_ns, sigma_m=settings.sigma_m)
     return not sender.dead
-
-
-def _replay(
-    settings: LoneTracker, log: TrackerLog, sender: TrackerSender
-) -> tuple[Iterator[float], Callable[[int, float], bool]]:
-    """Times of the rows of a log, lap after lap, and what sends each."""
-    own = np.array([t - log.time_ns[0] for t in log.time_ns], dtype=np.float64) * NS
-    lap = float(own[-1] + (own[-1] / (len(own) - 1) if len(own) > 1 else 1.0))
-    laps: Iterable[int] = itertools.count() if settings.repeat else range(1)
-    due = ((number * lap + float(time_s)) / settings.speed for number in laps for time_s in own)
-    within = (
-        due if settings.seconds is None else itertools.takewhile(lambda due_s: due_s < (settings.seconds or 0.0), due)
-    )
-    return within, partial(_send_row, settings, log, sender, own, lap)
 
 
 def _send_row(
@@ -182,7 +174,7 @@ def _send_row(
     sender.send(
         log.Ts_tracker_target[row],
         time_s,
-        time_ns=_stamp(settings, log.time_ns[row] + round(number * lap / NS), number * lap + float(own[row])),
+        time_ns=settings._stamp(log.time_ns[row] + round(number * lap / NS), number * lap + float(own[row])),
         status=log.status[row],
         sigma_m=log.sigma_m[row],
     )

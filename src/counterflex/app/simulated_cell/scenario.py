@@ -13,12 +13,12 @@ from counterflex.core.units import DEG, MM, MM_PER_MIN, MS
 from counterflex.files.fault_file import short_fault
 from counterflex.files.logs.wrench_log import read_wrench_log
 from counterflex.files.scenario_file import (
-    ControllerTable,
     ForceSensorTable,
     NetworkTable,
     Scenario,
+    ScenarioControllerTable,
+    ScenarioTrackerTable,
     TargetTable,
-    TrackerTable,
 )
 from counterflex.geometry import pose
 from counterflex.twin.devices.path_answer import PathAnswer
@@ -39,17 +39,17 @@ def schedule(scenario: Scenario, short: Iterable[str] | None = None, more: tuple
     return FaultSchedule((*more, *(table.fault() for table in tables)), scenario.seed)
 
 
-def late(table: TrackerTable) -> tuple[Fault, ...]:
+def late(table: ScenarioTrackerTable) -> tuple[Fault, ...]:
     """Datagrams of a tracker that all come late, or none."""
     return (Fault("late", late_s=table.late_ms * MS),) if table.late_ms > 0.0 else ()
 
 
-def path_answer(table: ControllerTable) -> PathAnswer:
+def path_answer(table: ScenarioControllerTable) -> PathAnswer:
     """Return the response of a controller's path to a correction."""
     return PathAnswer(table.dead_ms * MS, table.natural_hz, table.damping)
 
 
-def timing(table: ControllerTable, gate_s: float) -> Timing:
+def timing(table: ScenarioControllerTable, gate_s: float) -> Timing:
     """Return the timing of a controller; ``gate_s`` where the scenario has none."""
     return Timing(
         realtime=table.realtime,

@@ -66,6 +66,10 @@ class Operation:
     longer_share: float | None = 1.0  # The choice may take so much of the program's own time; None is any
     rows: int = 8
 
+    def speeds(self, own: OwnCut | None) -> Float:
+        """Spindle speeds to try, rad/s."""
+        return _values(self.spindle_rad_s, None if own is None else own.spindle_rad_s, "--rpm", STEPS, (1.0,))
+
 
 @dataclass(frozen=True, eq=False)
 class Advice:
@@ -115,7 +119,7 @@ def advise(
         )
         allowance = float(before.high_m[0]) if operation.ae_m is None else None
         demands = Demands(slowest, allowance, in_range, before)
-    cuts, speeds = grid(_cuts(cutter, law, place, operation, own), _speeds(operation, own))
+    cuts, speeds = grid(_cuts(cutter, law, place, operation, own), operation.speeds(own))
     choices = outcomes(cuts, speeds, law, _softest(place, own, law), limits, doubt, demands)
     choices, best = _steady_along(choices, operation.rows, place, law, before)
     progress(1.0)
@@ -265,10 +269,6 @@ def _values(given: Range | None, own: float | None, option: str, steps: int, spr
     out: Float = np.geomspace(low, high, steps)
     out[0], out[-1] = low, high
     return out
-
-
-def _speeds(operation: Operation, own: OwnCut | None) -> Float:
-    return _values(operation.spindle_rad_s, None if own is None else own.spindle_rad_s, "--rpm", STEPS, (1.0,))
 
 
 def _cuts(cutter: Cutter, law: ForceLaw, place: Place, operation: Operation, own: OwnCut | None) -> list[SideCuts]:

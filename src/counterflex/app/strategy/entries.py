@@ -56,7 +56,7 @@ def entries_of(
         edges: Slots that begin over an edge of the blank get a ramp, too.
     """
     entries: list[Entry] = []
-    rows = _Rows(job, cut)
+    rows = _EntryRows(job, cut)
     for group in _groups(job.program):
         level = [k for k in group if _is_level(job.program.motions[k])]
         if not level:
@@ -72,7 +72,7 @@ def entries_of(
     return entries
 
 
-class _Rows:
+class _EntryRows:
     """Rows of the path by motion."""
 
     def __init__(self, job: Job, cut: Cut) -> None:
@@ -142,7 +142,7 @@ def _free(tangent: Float, side: str) -> Float:
     return {"up": -left, "down": left}.get(side, tangent)
 
 
-def _beginning(program: Program, rows: _Rows, group: list[int], k: int, radius: float) -> Entry | None:
+def _beginning(program: Program, rows: _EntryRows, group: list[int], k: int, radius: float) -> Entry | None:
     motion = program.motions[k]
     start = rows.near(k, 0.0, 4.0 * radius, end=False)
     if not rows.contact[start].any():
@@ -167,7 +167,7 @@ def _beginning(program: Program, rows: _Rows, group: list[int], k: int, radius: 
     return Entry("wall in", *common, refusal=refusal or _arc_refusal(program, k))
 
 
-def _sloped_edge(program: Program, rows: _Rows, entry: Entry, top_m: float) -> Entry:
+def _sloped_edge(program: Program, rows: _EntryRows, entry: Entry, top_m: float) -> Entry:
     """An entry over an edge with the place of its ramp, or with what speaks against it."""
     motion, k = program.motions[entry.motion], entry.motion
     refusal = _refusal(program, [k, entry.vertical])
@@ -182,7 +182,7 @@ def _sloped_edge(program: Program, rows: _Rows, entry: Entry, top_m: float) -> E
     return replace(entry, point=rows.p[row - 1], top_m=top_m, refusal=refusal)
 
 
-def _run_up(program: Program, rows: _Rows, entry: Entry, run_up_m: float) -> Entry:
+def _run_up(program: Program, rows: _EntryRows, entry: Entry, run_up_m: float) -> Entry:
     """An entry over an edge that is come to in the direction of the cut, or what speaks against it."""
     motion, k = program.motions[entry.motion], entry.motion
     refusal = _refusal(program, [k, entry.vertical])
@@ -194,7 +194,7 @@ def _run_up(program: Program, rows: _Rows, entry: Entry, run_up_m: float) -> Ent
     return replace(entry, kind="run-up", air_m=air, refusal=refusal)
 
 
-def _straight_at_wall(program: Program, rows: _Rows, level: list[int], radius: float) -> Entry | None:
+def _straight_at_wall(program: Program, rows: _EntryRows, level: list[int], radius: float) -> Entry | None:
     """A line that runs into the material beside a wall, and turns there; None where the cut begins otherwise."""
     if len(level) < 2 or program.motions[level[0]].kind != "feed" or level[1] != level[0] + 1:
         return None
@@ -210,7 +210,7 @@ def _straight_at_wall(program: Program, rows: _Rows, level: list[int], radius: f
     return Entry("wall in", k, line, radius, point, tangent, _free(tangent, side), refusal=refusal)
 
 
-def _ending(program: Program, rows: _Rows, group: list[int], k: int, radius: float) -> Entry | None:
+def _ending(program: Program, rows: _EntryRows, group: list[int], k: int, radius: float) -> Entry | None:
     motion, near = program.motions[k], rows.near(k, 0.0, radius, end=True)
     side = rows.side(near)
     last = rows.near(k, 0.0, _SOON_M, end=True)

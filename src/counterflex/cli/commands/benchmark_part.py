@@ -62,10 +62,10 @@ def judge(
     Example: `counterflex benchmark-part judge --cell cell.toml --scan cf1.ply --laboratory A --method online --out out`
     """
     keep_inputs(out, cell, scan)
-    from counterflex.app.benchmark_part.judge import About, judge as job
+    from counterflex.app.benchmark_part.judge import BenchmarkConditions, judge as job
     from counterflex.app.inspection.judging import How
 
-    about = About(laboratory, method, robot_name, material_name)
+    about = BenchmarkConditions(laboratory, method, robot_name, material_name)
     with progress_bar(f"inspecting {scan.name}") as progress:
         result = job(cell, scan, out, about, how=How(datum=datum), progress=progress)
     if as_json:

@@ -48,7 +48,7 @@ def proxy(
     )
 
     with contextlib.suppress(KeyboardInterrupt):
-        summary = job.run(settings, log=log, seconds=seconds, started=lambda where: _started(to, where))
+        summary = settings.run(log=log, seconds=seconds, started=lambda where: _started(to, where))
         typer.echo(
             f"there: {summary['there']['carried']} datagrams, {summary['there']['lost']} lost; "
             f"back: {summary['back']['carried']}, {summary['back']['lost']} lost"

@@ -52,7 +52,7 @@ def thermal(
     keep_inputs(out, touches, model)
     x, y, z = numbers(axis, "--axis", 3) or (0.0, 0.0, -1.0)
     per_kelvin_m = None if um_per_k is None else um_per_k * UM
-    summary = job.run(job.ThermalSettings(touches, (x, y, z), limit_um * UM, per_kelvin_m, model), out)
+    summary = job.ThermalSettings(touches, (x, y, z), limit_um * UM, per_kelvin_m, model).run(out)
     if as_json:
         print_json(summary)
     else:

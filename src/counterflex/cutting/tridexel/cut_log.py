@@ -32,13 +32,7 @@ class CutLog:
 
     @classmethod
     def of(
-        cls,
-        p_part_tcp: Float,
-        axis_part: Float,
-        cutter: Cutter,
-        *,
-        top_m: float,
-        engaged_m: float = ENGAGED_M,
+        cls, p_part_tcp: Float, axis_part: Float, cutter: Cutter, *, top_m: float, engaged_m: float = ENGAGED_M
     ) -> CutLog:
         """The motions of a path; those in one straight line with one axis are joined.
 
@@ -52,13 +46,7 @@ class CutLog:
 
     @classmethod
     def with_rows(
-        cls,
-        p_part_tcp: Float,
-        axis_part: Float,
-        cutter: Cutter,
-        *,
-        top_m: float,
-        engaged_m: float = ENGAGED_M,
+        cls, p_part_tcp: Float, axis_part: Float, cutter: Cutter, *, top_m: float, engaged_m: float = ENGAGED_M
     ) -> tuple[CutLog, Int]:
         """As :meth:`of`, and the motion in which each segment begins (n,): those before it were cut before."""
         path, axis = as_float("p_part_tcp", p_part_tcp, (None, 3)), as_float("axis_part", axis_part, (None, 3))

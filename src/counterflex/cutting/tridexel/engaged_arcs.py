@@ -42,11 +42,7 @@ class EngagedArcs:
 
     @classmethod
     def of(
-        cls,
-        p_part_tcp: Float,
-        axis_part: Float,
-        runs: Sequence[tuple[int, int, Cutter, float]],
-        blank: BlankBox,
+        cls, p_part_tcp: Float, axis_part: Float, runs: Sequence[tuple[int, int, Cutter, float]], blank: BlankBox
     ) -> EngagedArcs:
         """The program as runs of one tool each.
 

@@ -15,7 +15,7 @@ import scipy
 from counterflex.core.arrays import Bool, Float
 from counterflex.core.units import DEG, MM
 from counterflex.evaluate.inspection.cloud import Cloud
-from counterflex.evaluate.inspection.coarse import Hypothesis, Reference, main_axes, refined, same_pose
+from counterflex.evaluate.inspection.coarse import CoarseReference, Hypothesis, main_axes, refined, same_pose
 from counterflex.evaluate.inspection.datum import DatumFaces
 from counterflex.evaluate.inspection.nominal_part import NominalPart
 from counterflex.geometry import pose
@@ -69,7 +69,7 @@ def cluttered_pose(cloud: Cloud, part: NominalPart) -> Hypothesis | None:
     if len(some) < 100:
         return None
     points, normals = cloud.points[some], cloud.normals[some]
-    reference = Reference(part)
+    reference = CoarseReference(part)
     rng = np.random.default_rng(0)
     chosen = rng.permutation(len(reference.points))[:_SAMPLES]
     samples, ways = reference.points[chosen], reference.normals[chosen]

@@ -43,7 +43,7 @@ class Hypothesis:
     score_m: float  # trimmed mean distance of the scan's points to the nominal part
 
 
-class Reference:
+class CoarseReference:
     """Samples of the nominal part, to score poses against."""
 
     def __init__(self, part: NominalPart, outside_m: float = 0.0) -> None:
@@ -78,7 +78,7 @@ def coarse_pose(cloud: Cloud, part: NominalPart, where: str, ball_radius_m: floa
     Raises:
         InputError: The scan is mirrored, of another size, of another part, or fits in two poses about as well.
     """
-    reference = Reference(part, ball_radius_m)
+    reference = CoarseReference(part, ball_radius_m)
     usable = np.flatnonzero(np.isfinite(cloud.normals).all(axis=1))
     some = usable[:: max(1, len(usable) // (8 * _SCORED))]
     points, normals = cloud.points[some], cloud.normals[some]
@@ -179,7 +179,7 @@ def _main_direction(normals: Float, rng: np.random.Generator) -> Float:
 
 
 def _hypotheses(
-    points: Float, normals: Float, axes: Float, part: NominalPart, reference: Reference
+    points: Float, normals: Float, axes: Float, part: NominalPart, reference: CoarseReference
 ) -> list[Hypothesis]:
     """All ways to lay the axes of the scan on those of the part."""
     low, high = part.faces.low, part.faces.high
@@ -203,7 +203,7 @@ def _hypotheses(
     return out
 
 
-def refined(first: list[Hypothesis], points: Float, normals: Float, reference: Reference) -> list[Hypothesis]:
+def refined(first: list[Hypothesis], points: Float, normals: Float, reference: CoarseReference) -> list[Hypothesis]:
     """The best, refined on the whole part and scored again, best first; one that is no pose where there is none."""
     if not first:
         return [Hypothesis(np.eye(4), np.inf)]

@@ -20,8 +20,8 @@ from counterflex.core.arrays import Bool, Float, Int, batches
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature
 from counterflex.evaluate.features import WHOLE
-from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.nominal_part import FACING, REACH_M
+from counterflex.evaluate.inspection.sections import InspectedPart
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.prismatic.finding import PrismaticFeature
 from counterflex.evaluate.surface import CHANGED_M, HEIGHTS, NominalSurface
@@ -61,6 +61,29 @@ class MachinedPlaces:
     points: Float  # (n, 3) m, part frame
     normals: Float  # (n, 3) outward unit normals
     area_m2: Float  # (n,) that each stands for
+
+    def _sums(self, judged: Bool, seen: Bool, some: Bool) -> Coverage:
+        area = self.area_m2
+        return Coverage(
+            float(area[some].sum()),
+            float(area[some & judged].sum()),
+            float(area[some & seen & ~judged].sum()),
+            float(area[some & ~seen].sum()),
+        )
+
+    def _judged(self, part: InspectedPart, reach: float) -> Bool:
+        """Return which places have a deviation of a face that looks their way within reach."""
+        rows = part.rows
+        out = np.zeros(len(self.points), np.bool_)
+        if len(rows) == 0 or len(out) == 0:
+            return out
+        k = min(8, len(rows))
+        distance, near = scipy.spatial.cKDTree(rows.points).query(self.points, k=k, distance_upper_bound=reach)
+        distance, near = distance.reshape(len(out), k), near.reshape(len(out), k)
+        near_by = np.isfinite(distance)
+        facing = np.einsum("mkd,md->mk", rows.normals[np.where(near_by, near, 0)], self.normals)
+        out |= np.any(near_by & (facing > FACING), axis=1)
+        return out
 
 
 def machined_places(surface: NominalSurface, pitch_m: float) -> MachinedPlaces:
@@ -136,40 +159,15 @@ def coverage(
     surface = part.part.surface
     places = machined_places(surface, float(np.clip(part.pitch_m, _FINEST_M, _WIDEST_M)))
     reach = min(max(_PITCHES * part.pitch_m, surface.nominal.cell_m), _WIDEST_M)
-    judged = _judged(places, part, reach)
+    judged = places._judged(part, reach)
     seen = judged.copy()
     rows = np.flatnonzero(~judged)
     seen[rows] = _under_points(places.points[rows], places.normals[rows], part.left_out, reach)
     tolerance = max(1.5 * surface.nominal.cell_m, 0.1 * MM)
     of_features = {one.name: one.covers(places.points, tolerance) for one in features}
-    return _sums(places, judged, seen, np.ones(len(judged), np.bool_)), {
-        name: _sums(places, judged, seen, mask) for name, mask in of_features.items() if mask.any()
+    return places._sums(judged, seen, np.ones(len(judged), np.bool_)), {
+        name: places._sums(judged, seen, mask) for name, mask in of_features.items() if mask.any()
     }
-
-
-def _sums(places: MachinedPlaces, judged: Bool, seen: Bool, some: Bool) -> Coverage:
-    area = places.area_m2
-    return Coverage(
-        float(area[some].sum()),
-        float(area[some & judged].sum()),
-        float(area[some & seen & ~judged].sum()),
-        float(area[some & ~seen].sum()),
-    )
-
-
-def _judged(places: MachinedPlaces, part: InspectedPart, reach: float) -> Bool:
-    """Return which places have a deviation of a face that looks their way within reach."""
-    rows = part.rows
-    out = np.zeros(len(places.points), np.bool_)
-    if len(rows) == 0 or len(out) == 0:
-        return out
-    k = min(8, len(rows))
-    distance, near = scipy.spatial.cKDTree(rows.points).query(places.points, k=k, distance_upper_bound=reach)
-    distance, near = distance.reshape(len(out), k), near.reshape(len(out), k)
-    near_by = np.isfinite(distance)
-    facing = np.einsum("mkd,md->mk", rows.normals[np.where(near_by, near, 0)], places.normals)
-    out |= np.any(near_by & (facing > FACING), axis=1)
-    return out
 
 
 def _under_points(points: Float, normals: Float, measured: Float, reach: float) -> Bool:

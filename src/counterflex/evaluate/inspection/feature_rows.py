@@ -12,8 +12,8 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.evaluate.feature_finding import Feature
 from counterflex.evaluate.features import ZONES, FeatureRow, measure_features, uncovered
-from counterflex.evaluate.inspection.inspected_part import InspectedPart
 from counterflex.evaluate.inspection.scanned_part import ScannedPart
+from counterflex.evaluate.inspection.sections import InspectedPart
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, find_prismatic
 

@@ -81,15 +81,7 @@ def signed_distances(
 
 @kernel()
 def _signed(
-    p: Float,
-    corners: Float,
-    normals: Float,
-    low: Float,
-    side: float,
-    shape: Int,
-    first: Int,
-    member: Int,
-    reach: float,
+    p: Float, corners: Float, normals: Float, low: Float, side: float, shape: Int, first: Int, member: Int, reach: float
 ) -> tuple[float, int]:
     i = math.floor((p[0] - low[0]) / side)
     j = math.floor((p[1] - low[1]) / side)
@@ -152,11 +144,7 @@ def _foot(p: Float, t: Float) -> tuple[float, float, float]:
     va = d3 * d6 - d5 * d4
     if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return (
-            t[1, 0] + w * (t[2, 0] - t[1, 0]),
-            t[1, 1] + w * (t[2, 1] - t[1, 1]),
-            t[1, 2] + w * (t[2, 2] - t[1, 2]),
-        )
+        return (t[1, 0] + w * (t[2, 0] - t[1, 0]), t[1, 1] + w * (t[2, 1] - t[1, 1]), t[1, 2] + w * (t[2, 2] - t[1, 2]))
     whole = 1.0 / (va + vb + vc)
     v, w = vb * whole, vc * whole
     return t[0, 0] + abx * v + acx * w, t[0, 1] + aby * v + acy * w, t[0, 2] + abz * v + acz * w

@@ -35,11 +35,11 @@ class Nearest:
     # surface within reach that looks its way
     deviation_m: Float
     normals: Float  # (n, 3) outward unit normals of the nominal surface
-    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.inspected_part.FACES)
+    face: Int  # (n,) floor, wall or free (counterflex.evaluate.inspection.sections.FACES)
     near: Bool  # (n,) whether a nominal surface is within reach at all, whichever way it looks
 
 
-class Shape(Protocol):
+class NominalShape(Protocol):
     """Machined surface of the nominal part: distances to it."""
 
     def distance(self, points_part: Float) -> Float:
@@ -51,7 +51,7 @@ class NominalPart:
     """Part that a program makes of a blank."""
 
     surface: NominalSurface  # floors and walls of the undisturbed part
-    shape: Shape  # exact distances to the surface that the program makes
+    shape: NominalShape  # exact distances to the surface that the program makes
     faces: DatumFaces  # planes of the blank
 
     @property
@@ -165,6 +165,6 @@ def _agree(measured_normals: Float, normals: Float) -> Bool:
     return out
 
 
-def nominal_part(surface: NominalSurface, log: CutLog | Shape) -> NominalPart:
+def nominal_part(surface: NominalSurface, log: CutLog | NominalShape) -> NominalPart:
     """The nominal part of a program, from its floors and walls and all that it sweeps."""
     return NominalPart(surface, log, datum_faces(surface.stock, surface.nominal))

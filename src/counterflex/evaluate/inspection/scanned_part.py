@@ -21,7 +21,7 @@ from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.local_fit import LocalFit, local_fit
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation
-from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
+from counterflex.evaluate.swept_section import SweptSection, swept_section
 from counterflex.geometry import pose
 
 WANTED_M: Final = 3.0 * UM
@@ -89,7 +89,7 @@ class ScannedPart:
 
         The deviation there is that of a plane through the measured points about the nominal wall point.
         """
-        nominal, normal = wall_exit(self._nominal_section, point, direction, 0.0)
+        nominal, normal = self._nominal_section.wall_exit(point, direction, 0.0)
         at = np.where(np.isfinite(nominal), nominal, 0.0)
         place = point.copy()
         place[:, :2] += at[:, None] * direction

@@ -4,15 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.evaluate.feature_finding import Feature, Groove
-from counterflex.evaluate.inspection.inspected_part import InspectedPart
+from counterflex.evaluate.inspection.nominal_part import NominalPart
+from counterflex.evaluate.inspection.part_deviations import PartDeviations
+from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.measured_values import height_at
+from counterflex.evaluate.surface import SurfaceDeviation
+
+
+class InspectedPart(Protocol):
+    """A measured part on its nominal one."""
+
+    @property
+    def part(self) -> NominalPart:
+        """Nominal part."""
+
+    @property
+    def registration(self) -> Registration:
+        """Registration on the nominal part."""
+
+    @property
+    def rows(self) -> PartDeviations:
+        """Deviations at places of the nominal surface."""
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of the rows from each other, m."""
+
+    @property
+    def left_out(self) -> Float:
+        """(k, 3) m, measured points that count for no face, part frame."""
+
+    @property
+    def p_part_tcp(self) -> Float:
+        """(n, 3) m, the undisturbed path, part frame."""
+
+    @property
+    def nominal_outline(self) -> Float | None:
+        """(n, 2) m, radius and corner radius of the tool at each row of that path; None: one tool."""
+
+    def shifted(self, step: Float) -> InspectedPart:
+        """The same part lying elsewhere by a small shift and turn (6,) about the registration's centre: m, rad."""
+
+    def redrawn(self, rng: np.random.Generator) -> InspectedPart | None:
+        """The same part with the noise of its measurement added once more; None where that is not possible."""
+
+    def exits(self, point: Float, direction: Float) -> Float:
+        """See :class:`~counterflex.evaluate.features.MeasurablePart`."""
+
+    def heights(self, xy: Float) -> Float:
+        """See :class:`~counterflex.evaluate.features.MeasurablePart`."""
+
+    def place_sigma_m(self) -> float:
+        """Standard deviation of a wall or floor place by the noise of the measurement alone, m."""
+
+    def surface_deviation(self) -> SurfaceDeviation:
+        """The map."""
+
 
 HALF_M: Final = 1.0 * MM
 """Points nearer to the plane of a section than this belong to it."""
@@ -31,7 +85,7 @@ class Profile:
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PartSection:
     """A section square to a groove."""
 
     feature: str  # name of the groove
@@ -41,7 +95,7 @@ class Section:
     profiles: Mapping[str, Profile]  # by part
 
 
-def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[Section, ...]:
+def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPart]) -> tuple[PartSection, ...]:
     """A section in the middle of each straight groove, as far as it lies in the blank.
 
     Args:
@@ -76,5 +130,5 @@ def groove_sections(features: Sequence[Feature], parts: Mapping[str, InspectedPa
             near_z = rows.points[near, 2]
             profiles[name] = Profile(step[near] @ left, near_z, normal, rows.deviation_m[near])
         heights = height_at(nominal, centre + across[:, None] * left)
-        out.append(Section(groove.name, place, across, heights, profiles))
+        out.append(PartSection(groove.name, place, across, heights, profiles))
     return tuple(out)

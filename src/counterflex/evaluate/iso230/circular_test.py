@@ -82,6 +82,32 @@ class Turn:
     points: Float  # (n, 2) m, in the plane of the circle about its centre
     axial_m: float  # range of the path along the normal
 
+    def figures(self, nominal_radius_m: float | None, *, nominal_centre: bool) -> TurnFigures:
+        """G and F of one turn.
+
+        ``nominal_radius_m``: or None; ``nominal_centre``: the turns were counted about the nominal centre.
+
+        Source: ISO 230-4:2005, 3.4 and 3.5 (F about the centre of the instrument or the least-squares centre).
+        """
+        c, radius = least_squares_circle(self.points)
+        rho = np.linalg.norm(self.points - c, axis=1)
+        about = np.linalg.norm(self.points, axis=1)
+        known = nominal_radius_m is not None
+        r0 = nominal_radius_m or 0.0
+        both = known and nominal_centre
+        return TurnFigures(
+            direction=self.direction,
+            g_m=minimum_zone(self.points),
+            g_lsc_m=float(np.ptp(rho)),
+            f_max_m=float(rho.max()) - r0 if known else None,
+            f_min_m=float(rho.min()) - r0 if known else None,
+            f_nominal_max_m=float(about.max()) - r0 if both else None,
+            f_nominal_min_m=float(about.min()) - r0 if both else None,
+            radius_m=radius,
+            centre_m=(float(c[0]), float(c[1])),
+            axial_m=self.axial_m,
+        )
+
 
 def turns(p: Float, circle: Circle) -> list[Turn]:
     """Whole turns in a log, one of each stretch that keeps its direction: its middle one.
@@ -157,33 +183,6 @@ class TurnFigures:
     radius_m: float  # of the least-squares circle
     centre_m: tuple[float, float]  # (2,) of it, minus that of the circle the turns were counted about
     axial_m: float  # range out of the plane
-
-
-def turn_figures(turn: Turn, nominal_radius_m: float | None, *, nominal_centre: bool) -> TurnFigures:
-    """G and F of one turn.
-
-    ``nominal_radius_m``: or None; ``nominal_centre``: the turns were counted about the nominal centre.
-
-    Source: ISO 230-4:2005, 3.4 and 3.5 (F about the centre of the instrument or the least-squares centre).
-    """
-    c, radius = least_squares_circle(turn.points)
-    rho = np.linalg.norm(turn.points - c, axis=1)
-    about = np.linalg.norm(turn.points, axis=1)
-    known = nominal_radius_m is not None
-    r0 = nominal_radius_m or 0.0
-    both = known and nominal_centre
-    return TurnFigures(
-        direction=turn.direction,
-        g_m=minimum_zone(turn.points),
-        g_lsc_m=float(np.ptp(rho)),
-        f_max_m=float(rho.max()) - r0 if known else None,
-        f_min_m=float(rho.min()) - r0 if known else None,
-        f_nominal_max_m=float(about.max()) - r0 if both else None,
-        f_nominal_min_m=float(about.min()) - r0 if both else None,
-        radius_m=radius,
-        centre_m=(float(c[0]), float(c[1])),
-        axial_m=turn.axial_m,
-    )
 
 
 @dataclass(frozen=True)

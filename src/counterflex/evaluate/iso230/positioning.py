@@ -42,6 +42,37 @@ class Approaches:
     deviation_m: Float  # (n,) attained minus target, m
     direction: Int  # (n,) 1 towards larger targets, -1 towards smaller ones
 
+    def figures(self) -> Positioning:
+        """Figures of ISO 230-2.
+
+        Raises:
+            InputError: Fewer than two targets.
+        """
+        places = np.unique(self.target_m)
+        if len(places) < 2:
+            raise InputError("a test of positioning needs targets", value=len(places), limit=">= 2, by ISO 230-2 >= 5")
+        targets = tuple(_target(place, self) for place in places.tolist())
+        up, s_up = _column(targets, "mean_up_m"), _column(targets, "s_up_m")
+        down, s_down = _column(targets, "mean_down_m"), _column(targets, "s_down_m")
+        reversal, repeat = _column(targets, "reversal_m"), _column(targets, "repeatability_m")
+        middle = 0.5 * (up + down)
+        return Positioning(
+            targets=targets,
+            accuracy_m=_range([up + 2.0 * s_up, down + 2.0 * s_down], [up - 2.0 * s_up, down - 2.0 * s_down]),
+            accuracy_up_m=_range([up + 2.0 * s_up], [up - 2.0 * s_up]),
+            accuracy_down_m=_range([down + 2.0 * s_down], [down - 2.0 * s_down]),
+            repeatability_m=_largest(repeat) if np.isfinite(reversal).all() else None,
+            repeatability_up_m=_largest(4.0 * s_up),
+            repeatability_down_m=_largest(4.0 * s_down),
+            systematic_m=_range([up, down], [up, down]),
+            systematic_up_m=_range([up], [up]),
+            systematic_down_m=_range([down], [down]),
+            mean_deviation_m=_range([middle], [middle]),
+            reversal_m=_largest(np.abs(reversal)),
+            mean_reversal_m=float(reversal.mean()) if np.isfinite(reversal).all() else None,
+            not_by_standard=_not_by_standard(places, targets),
+        )
+
 
 @dataclass(frozen=True)
 class TargetFigures:
@@ -75,41 +106,6 @@ class Positioning:
     reversal_m: float | None  # B, the largest
     mean_reversal_m: float | None  # mean of B_i
     not_by_standard: tuple[str, ...]  # what the standard asks for and the test does not have
-
-
-def positioning(approaches: Approaches) -> Positioning:
-    """Figures of ISO 230-2.
-
-    Args:
-        approaches: In any order.
-
-    Raises:
-        InputError: Fewer than two targets.
-    """
-    places = np.unique(approaches.target_m)
-    if len(places) < 2:
-        raise InputError("a test of positioning needs targets", value=len(places), limit=">= 2, by ISO 230-2 >= 5")
-    targets = tuple(_target(place, approaches) for place in places.tolist())
-    up, s_up = _column(targets, "mean_up_m"), _column(targets, "s_up_m")
-    down, s_down = _column(targets, "mean_down_m"), _column(targets, "s_down_m")
-    reversal, repeat = _column(targets, "reversal_m"), _column(targets, "repeatability_m")
-    middle = 0.5 * (up + down)
-    return Positioning(
-        targets=targets,
-        accuracy_m=_range([up + 2.0 * s_up, down + 2.0 * s_down], [up - 2.0 * s_up, down - 2.0 * s_down]),
-        accuracy_up_m=_range([up + 2.0 * s_up], [up - 2.0 * s_up]),
-        accuracy_down_m=_range([down + 2.0 * s_down], [down - 2.0 * s_down]),
-        repeatability_m=_largest(repeat) if np.isfinite(reversal).all() else None,
-        repeatability_up_m=_largest(4.0 * s_up),
-        repeatability_down_m=_largest(4.0 * s_down),
-        systematic_m=_range([up, down], [up, down]),
-        systematic_up_m=_range([up], [up]),
-        systematic_down_m=_range([down], [down]),
-        mean_deviation_m=_range([middle], [middle]),
-        reversal_m=_largest(np.abs(reversal)),
-        mean_reversal_m=float(reversal.mean()) if np.isfinite(reversal).all() else None,
-        not_by_standard=_not_by_standard(places, targets),
-    )
 
 
 def _target(place: float, approaches: Approaches) -> TargetFigures:

@@ -88,6 +88,14 @@ class Contacts:
     normal: Float  # (p, 3) unit normal n of the surface at the place
     made: Bool  # (n,) True for places that the program made
 
+    def left_on(self, error_m: Float) -> Float:
+        """Deviation (made,) m of the places that the program made, by errors (k, 3) m of the nodes: forward law."""
+        begin = error_m[self.node - 1]
+        own = begin + self.share[:, None] * (error_m[self.node] - begin)
+        left = self.gap_m + np.sum(self.normal * own, axis=1)
+        out: Float = np.minimum.reduceat(left, np.flatnonzero(np.diff(self.place, prepend=-1)))
+        return out
+
 
 def nodes_of(path: ToolPath, deflection_m: Float | None = None) -> Nodes:
     """Nodes on every run of feed: ends of motions, and between them every :data:`SPACING_M` or more.
@@ -178,15 +186,6 @@ def contacts_of(
     made: Bool = np.abs(least) <= MADE_M
     order = order[made[place[order]]]
     return Contacts(place[order], node[order], share[order], gap[order], normal[order], made)
-
-
-def left_on(contacts: Contacts, error_m: Float) -> Float:
-    """(made,) m, deviation of the places that the program made, by errors (k, 3) m of the nodes: the forward law."""
-    begin = error_m[contacts.node - 1]
-    own = begin + contacts.share[:, None] * (error_m[contacts.node] - begin)
-    left = contacts.gap_m + np.sum(contacts.normal * own, axis=1)
-    out: Float = np.minimum.reduceat(left, np.flatnonzero(np.diff(contacts.place, prepend=-1)))
-    return out
 
 
 def _gaps(x: Float, a: Float, b: Float, cutter: Cutter) -> tuple[Float, Float, Float]:

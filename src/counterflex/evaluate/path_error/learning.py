@@ -37,7 +37,7 @@ import scipy
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
-from counterflex.evaluate.path_error.contacts import UNREST_M, Contacts, left_on
+from counterflex.evaluate.path_error.contacts import UNREST_M, Contacts
 from counterflex.evaluate.path_error.estimate import PathError
 
 LOCAL: Final = 0.05
@@ -116,6 +116,32 @@ class Learned:
     scatter_m: float  # standard deviation of a part about what repeats, m, > 0
     between_m: float  # the same from parts of one program alone, m; nan without two of them
     inflation: float  # factor of the standard deviations: errors after steps over the expected ones, >= 1
+
+    def best_step(self, following: ToolResponse) -> Float:
+        """(n, 3) m, displacement that the next program takes back besides: the norm-optimal step of the module."""
+        out = np.zeros_like(self.error_m)
+        for axis in range(3):
+            rows = self.seen[:, axis]
+            if np.any(rows):
+                within = np.isin(following.group, following.group[rows])
+                out[:, axis] = np.where(within, self._step_of_axis(following, axis), 0.0)
+        return out
+
+    def _step_of_axis(self, following: ToolResponse, axis: int) -> Float:
+        """(n,) m, solution of the normal equations of one axis."""
+        D, n = following.rate, len(self.error_m)
+        eye, diagonal = scipy.sparse.identity(n, format="csr"), scipy.sparse.diags
+        weight = np.where(self.seen[:, axis], 1.0 / (self.sigma_m[:, axis] ** 2 + self.scatter_m**2), 0.0)
+        W = diagonal(weight)
+        gain, delay_s = following.gain[:, :, axis], following.delay_s[:, :, axis]
+        A = eye - diagonal(self.response @ gain) - diagonal(self.response @ delay_s) @ D
+        normal = A.T @ W @ A + LOCAL**2 * W + (D.T @ D) / RATE_M_S**2 + eye / SIZE_M**2
+        size, vectors = np.linalg.eigh(self.covariance)
+        for s, v in zip(np.maximum(size, 0.0), vectors.T, strict=True):
+            way = diagonal(v @ gain) + diagonal(v @ delay_s) @ D
+            normal = normal + s * (way.T @ W @ way)
+        out: Float = scipy.sparse.linalg.spsolve(normal.tocsc(), A.T @ (weight * self.error_m[:, axis]))
+        return out
 
 
 def learned(parts: Sequence[MeasuredError], following: ToolResponse) -> Learned:
@@ -226,34 +252,6 @@ def _alike(residual: Float, both: Bool) -> float:
     return max(1.0, square) * (1.0 + lag) / (1.0 - lag)
 
 
-def best_step(state: Learned, following: ToolResponse) -> Float:
-    """(n, 3) m, displacement that the next program takes back besides: the norm-optimal step of the module."""
-    out = np.zeros_like(state.error_m)
-    for axis in range(3):
-        rows = state.seen[:, axis]
-        if np.any(rows):
-            within = np.isin(following.group, following.group[rows])
-            out[:, axis] = np.where(within, _step_of_axis(state, following, axis), 0.0)
-    return out
-
-
-def _step_of_axis(state: Learned, following: ToolResponse, axis: int) -> Float:
-    """(n,) m, solution of the normal equations of one axis."""
-    D, n = following.rate, len(state.error_m)
-    eye, diagonal = scipy.sparse.identity(n, format="csr"), scipy.sparse.diags
-    weight = np.where(state.seen[:, axis], 1.0 / (state.sigma_m[:, axis] ** 2 + state.scatter_m**2), 0.0)
-    W = diagonal(weight)
-    gain, delay_s = following.gain[:, :, axis], following.delay_s[:, :, axis]
-    A = eye - diagonal(state.response @ gain) - diagonal(state.response @ delay_s) @ D
-    normal = A.T @ W @ A + LOCAL**2 * W + (D.T @ D) / RATE_M_S**2 + eye / SIZE_M**2
-    size, vectors = np.linalg.eigh(state.covariance)
-    for s, v in zip(np.maximum(size, 0.0), vectors.T, strict=True):
-        way = diagonal(v @ gain) + diagonal(v @ delay_s) @ D
-        normal = normal + s * (way.T @ W @ way)
-    out: Float = scipy.sparse.linalg.spsolve(normal.tocsc(), A.T @ (weight * state.error_m[:, axis]))
-    return out
-
-
 @dataclass(frozen=True)
 class ExpectedSurface:
     """Deviation of the surface that 99.7 % of the places stay below, m, without the noise of the scan."""
@@ -303,4 +301,4 @@ def expected(
 
 
 def _figure(contacts: Contacts, error_m: Float) -> float:
-    return float(np.quantile(np.abs(left_on(contacts, error_m)), _SHARE))
+    return float(np.quantile(np.abs(contacts.left_on(error_m)), _SHARE))

@@ -39,7 +39,139 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, as_float, as_positive
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, UM
-from counterflex.evaluate.thermal import filter_bank
+
+STATES: Final = 8
+"""g, A, b (3) and c (3)."""
+TAUS: Final[Float] = 60.0 * np.geomspace(4.0, 120.0, 13)
+"""Time constants of the spindle that are weighed, s: 4 min to 2 h."""
+WALKS: Final[Float] = np.array([0.3, 1.0])
+"""Drifts of the arm that are weighed, as shares of :attr:`GrowthModel.arm_walk_m`: 7.5 and 25 um per root hour."""
+_HOUR: Final = 3600.0
+
+
+@dataclass(eq=False)
+class Bank:
+    """One filter for each time constant and drift."""
+
+    growth_walk_m: float  # standard deviation over an hour of what a single time constant leaves out of g
+    tau_s: Float  # (m,) time constants
+    walk_m: Float  # (m,) drifts of the arm over an hour
+    x: Float  # (m, STATES) states
+    P: Float  # (m, STATES, STATES) their covariances
+    log_weight: Float  # (m,) logarithms of the weights, but for a constant
+
+    def copy(self) -> Bank:
+        """The same filters, apart from these."""
+        return replace(self, x=self.x.copy(), P=self.P.copy(), log_weight=self.log_weight.copy())
+
+    def weights(self) -> Float:
+        """(m,) sum 1."""
+        w = np.exp(self.log_weight - self.log_weight.max())
+        out: Float = w / w.sum()
+        return out
+
+    def marginals(self) -> tuple[Float, Float]:
+        """Weights of the time constants and of the drifts, each sum 1."""
+        grid = self.weights().reshape(len(WALKS), len(TAUS))
+        return grid.sum(axis=0), grid.sum(axis=1)
+
+    def move(self, step_s: float, u: float) -> Float:
+        """Let a time pass at a speed; (m, STATES, STATES) transitions."""
+        hours = step_s / _HOUR
+        transitions = np.zeros_like(self.P)
+        for j, (tau, walk) in enumerate(zip(self.tau_s, self.walk_m, strict=True)):
+            kept = math.exp(-step_s / float(tau))
+            F = np.eye(STATES)
+            F[0, 0], F[0, 1] = kept, (1.0 - kept) * u
+            noise = np.diag([self.growth_walk_m**2, 0.0, *(float(walk) ** 2,) * 3, 0.0, 0.0, 0.0]) * hours
+            self.x[j], self.P[j] = F @ self.x[j], F @ self.P[j] @ F.T + noise
+            transitions[j] = F
+        return transitions
+
+    def expected(self, H: Float, y: Float, R: Float) -> tuple[Float, Float]:
+        """(m, d) innovations of a touch and (m, d, d) their covariances."""
+        return y - self.x @ H.T, H @ self.P @ H.T + R
+
+    def update(self, H: Float, y: Float, R: Float) -> None:
+        """Take a touch in."""
+        innovation, S = self.expected(H, y, R)
+        self.log_weight = self.log_weight - 0.5 * (squares(innovation, S) + np.linalg.slogdet(S)[1])
+        self.log_weight -= self.log_weight.max()
+        gain = np.swapaxes(np.linalg.solve(S, H @ self.P), 1, 2)
+        self.x = self.x + np.einsum("jab,jb->ja", gain, innovation)
+        left = np.eye(STATES) - gain @ H
+        self.P = left @ self.P @ np.swapaxes(left, 1, 2) + gain @ R @ np.swapaxes(gain, 1, 2)
+
+    def mixed(self) -> tuple[Float, Float]:
+        """Mean and covariance over the time constants, with the largest drift."""
+        widest = slice((len(WALKS) - 1) * len(TAUS), None)
+        w = self.log_weight[widest]
+        w = np.exp(w - w.max())
+        return mean_of(w / w.sum(), self.x[widest], self.P[widest])
+
+
+def squares(innovation: Float, S: Float) -> Float:
+    """(m,) innovations squared in units of their covariance."""
+    out: Float = np.einsum("jd,jd->j", innovation, np.linalg.solve(S, innovation[:, :, None])[:, :, 0])
+    return out
+
+
+def chance(weights: Float, innovation: Float, S: Float) -> float:
+    """Probability of an innovation at least as far off, by the filters as they were weighted before it."""
+    from scipy.stats import chi2
+
+    return float(weights @ chi2.sf(squares(innovation, S), innovation.shape[1]))
+
+
+def step_over_two(
+    before: Bank, H: Float, y: Float, R: Float, step_s: float, u: float, now: tuple[Float, Float, Float]
+) -> tuple[float, Float, Float]:
+    """Probability of a step of the place before the first of two touches by chance, the step and its covariance.
+
+    ``e = A s + v`` with both innovations e (without the first one's update), ``A = [I I]``, v by the filter.
+
+    Args:
+        before: The filters as they expected the first of the two touches.
+        H: (d, STATES) of the first touch.
+        y: (d,) likewise.
+        R: (d, d) likewise.
+        step_s: Time from the first to the second.
+        u: Speed in it.
+        now: H, y, R of the second.
+    """
+    from scipy.stats import chi2
+
+    later = before.copy()
+    weights, P = before.weights(), before.P
+    F = later.move(step_s, u)
+    first, S1 = before.expected(H[:3], y[:3], R[:3, :3])
+    second, S2 = later.expected(now[0][:3], now[1][:3], now[2][:3, :3])
+    cross = H[:3] @ P @ np.swapaxes(F, 1, 2) @ now[0][:3].T
+    S = np.concatenate(
+        [np.concatenate([S1, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), S2], axis=2)], axis=1
+    )
+    A = np.vstack([np.eye(3), np.eye(3)])
+    weighted = np.linalg.solve(S, np.broadcast_to(A, (len(S), 6, 3)))
+    spread: Float = np.linalg.inv(A.T @ weighted).astype(np.float64)
+    step = np.einsum("jab,jcb,jc->ja", spread, weighted, np.concatenate([first, second], axis=1))
+    by_chance = float(weights @ chi2.sf(squares(step, spread), 3))
+    return (by_chance, *mean_of(weights, step, spread))
+
+
+def mean_of(weights: Float, mean: Float, covariance: Float) -> tuple[Float, Float]:
+    """Mean and covariance of a mixture of normal distributions."""
+    centre = weights @ mean
+    off = mean - centre
+    spread = np.einsum("j,jab->ab", weights, covariance) + np.einsum("j,ja,jb->ab", weights, off, off)
+    return centre, spread
+
+
+def size_along(off: Float, covariance: Float) -> tuple[float, float]:
+    """Length of a vector, and the standard deviation along it."""
+    size = float(np.linalg.norm(off))
+    a = off / size
+    return size, float(np.sqrt(a @ covariance @ a))
+
 
 WINDOW: Final = 4
 """Touches whose innovations are judged together."""
@@ -87,12 +219,8 @@ class GrowthModel:
     reference_rad_s: float = 12_000.0 * 2.0 * math.pi / 60.0  # speed at which A holds
     end_m: float = 0.0  # expected A
     end_sigma_m: float = 80.0 * UM  # its standard deviation
-    weights: Float = field(
-        default_factory=lambda: np.full(len(filter_bank.TAUS), 1.0 / len(filter_bank.TAUS))
-    )  # of TAUS; sum 1
-    walk_weights: Float = field(
-        default_factory=lambda: np.full(len(filter_bank.WALKS), 1.0 / len(filter_bank.WALKS))
-    )  # of WALKS; sum 1
+    weights: Float = field(default_factory=lambda: np.full(len(TAUS), 1.0 / len(TAUS)))  # of TAUS; sum 1
+    walk_weights: Float = field(default_factory=lambda: np.full(len(WALKS), 1.0 / len(WALKS)))  # of WALKS; sum 1
     arm_walk_m: float = 25.0 * UM  # largest standard deviation of the arm's drift over an hour, each direction
     growth_walk_m: float = 4.0 * UM  # likewise what the single time constant leaves out of g
     per_kelvin_m: float | None = None  # growth per kelvin, or None
@@ -107,8 +235,8 @@ class GrowthModel:
         for name in ("reference_rad_s", "end_sigma_m", "arm_walk_m", "growth_walk_m", "per_kelvin_ratio"):
             as_positive(f"thermal growth: {name}", getattr(self, name))
         for of, given, count in (
-            ("time constants", self.weights, len(filter_bank.TAUS)),
-            ("drifts of the arm", self.walk_weights, len(filter_bank.WALKS)),
+            ("time constants", self.weights, len(TAUS)),
+            ("drifts of the arm", self.walk_weights, len(WALKS)),
         ):
             w = as_float("thermal growth: weights", given, (count,))
             if np.any(w < 0.0) or not abs(float(w.sum()) - 1.0) < 1e-6:
@@ -151,35 +279,35 @@ def follow(touches: Touches, axis_part: Float, model: GrowthModel | None = None)
         raise InputError("direction of the tool", value=a.tolist(), limit="a length above 0")
     a = a / np.linalg.norm(a)
     n, bank = len(touches.time_s), _bank(believed, touches)
-    means, covariances = np.zeros((n, filter_bank.STATES)), np.zeros((n, filter_bank.STATES, filter_bank.STATES))
+    means, covariances = np.zeros((n, STATES)), np.zeros((n, STATES, STATES))
     means[0], covariances[0] = bank.mixed()
     surprise, freedom = np.full(n, np.nan), np.zeros(n)
     jump, jump_sigma, foreseen = np.zeros(n), np.zeros(n), np.ones(n, dtype=np.bool_)
-    last: tuple[filter_bank.Bank, Float, Float, Float] | None = None
+    last: tuple[Bank, Float, Float, Float] | None = None
     for k in range(1, n):
         dt, u = touches.time_s[k] - touches.time_s[k - 1], touches.speed_rad_s[k] / believed.reference_rad_s
         bank.move(dt, u)
         H, y, R = _measured(touches, k, a, believed)
         innovation, S = bank.expected(H, y, R)
-        probability = filter_bank.chance(bank.weights(), innovation, S)
-        off, spread = filter_bank.mean_of(bank.weights(), innovation, S)
+        probability = chance(bank.weights(), innovation, S)
+        off, spread = mean_of(bank.weights(), innovation, S)
         if probability >= CHANCE and last is not None:
-            over_two = filter_bank.step_over_two(*last, dt, u, (H, y, R))
+            over_two = step_over_two(*last, dt, u, (H, y, R))
             if over_two[0] < probability:
                 probability, off, spread = over_two
         foreseen[k] = probability >= CHANCE
         if probability < SUSPECT:
-            jump[k], jump_sigma[k] = filter_bank.size_along(off[:3], spread[:3, :3])
+            jump[k], jump_sigma[k] = size_along(off[:3], spread[:3, :3])
         last = (bank.copy(), H, y, R) if foreseen[k] else None
         if not foreseen[k]:
             bank.P[:, 2:5, 2:5] += jump[k] ** 2 * np.eye(3)
         bank.update(H, y, R)
         freedom[k] = len(y)
-        surprise[k] = filter_bank.squares(innovation, S)[int(np.argmax(bank.log_weight))] / freedom[k]
+        surprise[k] = squares(innovation, S)[int(np.argmax(bank.log_weight))] / freedom[k]
         means[k], covariances[k] = bank.mixed()
     tau_weights, walk_weights = bank.marginals()
-    tau = float(tau_weights @ filter_bank.TAUS)
-    spread_s = float(np.sqrt(tau_weights @ (filter_bank.TAUS - tau) ** 2))
+    tau = float(tau_weights @ TAUS)
+    spread_s = float(np.sqrt(tau_weights @ (TAUS - tau) ** 2))
     total = np.column_stack([a, np.zeros(3), np.eye(3), np.zeros((3, 3))])
     after = replace(
         believed,
@@ -206,18 +334,18 @@ def follow(touches: Touches, axis_part: Float, model: GrowthModel | None = None)
     )
 
 
-def _bank(believed: GrowthModel, touches: Touches) -> filter_bank.Bank:
+def _bank(believed: GrowthModel, touches: Touches) -> Bank:
     """The filters before the first touch, whose own error is part of every later one."""
-    count = len(filter_bank.WALKS) * len(filter_bank.TAUS)
-    x, P = np.zeros((count, filter_bank.STATES)), np.zeros((count, filter_bank.STATES, filter_bank.STATES))
+    count = len(WALKS) * len(TAUS)
+    x, P = np.zeros((count, STATES)), np.zeros((count, STATES, STATES))
     x[:, 1] = believed.end_m
     P[:, 1, 1] = believed.end_sigma_m**2
     P[:, 5:, 5:] = touches.sigma_m[0] ** 2 * np.eye(3)
     weights = np.outer(believed.walk_weights, believed.weights).ravel()
-    return filter_bank.Bank(
+    return Bank(
         believed.growth_walk_m,
-        np.tile(filter_bank.TAUS, len(filter_bank.WALKS)),
-        np.repeat(filter_bank.WALKS * believed.arm_walk_m, len(filter_bank.TAUS)),
+        np.tile(TAUS, len(WALKS)),
+        np.repeat(WALKS * believed.arm_walk_m, len(TAUS)),
         x,
         P,
         np.log(np.maximum(weights, 1e-300)),
@@ -233,7 +361,7 @@ def _measured(touches: Touches, k: int, axis: Float, model: GrowthModel) -> tupl
         return H, y, np.diag(variances)
     grown = model.per_kelvin_m * warmer
     spread = (model.per_kelvin_ratio * grown) ** 2 + (0.3 * model.per_kelvin_m) ** 2  # 0.3 K of the reading itself
-    return np.vstack([H, np.eye(1, filter_bank.STATES)]), np.append(y, grown), np.diag([*variances, spread])
+    return np.vstack([H, np.eye(1, STATES)]), np.append(y, grown), np.diag([*variances, spread])
 
 
 def _together(surprise: Float, freedom: Float, foreseen: Bool) -> Bool:

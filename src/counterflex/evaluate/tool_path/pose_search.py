@@ -40,7 +40,7 @@ _SAME: Final = (5.0 * MM, 3.0 * DEG)
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PathPlace:
     """A pose that a log may have."""
 
     T_path_log: Float  # (4, 4) of the log's frame in the frame of the path
@@ -53,15 +53,15 @@ class Place:
         return self.share >= COVERED and self.score_m <= FITS_M
 
 
-def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> Place:
+def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> PathPlace:
     """Score of a log in a given pose against the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
     rows = np.flatnonzero(feed > 0.5)
     distance, _ = _nearest(path, rows, log, _tree(log), T_path_log)
     capped = np.minimum(distance, CAP_M)
-    return Place(T_path_log, float(np.mean(capped)), float(np.mean(distance < NEAR_M)))
+    return PathPlace(T_path_log, float(np.mean(capped)), float(np.mean(distance < NEAR_M)))
 
 
-def places(path: Curve, feed: Float, log: Curve) -> list[Place]:
+def places(path: Curve, feed: Float, log: Curve) -> list[PathPlace]:
     """Poses that a log may have, the best first; empty where it is too short for the path."""
     steps = offsets(path, log, LEAST_SHARE)
     if len(steps) == 0:
@@ -90,7 +90,7 @@ def places(path: Curve, feed: Float, log: Curve) -> list[Place]:
     return sorted(out, key=lambda one: one.score_m)
 
 
-def searched(path: Curve, feed: Float, log: Curve, where: str) -> Place:
+def searched(path: Curve, feed: Float, log: Curve, where: str) -> PathPlace:
     """The pose of a log of the whole path in any pose.
 
     ``path``: of the program, with its rapids; ``feed``: (m,) 1 where it feeds; ``log``: as logged, m, its own frame.
@@ -127,7 +127,7 @@ def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
     return None
 
 
-def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Place] | None = None) -> InputError:
+def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[PathPlace] | None = None) -> InputError:
     """Diagnose a log that does not lie on the path, as an error of one line.
 
     Args:
@@ -187,7 +187,7 @@ def _as_large(path: Curve, log: Curve) -> bool:
     return 0.9 * size < other < 5.0 * size
 
 
-def _mirrored(best: Place | None, other: Place, where: str) -> InputError:
+def _mirrored(best: PathPlace | None, other: PathPlace, where: str) -> InputError:
     off = "in no pose" if best is None else f"{_mm(best.score_m)} off in the mean"
     return InputError(
         "the log is mirrored",
@@ -251,7 +251,7 @@ def _cross(v: Float) -> Float:
     return out
 
 
-def _differs(a: Place, b: Place, middle: Float) -> bool:
+def _differs(a: PathPlace, b: PathPlace, middle: Float) -> bool:
     """Return whether two poses are not the same for a log about a point (3,)."""
     shift = float(
         np.linalg.norm(pose.transform(a.T_path_log, middle[None]) - pose.transform(b.T_path_log, middle[None]))

@@ -23,7 +23,7 @@ from counterflex.evaluate.inspection.part_deviations import FLOOR, WALL, PartDev
 from counterflex.evaluate.inspection.registration import Registration
 from counterflex.evaluate.measured_values import height_at
 from counterflex.evaluate.surface import SurfaceDeviation, floor_rise, surface_deviation
-from counterflex.evaluate.swept_section import SweptSection, swept_section, wall_exit
+from counterflex.evaluate.swept_section import SweptSection, swept_section
 from counterflex.evaluate.tool_path.tracked_path import TrackedPath
 from counterflex.path.toolpath import ToolPath
 
@@ -72,7 +72,7 @@ class SweptPart:
 
     def exits(self, point: Float, direction: Float) -> Float:
         """See :class:`~counterflex.evaluate.features.MeasurablePart`: where the measured moves of the tool end."""
-        out = wall_exit(self._section, point, direction, 0.0)[0]
+        out = self._section.wall_exit(point, direction, 0.0)[0]
         return np.where(self._shown(point[:, :2]), out, np.nan)
 
     def heights(self, xy: Float) -> Float:

@@ -281,12 +281,7 @@ def _with(raw: PathDeviation, even: Float, readings: ToolReadings, feed: Bool) -
             along, clock = np.zeros(len(along)), ""
     return (
         replace(
-            raw,
-            p_part_actual=actual,
-            across=across,
-            across_left_m=even[:, 0],
-            across_axis_m=even[:, 1],
-            along_m=along,
+            raw, p_part_actual=actual, across=across, across_left_m=even[:, 0], across_axis_m=even[:, 1], along_m=along
         ),
         clock,
     )

@@ -13,17 +13,15 @@ from counterflex.core.errors import CounterflexError
 from counterflex.core.similar import twice
 from counterflex.core.units import DEG, MM, RPM
 from counterflex.cutting.force_laws import FORCE_LAWS, require_parameters
-from counterflex.files.cell.ads import AdsTable
 from counterflex.files.cell.bodies import SurroundingsTable
 from counterflex.files.cell.controller import ControllerTable
-from counterflex.files.cell.egm import EgmTable
 from counterflex.files.cell.external_axes import ExternalAxisTable
-from counterflex.files.cell.machine import MachineTable
+from counterflex.files.cell.links import AdsTable, EgmTable
+from counterflex.files.cell.machine import MachineTable, ProcessLimitsTable
 from counterflex.files.cell.measured import IdentifiedTable
 from counterflex.files.cell.monitor import MonitorTable, OverrideTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.files.cell.planning import DynamicsTable, LimitsTable, PostureTable
-from counterflex.files.cell.process import ProcessLimitsTable
 from counterflex.files.cell.robot import AxisSagTable, DriveErrorTable, Mass, RobotTable
 from counterflex.files.cell.sensing import HolderTable, SensorTable, TrackerTable
 from counterflex.files.cell.timing import TimingTable

@@ -17,7 +17,7 @@ _MOST_BYTES: Final = 64 * 2**20
 
 
 @dataclass(frozen=True)
-class Item:
+class MeasuredItem:
     """Item that was calibrated."""
 
     name: str
@@ -33,7 +33,7 @@ class Certificate:
     version: str
     laboratory: str
     date: str  # Last day of the calibration, ``2026-03-14``
-    items: tuple[Item, ...]
+    items: tuple[MeasuredItem, ...]
     signed: bool  # A signature is there; it is not checked
     quantities: tuple[Quantity, ...]  # In their order
 
@@ -87,11 +87,11 @@ def read_certificate(path: Path) -> Certificate:
     )
 
 
-def _item(element: Any) -> Item:
+def _item(element: Any) -> MeasuredItem:
     maker = content(child(child(element, "manufacturer"), "name"))
     parts = (maker, content(child(element, "name")), text_of(child(element, "model")))
     listed = child(element, "identifications")
     values = (
         [text_of(child(one, "value")) for one in listed if local(one) == "identification"] if listed is not None else []
     )
-    return Item(" ".join(part for part in parts if part), tuple(value for value in values if value))
+    return MeasuredItem(" ".join(part for part in parts if part), tuple(value for value in values if value))

@@ -40,6 +40,36 @@ class Quantity:
     coverage: tuple[float, ...] = ()
     unread: str = ""  # What of it is not understood; empty where all is
 
+    def real(self, element: Any, common_unit: str, common: Any, place: str) -> Quantity:
+        """One value of a list, with its own uncertainty or the common one."""
+        unit = text_of(child(element, "unit")) or common_unit
+        row = replace(self, values=_floats(element, "value", place), units=(unit,))
+        if len(row.values) != 1 or not unit:
+            raise FileFormatError("a value of a list without number or unit", where=place)
+        own = row.with_uncertainty(element, place)
+        return own if own.sigma is not None or common is None else row.with_uncertainty(common, place)
+
+    def with_uncertainty(self, element: Any, place: str) -> Quantity:
+        """The quantity with the standard uncertainty that its element states in one of the forms."""
+        count = len(self.values)
+        holder = next((one for one in element if local(one).startswith("measurementUncertaintyUnivariate")), element)
+        for form in holder:
+            name = local(form).removesuffix(_LISTS)
+            if name in ("expandedUnc", "expandedMU"):
+                key = "uncertainty" if name == "expandedUnc" else "valueExpandedMU"
+                stated = _checked(_floats(form, key, place), count, place)
+                factors = _spread(_floats(form, "coverageFactor", place), count, "coverage factors", place)
+                if min(factors) < _LEAST_K:
+                    raise FileFormatError("the coverage factor", where=place, value=min(factors), limit="1 or more")
+                sigma = tuple(value / k for value, k in zip(stated, factors, strict=True))
+                return replace(self, sigma=sigma, coverage=tuple(factors))
+            if name in ("coverageInterval", "coverageIntervalMU"):
+                return replace(self, sigma=_checked(_floats(form, _standard(form), place), count, place))
+            if name == "standardMU":
+                return replace(self, sigma=_checked(_floats(form, "valueStandardMU", place), count, place))
+        only_relative = "uncertainty as a share only" if holder is not element and len(holder) else ""
+        return replace(self, unread=only_relative or _region(element))
+
 
 def local(element: Any) -> str:
     """Name of an element without its namespace; empty for comments."""
@@ -152,14 +182,14 @@ def _numbers(made: Quantity, element: Any, place: str) -> Quantity:
     if local(element) == "constant":
         stated = _floats(element, "uncertainty", place)  # of a constant it is the standard deviation
         return replace(made, sigma=_checked(stated, len(values), place) if stated else None)
-    return _with_uncertainty(made, element, place)
+    return made.with_uncertainty(element, place)
 
 
 def _real_list(made: Quantity, element: Any, place: str) -> Quantity:
     """Form ``si:realList``: each value an element of its own, unit and uncertainty there or common to all."""
     common_unit = text_of(child(element, "listUnit"))
     common = next((one for one in element if local(one) in _COMMON), None)
-    rows = [_real(made, one, common_unit, common, place) for one in element if local(one) == "real"]
+    rows = [made.real(one, common_unit, common, place) for one in element if local(one) == "real"]
     if not rows:
         raise FileFormatError("a quantity without a value", where=place)
     whole = replace(
@@ -175,38 +205,6 @@ def _real_list(made: Quantity, element: Any, place: str) -> Quantity:
 
 def _joined(rows: Sequence[Quantity], name: str) -> tuple[Any, ...]:
     return tuple(value for row in rows for value in getattr(row, name))
-
-
-def _real(made: Quantity, element: Any, common_unit: str, common: Any, place: str) -> Quantity:
-    """One value of a list, with its own uncertainty or the common one."""
-    unit = text_of(child(element, "unit")) or common_unit
-    row = replace(made, values=_floats(element, "value", place), units=(unit,))
-    if len(row.values) != 1 or not unit:
-        raise FileFormatError("a value of a list without number or unit", where=place)
-    own = _with_uncertainty(row, element, place)
-    return own if own.sigma is not None or common is None else _with_uncertainty(row, common, place)
-
-
-def _with_uncertainty(made: Quantity, element: Any, place: str) -> Quantity:
-    """The quantity with the standard uncertainty that its element states in one of the forms."""
-    count = len(made.values)
-    holder = next((one for one in element if local(one).startswith("measurementUncertaintyUnivariate")), element)
-    for form in holder:
-        name = local(form).removesuffix(_LISTS)
-        if name in ("expandedUnc", "expandedMU"):
-            key = "uncertainty" if name == "expandedUnc" else "valueExpandedMU"
-            stated = _checked(_floats(form, key, place), count, place)
-            factors = _spread(_floats(form, "coverageFactor", place), count, "coverage factors", place)
-            if min(factors) < _LEAST_K:
-                raise FileFormatError("the coverage factor", where=place, value=min(factors), limit="1 or more")
-            sigma = tuple(value / k for value, k in zip(stated, factors, strict=True))
-            return replace(made, sigma=sigma, coverage=tuple(factors))
-        if name in ("coverageInterval", "coverageIntervalMU"):
-            return replace(made, sigma=_checked(_floats(form, _standard(form), place), count, place))
-        if name == "standardMU":
-            return replace(made, sigma=_checked(_floats(form, "valueStandardMU", place), count, place))
-    only_relative = "uncertainty as a share only" if holder is not element and len(holder) else ""
-    return replace(made, unread=only_relative or _region(element))
 
 
 def _standard(form: Any) -> str:

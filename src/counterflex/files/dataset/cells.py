@@ -24,6 +24,35 @@ class Cells:
     place: Callable[[int, int], str]  # Where the cell of column k in row n stands, for messages
     places: tuple[tuple[int, int], ...] = ()  # File and column of each; empty for constants
 
+    def check_headers(self, stated: Sequence[str], si: Sequence[str], where: str, *, all_of_them: bool = True) -> None:
+        """Refuse a unit that the header of a column contradicts.
+
+        Args:
+            stated: Unit of each column.
+            si: SI unit of its quantity.
+            all_of_them: Other units of the same quantity contradict too; False takes these as the unit.
+
+        Raises:
+            FileFormatError: Names unit and header.
+        """
+        if len(self.units) != len(stated):
+            return
+        for header, name, header_unit, s in zip(self.names, stated, self.units, si, strict=True):
+            if header_unit is None or header_unit == units.plain(name):
+                continue
+            alike = header_unit in units.UNITS.get(s, {})
+            if (alike and all_of_them) or header_unit in units.RAW or units.of_another_quantity(header, s):
+                ignored = 'where the header is wrong, say header_units = "ignore" under [[files]]'
+                raise FileFormatError(
+                    "the unit is not the one in the header of the column",
+                    where=where,
+                    value=repr(name),
+                    limit=f"{header_unit!r} as in '{header}'",
+                    hint=f"How much {name} one {header_unit} is, is said by factor = ...; {ignored}"
+                    if header_unit in units.RAW
+                    else ignored.capitalize(),
+                )
+
 
 Pick = Callable[[Sequence[str | int], str], Cells]
 """Gives the cells of some columns; the second argument is the key of the manifest that names them."""
@@ -53,7 +82,7 @@ def _of_headers(kind: ChannelKind, table: ChannelTable, count: int, cells: Cells
     if COLUMNS_OF.get(table.rotation or "", 3) != 3 or (plain_numbers and kind.whole):
         return np.ones(count)
     if plain_numbers:  # "[um/m]" of a strain counts, "x_mm" of a direction is its name
-        check_headers(cells, ("1",) * count, si, where, all_of_them=False)
+        cells.check_headers(("1",) * count, si, where, all_of_them=False)
         own = [h if h in units.UNITS["1"] else "1" for h in cells.units]
         return np.array([units.factor(unit, "1", where) for unit in own])
     pairs = list(zip(cells.units, si, strict=True))
@@ -81,41 +110,8 @@ def unit_factors(kind: ChannelKind, table: ChannelTable, count: int, cells: Cell
         raise FileFormatError(
             "unit has another number of values", where=f"{where}.unit", value=len(table.unit), limit=f"1 or {count}"
         )
-    check_headers(cells, stated, si, f"{where}.unit")
+    cells.check_headers(stated, si, f"{where}.unit")
     return np.array([units.factor(name, s, f"{where}.unit") for name, s in zip(stated, si, strict=True)])
-
-
-def check_headers(
-    cells: Cells, stated: Sequence[str], si: Sequence[str], where: str, *, all_of_them: bool = True
-) -> None:
-    """Refuse a unit that the header of a column contradicts.
-
-    Args:
-        cells: With what their headers state; another number of columns than of units is not compared.
-        stated: Unit of each column.
-        si: SI unit of its quantity.
-        all_of_them: Other units of the same quantity contradict too; False takes these as the unit.
-
-    Raises:
-        FileFormatError: Names unit and header.
-    """
-    if len(cells.units) != len(stated):
-        return
-    for header, name, header_unit, s in zip(cells.names, stated, cells.units, si, strict=True):
-        if header_unit is None or header_unit == units.plain(name):
-            continue
-        alike = header_unit in units.UNITS.get(s, {})
-        if (alike and all_of_them) or header_unit in units.RAW or units.of_another_quantity(header, s):
-            ignored = 'where the header is wrong, say header_units = "ignore" under [[files]]'
-            raise FileFormatError(
-                "the unit is not the one in the header of the column",
-                where=where,
-                value=repr(name),
-                limit=f"{header_unit!r} as in '{header}'",
-                hint=f"How much {name} one {header_unit} is, is said by factor = ...; {ignored}"
-                if header_unit in units.RAW
-                else ignored.capitalize(),
-            )
 
 
 def spread(stated: Sequence[str], kind: ChannelKind, count: int) -> tuple[str, ...]:

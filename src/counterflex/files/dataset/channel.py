@@ -12,15 +12,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import FileFormatError
 from counterflex.core.units import DEG
 from counterflex.files.dataset import units
-from counterflex.files.dataset.cells import (
-    Cells,
-    Pick,
-    by_quantity,
-    check_headers,
-    in_stated_unit,
-    spread,
-    unit_factors,
-)
+from counterflex.files.dataset.cells import Cells, Pick, by_quantity, in_stated_unit, spread, unit_factors
 from counterflex.files.dataset.manifest import COLUMNS_OF, REPEATS, ChannelTable, Manifest
 from counterflex.files.dataset.rotation import faulty, matrices, rotation_sigma
 from counterflex.geometry import rotation
@@ -225,7 +217,7 @@ class Raw:
                 )
             width = columns.shape[1]
             stated = (table.sigma_unit,) * width if table.sigma_unit else self._unit_names()[:width]
-            check_headers(self.sigma, stated, self.kind.si_units(count)[:width], f"{self.where}.sigma_unit")
+            self.sigma.check_headers(stated, self.kind.si_units(count)[:width], f"{self.where}.sigma_unit")
             bad = columns < 0.0 if table.sigma is not None else columns <= 0.0
             if np.any(bad):
                 row, k = (int(i) for i in np.argwhere(bad)[0])

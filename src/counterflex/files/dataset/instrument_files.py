@@ -28,7 +28,7 @@ _MAT_COMPRESSED: Final = 15
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class InstrumentColumns:
     """Columns of one length."""
 
     names: tuple[str, ...]
@@ -36,7 +36,7 @@ class Columns:
     lines: Int  # (n,) lines of the file, or numbers of the rows from 1
 
 
-def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Columns | None:
+def instrument_columns(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns | None:
     """Read a file of an instrument; None where it is none.
 
     Args:
@@ -55,14 +55,14 @@ def instrument_columns(path: Path, data: bytes, part: str | int | None) -> Colum
     return None
 
 
-def _lvm(path: Path, data: bytes, part: str | int | None) -> Columns:
+def _lvm(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
     """Segments with the same channels one after the other; the column ``Segment`` counts them from 1."""
     lines = data.decode("utf-8-sig", "replace").replace("\r\n", "\n").split("\n")
     head: dict[str, list[str]] = {}
     separator = "," if any(line.startswith("Separator,") for line in lines[:30]) else "\t"
     place = _header(lines, 0, separator, head)
     decimal = (head.get(_DECIMAL) or ["."])[0]
-    segments: list[Columns] = []
+    segments: list[InstrumentColumns] = []
     while (start := _next_segment(lines, place)) is not None:
         segment, place = _segment(path, lines, start, separator, decimal, len(segments) + 1)
         segments.append(segment)
@@ -77,7 +77,7 @@ def _lvm(path: Path, data: bytes, part: str | int | None) -> Columns:
     return _joined(segments, path)
 
 
-def _joined(segments: Sequence[Columns], path: Path) -> Columns:
+def _joined(segments: Sequence[InstrumentColumns], path: Path) -> InstrumentColumns:
     names = [one.names for one in segments]
     if len(set(names)) > 1:
         other = next(k for k, one in enumerate(names) if one != names[0])
@@ -89,7 +89,7 @@ def _joined(segments: Sequence[Columns], path: Path) -> Columns:
             hint=f"Name one of its {len(segments)} segments: part = 1 under [[files]]",
         )
     values = tuple(np.concatenate(columns) for columns in zip(*(one.values for one in segments), strict=True))
-    return Columns(names[0], values, np.concatenate([one.lines for one in segments]))
+    return InstrumentColumns(names[0], values, np.concatenate([one.lines for one in segments]))
 
 
 def _header(lines: Sequence[str], start: int, separator: str, into: dict[str, list[str]]) -> int:
@@ -115,7 +115,7 @@ def _next_segment(lines: Sequence[str], place: int) -> int | None:
 
 def _segment(
     path: Path, lines: Sequence[str], start: int, separator: str, decimal: str, number: int
-) -> tuple[Columns, int]:
+) -> tuple[InstrumentColumns, int]:
     head: dict[str, list[str]] = {}
     first = _header(lines, start, separator, head)
     titles = [cell.strip() for cell in lines[first].split(separator)] if first < len(lines) else []
@@ -130,7 +130,7 @@ def _segment(
         x0, step = (_number((head.get(key) or ["0"])[0], decimal, path, start + 1) for key in ("X0", "Delta_X"))
         values[:, 0] = x0 + step * np.arange(len(values))
     columns = (*values.T, np.full(len(values), float(number)))
-    return Columns((*_once(names), "Segment"), columns, np.arange(first + 2, stop + 1, dtype=np.int64)), stop
+    return InstrumentColumns((*_once(names), "Segment"), columns, np.arange(first + 2, stop + 1, dtype=np.int64)), stop
 
 
 def _values(path: Path, lines: Sequence[str], first: int, separator: str, decimal: str, count: int) -> Float:
@@ -162,7 +162,7 @@ def _once(names: Sequence[str]) -> list[str]:
     return out
 
 
-def _tdms(path: Path, data: bytes, part: str | int | None) -> Columns:
+def _tdms(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
     try:
         from nptdms import TdmsFile
     except ImportError as fault:
@@ -203,7 +203,7 @@ def _channels(group: Any) -> dict[str, Float]:
     return out
 
 
-def _matlab(path: Path, data: bytes, part: str | int | None) -> Columns:
+def _matlab(path: Path, data: bytes, part: str | int | None) -> InstrumentColumns:
 
     if data.startswith((b"MATLAB 7.3", b"\x89HDF")):
         raise FileFormatError(
@@ -255,7 +255,7 @@ def _flat(content: Mapping[str, Any], before: str) -> dict[str, Float]:
     return out
 
 
-def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> Columns:
+def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> InstrumentColumns:
     """Columns as one table. Raises FileFormatError: there are none, or they have different lengths."""
     lengths = {len(value) for value in columns.values()}
     if not lengths:
@@ -268,4 +268,4 @@ def _of_one_length(path: Path, columns: Mapping[str, Float], kind: str) -> Colum
             value=shown,
             hint=f'Name the {kind} that is meant: part = "..." under [[files]]',
         )
-    return Columns(tuple(columns), tuple(columns.values()), np.arange(1, lengths.pop() + 1, dtype=np.int64))
+    return InstrumentColumns(tuple(columns), tuple(columns.values()), np.arange(1, lengths.pop() + 1, dtype=np.int64))

@@ -151,7 +151,7 @@ class ChannelTable(Table):
 Vector = tuple[float, float, float]
 
 
-class SensorTable(Table):
+class DatasetSensorTable(Table):
     """One distance sensor of a measuring frame."""
 
     name: Name
@@ -170,7 +170,7 @@ class SensorTable(Table):
         return value
 
     @model_validator(mode="after")
-    def _meets(self) -> SensorTable:
+    def _meets(self) -> DatasetSensorTable:
         if self.normal is not None:
             cosine = abs(sum(a * b for a, b in zip(self.direction, self.normal, strict=True)))
             if cosine < LEAST_COSINE:
@@ -194,7 +194,7 @@ class Manifest(Versioned):
     channels: dict[str, ChannelTable]
     frames: dict[str, PoseTable] = Field(default={})
     settings: dict[str, Any] = Field(default={})
-    sensors: tuple[SensorTable, ...] = ()
+    sensors: tuple[DatasetSensorTable, ...] = ()
 
     @field_validator("join", "group", mode="before")
     @classmethod

@@ -37,6 +37,11 @@ class Indexed:
     metadata: list[Metadata]  # In the order of the file; of what the run was made of one copy
     messages: dict[int, int]
 
+    def metadata_named(self, name: str) -> Iterator[dict[str, Any]]:
+        """Readable metadata records of a name."""
+        read = (form.read_metadata(one) for one in self.metadata if one.name == name)
+        return (values for values in read if values is not None)
+
 
 def indexed(stream: BinaryIO, count: Callable[[int], None]) -> Indexed | None:
     """Follow the index of a file; None where it was not finished, or where something of the index cannot be read.
@@ -202,11 +207,6 @@ def _salvaged(file: Path) -> Salvaged:
             return salvage(data)
 
 
-def _metadata(index: Indexed, name: str) -> Iterator[dict[str, Any]]:
-    read = (form.read_metadata(one) for one in index.metadata if one.name == name)
-    return (values for values in read if values is not None)
-
-
 def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) -> Segment | None:
     """Read the digest of a segment in place of its records: some kilobytes from the end of the file.
 
@@ -226,14 +226,14 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
         return None
     if index is None:
         return None
-    about, table = (next(_metadata(index, name), None) for name in (form.ABOUT, form.DIGEST))
+    about, table = (next(index.metadata_named(name), None) for name in (form.ABOUT, form.DIGEST))
     digest = None if table is None else read_digest(table[form.DIGEST])
     if about is None or digest is None or about.get("format") != form.KIND or about.get("version", 0) > form.VERSION:
         return None
     if index.messages.get(form.CYCLE_CHANNEL, 0) != digest.sums["records"]:
         return None
     lost = int(about.get("repaired", {}).get("missing_at_end", 0))
-    actions = tuple(_metadata(index, form.ACTION))
+    actions = tuple(index.metadata_named(form.ACTION))
     return Segment(file.name, digest.rows, about, True, lost_at_end=lost, actions=actions, digest=digest)
 
 

@@ -28,7 +28,7 @@ _ROWS: Final = 1 << 20
 
 
 @dataclass(frozen=True)
-class Header:
+class PlyHeader:
     """Announcements of a PLY file."""
 
     text: bool
@@ -42,7 +42,7 @@ class Header:
     plain: bool = True  # The vertices come first and have single numbers only; others are read by the library
 
 
-def read_header(path: Path) -> Header:
+def read_header(path: Path) -> PlyHeader:
     """Read the header of a PLY file.
 
     Raises:
@@ -52,7 +52,7 @@ def read_header(path: Path) -> Header:
         return _header(stream, path)
 
 
-def _header(stream: BinaryIO, path: Path) -> Header:
+def _header(stream: BinaryIO, path: Path) -> PlyHeader:
     order, element, plain = None, "", True
     counts: dict[str, int] = {}
     properties: dict[str, list[str]] = {"names": [], "types": []}
@@ -81,7 +81,7 @@ def _header(stream: BinaryIO, path: Path) -> Header:
         raise FileFormatError(
             "the PLY file has no vertices with x, y, z", where=str(path), value=", ".join(names) or "no vertices"
         )
-    return Header(
+    return PlyHeader(
         text=order == "",
         order=order or "<",
         names=names,
@@ -107,7 +107,7 @@ def _count(word: str) -> int:
     return int(word)
 
 
-def vertex_blocks(path: Path, header: Header) -> Iterator[Float]:
+def vertex_blocks(path: Path, header: PlyHeader) -> Iterator[Float]:
     """The vertices (k, 3), some at a time, in file units.
 
     Raises:
@@ -126,7 +126,7 @@ def vertex_blocks(path: Path, header: Header) -> Iterator[Float]:
         )
 
 
-def _binary_rows(stream: BinaryIO, header: Header) -> Iterator[Float]:
+def _binary_rows(stream: BinaryIO, header: PlyHeader) -> Iterator[Float]:
     layout = np.dtype([(name, header.order + kind) for name, kind in zip(header.names, header.types, strict=True)])
     left = header.vertices
     while left > 0:
@@ -138,7 +138,7 @@ def _binary_rows(stream: BinaryIO, header: Header) -> Iterator[Float]:
         yield np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
-def _text_rows(stream: BinaryIO, path: Path, header: Header) -> Iterator[Float]:
+def _text_rows(stream: BinaryIO, path: Path, header: PlyHeader) -> Iterator[Float]:
     left, line = header.vertices, header.lines + 1
     xyz = [header.names.index(axis) for axis in "xyz"]
     for block in line_blocks(stream):

@@ -48,6 +48,11 @@ class CubeMotions:
     d_before: Float  # (n, 6) m, rad: how cube a moved, carried to the centre of cube b
     d_after: Float  # (n, 6) m, rad: how cube b moved
 
+    def between(self, segment: Int) -> Bool:
+        """(n, k) which segments lie between the cubes of each row."""
+        out: Bool = (segment >= self.first[:, None]) & (segment <= self.last[:, None])
+        return out
+
 
 def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
     """Relative motions of a dataset.
@@ -129,21 +134,21 @@ def block(chain: ElasticChain, plan: PullLayout, motions: CubeMotions, scale: fl
     lever = motions.p_base_after - forward(chain, pulls.q)[:, :3, 3]
     columns = element_jacobians(chain, pulls.q)[:, plan.springs.segment, :, plan.springs.direction]
     J = np.moveaxis(columns, 0, -1)
-    load = np.einsum("nck,nc->nk", J, pulls.w_tcp_base) * _between(motions, plan.springs.segment)
-    axes = _at(jacobian(chain, pulls.q), lever) * _between(motions, chain.torsion)[:, None, :]
+    load = np.einsum("nck,nc->nk", J, pulls.w_tcp_base) * motions.between(plan.springs.segment)
+    axes = _at(jacobian(chain, pulls.q), lever) * motions.between(chain.torsion)[:, None, :]
     lost, slope = np.zeros((len(pulls), 6)), np.zeros((len(pulls), 6))
     if pulls.history and chain.play is not None:
         bands = np.array([0.0 if e is None else e.half_band_rad for e in chain.play])
         slope = band_slopes(chain, pulls) * (plan.bands >= 0)
         lost = lost_angles(chain, pulls) - slope * bands
     doubt = uncertain_angles(chain, pulls) if pulls.history else np.tile(unknown_angles(chain), (len(pulls), 1))
-    between = _between(motions, plan.springs.segment) & (plan.springs.direction >= 3)
+    between = motions.between(plan.springs.segment) & (plan.springs.direction >= 3)
     soft = plan.springs.of_chain(chain)
     turned = J * soft * between[:, None, :]
     off = plan.bearing_m * np.linalg.norm(pulls.w_tcp_base[:, :3], axis=1)[:, None, None]
     added = np.sum((axes * doubt[:, None, :]) ** 2, axis=2) + np.sum((_at(turned, lever) * off) ** 2, axis=2)
     added[:, :3] += plan.bearing_m**2 * np.sum((load * soft * between) ** 2, axis=1, keepdims=True)
-    acts = _between(motions, plan.springs.segment)
+    acts = motions.between(plan.springs.segment)
     moved = misplaced_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, plan.bearing_m, lambda t: _at(t, lever), acts)
     coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, lambda t: _at(t, lever), acts)
     shown = np.zeros((len(pulls), 6, chain.n + 1))
@@ -163,12 +168,6 @@ def block(chain: ElasticChain, plan: PullLayout, motions: CubeMotions, scale: fl
         band_columns=plan.bands,
         moved=np.concatenate([moved, coupled, shown], axis=2),
     )
-
-
-def _between(motions: CubeMotions, segment: Int) -> Bool:
-    """(n, k) which segments lie between the cubes of each row."""
-    out: Bool = (segment >= motions.first[:, None]) & (segment <= motions.last[:, None])
-    return out
 
 
 def _at(twists: Float, lever: Float) -> Float:

@@ -299,11 +299,4 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     return propose_cubes(cell, count, cube_options(cell.chain, settings))
 
 
-RECIPE: Final = Recipe(
-    "cubes",
-    TITLE,
-    ("cubes",),
-    SETTINGS,
-    identify,
-    propose,
-)
+RECIPE: Final = Recipe("cubes", TITLE, ("cubes",), SETTINGS, identify, propose)

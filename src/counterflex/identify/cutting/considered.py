@@ -35,8 +35,8 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
+from counterflex.identify.cutting.cut_rows import Pieces
 from counterflex.identify.cutting.force_forms import FORMS
-from counterflex.identify.cutting.pieces import Pieces
 from counterflex.identify.cutting.residuals import SlotResiduals, geometry_parameters
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
@@ -153,6 +153,13 @@ class TurnForce:
     exit_rad: float
     feed_tooth_m: float  # feed per tooth
 
+    def amplitude(self, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
+        """The same as the model has it with a runout, N."""
+        depth = engagement_of_arc(cutter, self.depth_m, self.entry_rad, self.exit_rad)
+        teeth = tooth_forces(replace(cutter, runout_m=runout_m), law, depth, self.feed_tooth_m, trochoid=False)
+        wave = np.exp(-1j * teeth.angle_rad)
+        return float(np.linalg.norm(2.0 * np.mean(teeth.wrench_tcp[:, :2] * wave[:, None], axis=0)))
+
 
 @dataclass(frozen=True)
 class Runout:
@@ -188,14 +195,6 @@ def turn_amplitude(force: Float, time_s: Float, spindle_rad_s: float, flutes: in
     return float(np.linalg.norm(coefficients[1:3]))
 
 
-def predicted_amplitude(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
-    """The same as the model has it with a runout, N."""
-    depth = engagement_of_arc(cutter, turn.depth_m, turn.entry_rad, turn.exit_rad)
-    teeth = tooth_forces(replace(cutter, runout_m=runout_m), law, depth, turn.feed_tooth_m, trochoid=False)
-    wave = np.exp(-1j * teeth.angle_rad)
-    return float(np.linalg.norm(2.0 * np.mean(teeth.wrench_tcp[:, :2] * wave[:, None], axis=0)))
-
-
 def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout | None:
     """Runout that gives every piece its amplitude; median over the pieces.
 
@@ -217,7 +216,7 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
 
 
 def _excess(turn: TurnForce, cutter: Cutter, law: ForceLaw, runout_m: float) -> float:
-    return predicted_amplitude(turn, cutter, law, runout_m) - turn.amplitude_n
+    return turn.amplitude(cutter, law, runout_m) - turn.amplitude_n
 
 
 SCALE: Final = 0.01

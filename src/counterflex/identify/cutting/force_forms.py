@@ -39,7 +39,7 @@ _M_MOST: Final = 0.9
 
 
 @dataclass(frozen=True)
-class Form:
+class ForceForm:
     """A form of the law."""
 
     name: str  # as typed in settings
@@ -101,16 +101,16 @@ class Form:
 
 
 FORMS: Final = (
-    Form("kienzle", "Kienzle, one exponent", 1, False),
-    Form("kienzle-3", "Kienzle, an exponent for each direction", 3, False),
-    Form("linear", "linear law with an edge force", 0, True),
-    Form("kienzle-edge", "Kienzle with an edge force, one exponent", 1, True),
-    Form("kienzle-3-edge", "Kienzle with an edge force, an exponent for each direction", 3, True),
+    ForceForm("kienzle", "Kienzle, one exponent", 1, False),
+    ForceForm("kienzle-3", "Kienzle, an exponent for each direction", 3, False),
+    ForceForm("linear", "linear law with an edge force", 0, True),
+    ForceForm("kienzle-edge", "Kienzle with an edge force, one exponent", 1, True),
+    ForceForm("kienzle-3-edge", "Kienzle with an edge force, an exponent for each direction", 3, True),
 )
 """From few constants to many."""
 
 
-def form(name: str) -> Form:
+def form(name: str) -> ForceForm:
     """The form of a name. Raises InputError: there is none."""
     for item in FORMS:
         if item.name == name:
@@ -123,11 +123,7 @@ def constants(
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]:
     """(k, m, e) of c, r, a at a reference thickness."""
     if isinstance(law, LinearEdgeLaw):
-        return (
-            (law.ktc_pa, law.krc_pa, law.kac_pa),
-            (0.0, 0.0, 0.0),
-            (law.kte_n_m, law.kre_n_m, law.kae_n_m),
-        )
+        return ((law.ktc_pa, law.krc_pa, law.kac_pa), (0.0, 0.0, 0.0), (law.kte_n_m, law.kre_n_m, law.kae_n_m))
     if not isinstance(law, KienzleLaw):
         raise ModelError(
             "test cuts are fitted with Kienzle's law or the linear one, and start at the law of the cell file",

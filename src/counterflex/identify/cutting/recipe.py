@@ -25,7 +25,7 @@ from counterflex.identify.cutting import TITLE
 from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.considered import RUNOUT_M, WEAR, force_sensor, with_shared
 from counterflex.identify.cutting.cut_rows import in_air
-from counterflex.identify.cutting.force_forms import FORMS, Form, form, solve_physical
+from counterflex.identify.cutting.force_forms import FORMS, ForceForm, form, solve_physical
 from counterflex.identify.cutting.proposal import SETTINGS as PROPOSAL, propose
 from counterflex.identify.cutting.report import ChosenForm, Shared, figures, pictures, remarks
 from counterflex.identify.cutting.residuals import TOP_SIGMA_M, SlotResiduals, geometry_parameters
@@ -82,10 +82,7 @@ def identify(inputs: Inputs) -> Identification:
         notes += [] if dataset in air else check(cell, dataset, tool, as_stated=bool(options["as_stated"]))
         parts[READING](0.5 * (i + 1) / (len(data) + len(holdout)))
     cuts = pieces_of(
-        cell,
-        [*data, *holdout],
-        Cutting(float(options["trim_diameters"]), float(options["settle_s"])),
-        tool,
+        cell, [*data, *holdout], Cutting(float(options["trim_diameters"]), float(options["settle_s"])), tool
     )
     problem = _FormChoice(cell, cuts, cuts.pieces.session < len(data), float(options["top_sigma_m"]))
     if problem.train_count < _LEAST_PIECES:
@@ -136,7 +133,7 @@ def row_error(block: Residuals, x: Float) -> Float:
 class FormTrial:
     """A form of the law, tried on cuts held out."""
 
-    form: Form
+    form: ForceForm
     error: Float  # (n,) relative error of each training piece while it was held out
     held_out: HeldOut  # the errors of both laws
 
@@ -159,21 +156,21 @@ class _FormChoice:
             h = rough.thickness()
             self.h_ref_m, self.range_m = rough.reference_m(), (float(np.min(h)), float(np.max(h)))
 
-    def _block(self, item: Form, rows: Bool, h_ref_m: float) -> SlotResiduals:
+    def _block(self, item: ForceForm, rows: Bool, h_ref_m: float) -> SlotResiduals:
         cuts = self.cuts
         return SlotResiduals(
             cuts.pieces.subset(rows), cuts.cutter, item, h_ref_m, self.cell.force_law, len(cuts.blanks)
         )
 
-    def train(self, item: Form) -> SlotResiduals:
+    def train(self, item: ForceForm) -> SlotResiduals:
         """The pieces to fit."""
         return self._block(item, self.mask, self.h_ref_m)
 
-    def unseen(self, item: Form) -> SlotResiduals:
+    def unseen(self, item: ForceForm) -> SlotResiduals:
         """The pieces of the separate files."""
         return self._block(item, ~self.mask, self.h_ref_m)
 
-    def parameters(self, item: Form) -> Parameters:
+    def parameters(self, item: ForceForm) -> Parameters:
         """Constants and geometry."""
         return item.parameters(self.cell.force_law, self.h_ref_m) + self.geometry
 
@@ -181,7 +178,7 @@ class _FormChoice:
         """Geometry, which any use of a force law has to find."""
         return [p.name for p in self.geometry if p.free]
 
-    def trials(self, requested: Sequence[Form], folds: int, seed: int, progress: Progress) -> list[FormTrial]:
+    def trials(self, requested: Sequence[ForceForm], folds: int, seed: int, progress: Progress) -> list[FormTrial]:
         """Hold cuts out of every form that the data can bear; the fullest form is always among them, for the nominal.
 
         Raises InputError: no form has fewer constants than there are numbers.
@@ -208,7 +205,7 @@ class _FormChoice:
             raise InputError("too few cuts for this form of the force law", value=self.train_count)
         return candidates
 
-    def _beyond(self, item: Form) -> bool:
+    def _beyond(self, item: ForceForm) -> bool:
         """Return whether a form has more constants than the pieces tell."""
         few = self.train_count < _FULL_PIECES and item.count > _FEW_CONSTANTS
         return few or 3 * self.train_count <= item.count + 3
@@ -223,7 +220,7 @@ class _FormChoice:
         own = self._scores(best.form, local)
         return own.identified, own.nominal if best.form is FORMS[-1] else self._scores(FORMS[-1], local).nominal
 
-    def _scores(self, item: Form, local: Sequence[str]) -> HeldOut:
+    def _scores(self, item: ForceForm, local: Sequence[str]) -> HeldOut:
         return score_separate(
             self.parameters(item),
             [self.train(item)],
@@ -268,10 +265,5 @@ def _source(data: Sequence[Dataset]) -> str:
 
 
 RECIPE = Recipe(
-    name="cutting",
-    title=TITLE,
-    kinds=(KIND,),
-    settings={**PROPOSAL, **SETTINGS},
-    find=identify,
-    propose=propose,
+    name="cutting", title=TITLE, kinds=(KIND,), settings={**PROPOSAL, **SETTINGS}, find=identify, propose=propose
 )

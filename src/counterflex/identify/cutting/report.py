@@ -15,7 +15,7 @@ from counterflex.cutting.arc_force import ArcCuts, term_force
 from counterflex.cutting.coefficients import H_KIENZLE_M, ForceLaw
 from counterflex.identify.counted_coverage import COUNTED
 from counterflex.identify.cutting import considered
-from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, Form, constants
+from counterflex.identify.cutting.force_forms import DIRECTIONS, NAMES, ForceForm, constants
 from counterflex.identify.cutting.residuals import GIVE, LAW, SlotResiduals
 from counterflex.identify.cutting.steady_cuts import SteadyCuts
 from counterflex.identify.recipe import Curve, Figure, Picture
@@ -122,7 +122,7 @@ class ChosenForm:
 
     cuts: SteadyCuts
     block: SlotResiduals  # the pieces that were fitted
-    form: Form
+    form: ForceForm
     fit: Fit
     h_ref_m: float
     range_m: tuple[float, float]  # least and largest mean thickness of the fitted pieces

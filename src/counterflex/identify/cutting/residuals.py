@@ -18,8 +18,8 @@ from counterflex.core.units import MM, UM
 from counterflex.cutting.arc_force import ArcCuts, force_thickness, mean_thickness, term_force
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
-from counterflex.identify.cutting.force_forms import Form
-from counterflex.identify.cutting.pieces import Pieces
+from counterflex.identify.cutting.cut_rows import Pieces
+from counterflex.identify.cutting.force_forms import ForceForm
 from counterflex.identify.solver.parameters import Parameter, Parameters
 
 LAW: Final = 9
@@ -66,7 +66,7 @@ def geometry_parameters(pieces: Pieces, top_sigma_m: float = TOP_SIGMA_M) -> Par
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class ForceShape:
     """Depth and arc of pieces at given parameters, with derivatives."""
 
     cuts: ArcCuts  # for the force
@@ -93,7 +93,7 @@ class SlotResiduals:
         self,
         pieces: Pieces,
         cutter: Cutter,
-        form: Form,
+        form: ForceForm,
         h_ref_m: float,
         law: ForceLaw,
         blanks: int,
@@ -140,7 +140,7 @@ class SlotResiduals:
                 out += sign * term_force(own, float(p)).value[:, 2] @ np.array(k)
         return out
 
-    def shape(self, x: Float) -> Shape:
+    def shape(self, x: Float) -> ForceShape:
         """Depth and arc at the values x (p,) of all parameters."""
         pieces, n = self.pieces, len(self.pieces)
         tops, give = x[LAW : LAW + self.blanks], float(x[LAW + self.blanks])
@@ -158,7 +158,7 @@ class SlotResiduals:
         left_by = np.where(pieces.left_wall, entry_slope / radius, 0.0)
         right_by = np.where(pieces.right_wall, leave_slope / radius, 0.0)
         cuts = ArcCuts(self.cutter, np.maximum(depth, 0.0), entry, leave, pieces.feed_tooth_m, pieces.drop_tooth_m)
-        return Shape(cuts, depth_by, -left_by * side, -right_by * side, left_by, right_by)
+        return ForceShape(cuts, depth_by, -left_by * side, -right_by * side, left_by, right_by)
 
     def predict(self, x: Float) -> Float:
         """Mean forces (n, 3) N in the feed frame at the values x (p,)."""

@@ -20,7 +20,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting import cut_rows
 from counterflex.identify.cutting.considered import fast_enough, turn_amplitude
-from counterflex.identify.cutting.pieces import Pieces
+from counterflex.identify.cutting.cut_rows import Pieces
 from counterflex.identify.cutting.record import Zero, contact, mean_with_sigma, settled, slope, split_ramp, zero
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel

@@ -248,10 +248,7 @@ def _with(data: Dataset, channel: str, values: Float, sigma: Float | None = None
     old = data.channel(channel)
     return replace(
         data,
-        channels={
-            **data.channels,
-            channel: replace(old, values=values, sigma=old.sigma if sigma is None else sigma),
-        },
+        channels={**data.channels, channel: replace(old, values=values, sigma=old.sigma if sigma is None else sigma)},
     )
 
 

@@ -13,7 +13,16 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MRAD, UM
 from counterflex.identify.data.dataset import Dataset
-from counterflex.identify.data.measuring_frame import FEWEST, SIX, Motion, SensorFrame, condition, feet, motion, passing
+from counterflex.identify.data.measuring_frame import (
+    FEWEST,
+    SIX,
+    FrameMotion,
+    SensorFrame,
+    condition,
+    feet,
+    motion,
+    passing,
+)
 
 MOST_CONDITION: Final = 100.0
 """Largest by smallest singular value beyond which a motion counts as not seen."""
@@ -87,7 +96,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
 
 
 def check_misfit(
-    frame: SensorFrame, s_unloaded: Float, s_loaded: Float, stated: Motion, reference: Float
+    frame: SensorFrame, s_unloaded: Float, s_loaded: Float, stated: FrameMotion, reference: Float
 ) -> tuple[str, ...]:
     """Say whether readings contradict each other, and which sensor does it, where there are more than are needed.
 

@@ -52,7 +52,7 @@ class SensorFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class FrameMotion:
     """Motion of the tool by the sensors."""
 
     # (n, 6) or (n, 3) m (and rad), displacement of the reference point (and rotation vector), axes of the sensors
@@ -109,7 +109,7 @@ def slopes(frame: SensorFrame, s: Float, d: Float, reference: Float) -> Float:
     return out
 
 
-def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float, reference: Float) -> Motion:
+def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float, reference: Float) -> FrameMotion:
     """Motion of the tool from readings before and after.
 
     Args:
@@ -136,7 +136,7 @@ def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float,
     s = shown(frame, s_unloaded, d, reference)
     J = slopes(frame, s, d, reference) / sigma[:, :, None]
     covariance = np.asarray(np.linalg.inv(np.swapaxes(J, 1, 2) @ J), dtype=np.float64)
-    return Motion(d, covariance, s_loaded - s, sigma)
+    return FrameMotion(d, covariance, s_loaded - s, sigma)
 
 
 def condition(frame: SensorFrame, s_unloaded: Float, reference: Float) -> tuple[float, Float]:

@@ -87,9 +87,7 @@ def check_delay(estimate: Delay, *, as_stated: bool = False) -> tuple[str, ...]:
     for what, hint in _suspicions(estimate):
         if not as_stated:
             raise InputError(
-                what,
-                where=estimate.pair.answer.where,
-                hint=f"{hint}. If the data are right, add --set as_stated=true",
+                what, where=estimate.pair.answer.where, hint=f"{hint}. If the data are right, add --set as_stated=true"
             )
         remarks.append(f"{what}; used as stated, as requested")
     return tuple(remarks)

@@ -12,12 +12,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MS
 from counterflex.identify.data.dataset import Dataset
 
-CLOCKS: Final = {
-    "p_tracker_target": "tracker",
-    "R_tracker_target": "tracker",
-    "w_sensor": "force",
-    "q_link": "link",
-}
+CLOCKS: Final = {"p_tracker_target": "tracker", "R_tracker_target": "tracker", "w_sensor": "force", "q_link": "link"}
 """Channels that may carry stamps of their own, ``time_<clock>_s``; all others are stamped by ``time_s``."""
 FEWEST: Final = 50
 """Samples below which nothing is said about time."""

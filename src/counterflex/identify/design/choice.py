@@ -56,7 +56,7 @@ _GAIN = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class DesignChoice:
     """Chosen measurements."""
 
     indices: Int  # (n,) candidates, in the order of what each adds: the first m are a good choice of m
@@ -124,7 +124,7 @@ def choose(
     already: Sequence[int] = (),
     passes: int = PASSES,
     progress: Progress = silent,
-) -> Choice:
+) -> DesignChoice:
     """Choose measurements.
 
     Args:
@@ -168,7 +168,7 @@ def choose(
         if not _exchange(weigh, chosen, fixed, open_):
             break
         progress(0.5 + 0.5 * (turn + 1) / passes, "exchanging measurements")
-    return Choice(_ordered(J, M, chosen, fixed, weigh.target), weigh.covariance())
+    return DesignChoice(_ordered(J, M, chosen, fixed, weigh.target), weigh.covariance())
 
 
 class _Weighing:
@@ -186,8 +186,7 @@ class _Weighing:
             self.root = scipy.linalg.cholesky(self.M, lower=True)
         except scipy.linalg.LinAlgError as fault:
             raise InputError(
-                "a parameter has no prior at all",
-                hint="Give every parameter a prior, or the weak information of VAGUE",
+                "a parameter has no prior at all", hint="Give every parameter a prior, or the weak information of VAGUE"
             ) from fault
 
     def add(self, i: int, sign: float = 1.0) -> None:

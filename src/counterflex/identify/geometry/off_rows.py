@@ -52,7 +52,7 @@ _LEAST_FREE: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class FitSession:
     """Rows of one dataset in the order of the file, as rows of the residuals that hold them."""
 
     data: Dataset
@@ -103,7 +103,7 @@ class OffRows:
 
 
 def off_rows(
-    parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[Session]
+    parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[FitSession]
 ) -> tuple[OffRows, ...]:
     """Find consecutive rows of fitted sessions that are all off."""
     out: list[OffRows] = []
@@ -112,13 +112,13 @@ def off_rows(
         suspects: list[Int] = []
         fewer, again = keep, fit
         for _ in range(_MOST):
-            rows = _suspected(_Rows(blocks, again, session, fewer))
+            rows = _suspected(_OffRows(blocks, again, session, fewer))
             rest = fewer if rows is None else _less(fewer, session, rows)
             if rows is None or not all(np.any(k) for k in rest):
                 break
             suspects.append(rows)
             fewer, again = rest, _fitted(parameters, blocks, again, rest)
-            seen = _Rows(blocks, again, session, fewer)
+            seen = _OffRows(blocks, again, session, fewer)
             confirmed = [b for b in (_confirmed(seen, one) for one in suspects) if b is not None]
             # One block may hide another: what is not confirmed is judged again without the next one.
             if len(confirmed) == len(suspects):
@@ -130,7 +130,7 @@ def off_rows(
     return tuple(out)
 
 
-def _less(keep: Sequence[Bool], session: Session, rows: Int) -> list[Bool]:
+def _less(keep: Sequence[Bool], session: FitSession, rows: Int) -> list[Bool]:
     out = [k.copy() for k in keep]
     for i in rows:
         out[session.block[i]][session.row[i]] = False
@@ -141,12 +141,12 @@ def _fitted(parameters: Parameters, blocks: Sequence[Residuals], fit: Fit, keep:
     return solve(parameters, [b.subset(k) for b, k in zip(blocks, keep, strict=True)], start=fit.values)
 
 
-def off_rows_of_unseen(blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[Session]) -> tuple[OffRows, ...]:
+def off_rows_of_unseen(blocks: Sequence[Residuals], fit: Fit, sessions: Sequence[FitSession]) -> tuple[OffRows, ...]:
     """Find the same in sessions that are predicted only."""
     none = [np.zeros(len(b.group), dtype=np.bool_) for b in blocks]
     out = []
     for session in sessions:
-        seen = _Rows(blocks, fit, session, none)
+        seen = _OffRows(blocks, fit, session, none)
         rows = _run(seen.errors())
         block = None if rows is None else _confirmed(seen, rows)
         out += [] if block is None else [block]
@@ -184,14 +184,14 @@ def without(
     return out, tuple(remarks)
 
 
-class _Rows:
+class _OffRows:
     """Rows of one session at a fit, and their errors without some of them.
 
     Attributes:
         kept: (n,) rows that were fitted.
     """
 
-    def __init__(self, blocks: Sequence[Residuals], fit: Fit, session: Session, kept: Sequence[Bool]) -> None:
+    def __init__(self, blocks: Sequence[Residuals], fit: Fit, session: FitSession, kept: Sequence[Bool]) -> None:
         x, free = fit.values, fit.free_index
         slope = fit.parameters.slope(x)[free]
         n = len(session.row)
@@ -240,7 +240,7 @@ class _Rows:
         return out
 
 
-def _suspected(seen: _Rows) -> Int | None:
+def _suspected(seen: _OffRows) -> Int | None:
     """Rows of the window that is off most when it is left out, extended to all that are off beside it."""
     n = len(seen.session.row)
     if np.sum(seen.kept) < OTHERS + FEWEST:
@@ -289,7 +289,7 @@ def _run(error: Float, window: Int | None = None) -> Int | None:
     return best
 
 
-def _confirmed(seen: _Rows, rows: Int) -> OffRows | None:
+def _confirmed(seen: _OffRows, rows: Int) -> OffRows | None:
     """The block, trimmed to rows that are off against the fit without it; None where they are not."""
     error, length = seen.errors(), seen.lengths()
     others = seen.kept.copy() if np.any(seen.kept) else np.ones(len(error), dtype=np.bool_)

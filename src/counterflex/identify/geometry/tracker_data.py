@@ -107,12 +107,7 @@ def fixes_target(cell: CellModel, d: Dataset) -> bool:
 
 
 def check_tracker_data(
-    cell: CellModel,
-    d: Dataset,
-    *,
-    as_stated: bool = False,
-    partly: bool = False,
-    target: Float | None = None,
+    cell: CellModel, d: Dataset, *, as_stated: bool = False, partly: bool = False, target: Float | None = None
 ) -> tuple[str, ...]:
     """Refuse what a fit would hide: gaps, too few poses, contradicting repeats, another reading that fits far better.
 
@@ -138,11 +133,7 @@ def check_tracker_data(
     # Poses that leave a frame open are refused by the hand-eye calibration with its reason.
     start_frames(cell, thinned(d), trials=0, partly=partly, target=target)
     remarks = check_reading(
-        d,
-        readings_of(d),
-        lambda sample: _misfit(cell, sample, partly, target),
-        as_stated=as_stated,
-        rows=_READ_ROWS,
+        d, readings_of(d), lambda sample: _misfit(cell, sample, partly, target), as_stated=as_stated, rows=_READ_ROWS
     )
     if not remarks and not as_stated:
         residual_m = float(np.median(start_frames(cell, thinned(d), partly=partly, target=target).error_m))

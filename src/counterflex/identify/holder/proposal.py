@@ -188,9 +188,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
             "the difference is drift and hysteresis",
             f"Loads reach {largest:g} N; check that against the spindle bearings",
         ),
-        settings={
-            "gauges": [float(v) for g in holder.gauges for v in (*g.p_holder_gauge, g.angle_rad, g.factor)],
-        },
+        settings={"gauges": [float(v) for g in holder.gauges for v in (*g.p_holder_gauge, g.angle_rad, g.factor)]},
     )
 
 

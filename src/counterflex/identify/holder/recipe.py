@@ -336,11 +336,4 @@ def _picture(
     )
 
 
-RECIPE = Recipe(
-    name="holder",
-    title=TITLE,
-    kinds=("holder_loads",),
-    settings=SETTINGS,
-    find=identify,
-    propose=propose,
-)
+RECIPE = Recipe(name="holder", title=TITLE, kinds=("holder_loads",), settings=SETTINGS, find=identify, propose=propose)

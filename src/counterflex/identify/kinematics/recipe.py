@@ -31,7 +31,6 @@ from counterflex.identify.kinematics.approach_sense import CHANNEL, as_play, pla
 from counterflex.identify.kinematics.file_offsets import file_offsets, refuse
 from counterflex.identify.kinematics.held_out import approach_remarks, held_out, region_errors
 from counterflex.identify.kinematics.periodic_errors import GAIN, Harmonics, choose_harmonics
-from counterflex.identify.kinematics.proposal import propose
 from counterflex.identify.kinematics.report import figures, headline, pictures, remarks
 from counterflex.identify.kinematics.setup import (
     KINDS,
@@ -40,6 +39,7 @@ from counterflex.identify.kinematics.setup import (
     TRACKER,
     Setup,
     by_channel,
+    propose,
     sessions,
     set_up,
     tool_of,

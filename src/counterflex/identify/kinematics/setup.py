@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,16 +14,66 @@ from counterflex.core.units import MM, MRAD
 from counterflex.identify.data.data_checks import SAME_POSE_RAD
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.model import CellModel
+from counterflex.identify.design.choice import candidates_of, choose, expected_sigma, prior_information
+from counterflex.identify.design.order import order_of_poses, wrong_sides
+from counterflex.identify.design.pose_candidates import in_order, measurable
 from counterflex.identify.geometry import tracker_data
-from counterflex.identify.geometry.arm_parameters import ArmModel
+from counterflex.identify.geometry.arm_parameters import ArmModel, ArmPriors, arm_model
+from counterflex.identify.geometry.compliances import foreseen
 from counterflex.identify.geometry.fiducials import FiducialResiduals, fiducial_sigma, robust_register
-from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors
-from counterflex.identify.geometry.off_rows import Session
+from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors, known_frames
+from counterflex.identify.geometry.off_rows import FitSession
 from counterflex.identify.geometry.pose_residuals import PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.kinematics import distance_residuals
 from counterflex.identify.kinematics.approach_sense import senses
+from counterflex.identify.recipe import Proposal
 from counterflex.identify.solver.parameters import Parameter, Parameters
 from counterflex.identify.solver.residuals import Residuals
+
+FEWEST: Final = 8
+CANDIDATES: Final = 6
+"""Candidates per pose that is chosen, but 400 at most."""
+
+
+def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposal:
+    """Poses of a six-axis tracker target that determine geometry, masses and frames best (D-optimal).
+
+    ``cell``: The cell; with a ``[tracker]`` table only poses that the tracker sees are proposed. ``settings``:
+    ``seed``, ``sag`` as in the recipe. Raises InputError: too few. Raises ReachError: hardly any pose can be measured.
+    """
+    if count < FEWEST:
+        raise InputError("too few poses", value=count, limit=f"{FEWEST} or more, better 40")
+    rng = np.random.default_rng(int(settings.get("seed", 0)))
+    known = known_frames(cell)
+    q = measurable(
+        cell,
+        max(count, min(CANDIDATES * count, 400)),
+        rng,
+        tracker=None if known is None else known.T_base_tracker[:3, 3],
+        p_tcp_target=None if known is None else known.T_tcp_target[:3, 3],
+    )
+    model = arm_model(cell, ArmPriors(), sag=str(settings.get("sag", "auto")))
+    parameters, block = foreseen(model, q, known)
+    candidates = candidates_of(parameters, [block])
+    choice = choose(candidates.jacobian, count, prior_information(parameters))
+    speeds = model.chain.joint_speeds_rad_s
+    chosen = in_order(cell.nominal_chain, q[choice.indices])
+    chosen = chosen[order_of_poses(chosen, np.ones(6) if speeds is None else speeds)]
+    return Proposal(
+        recipe="kinematics",
+        kind="tracker_poses",
+        columns={f"q{i + 1}_rad": chosen[:, i] for i in range(6)},
+        expected=expected_sigma(parameters, choice.covariance),
+        units=parameters.units,
+        remarks=(
+            f"{count} of {len(q)} poses within limits, above the floor and clear of the column"
+            + (", seen by the tracker." if known is not None else "; line of sight is not checked without [tracker]."),
+            f"{int(np.sum(wrong_sides(chosen)))} of {6 * count} times an axis arrives with falling angle; "
+            "to take up its play, approach such poses from 2 deg below.",
+            "Let the robot rest for a second before each measurement.",
+        ),
+    )
+
 
 TRACKER = "T_base_tracker"
 TARGET = "T_tcp_target"
@@ -31,7 +82,7 @@ KINDS = (*POSE_KINDS, "fiducials", "distances", "planes")
 
 
 @dataclass
-class Frames:
+class MeasuringFrames:
     """Frames by name with their first estimates, anchors and planes likewise; parameters in the order they were met."""
 
     first: int
@@ -74,7 +125,7 @@ def set_up(
     deviations as priors; None leaves them free. Raises InputError: a dataset that fixes no frame, anchor or plane.
     Raises FileFormatError: a channel is missing.
     """
-    frames = Frames(first=len(model.parameters))
+    frames = MeasuringFrames(first=len(model.parameters))
     everything = [*data, *holdout]
     # Poses fix tracker and target at once; what has only points or fiducials then finds its tracker placed already, and
     # poses that do not turn find their target.
@@ -118,7 +169,7 @@ def used_places(blocks: Sequence[Residuals]) -> set[int]:
 
 
 def _residuals(
-    cell: CellModel, model: ArmModel, d: Dataset, frames: Frames, known: KnownFrames | None
+    cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames, known: KnownFrames | None
 ) -> list[Residuals]:
     if d.kind in POSE_KINDS:
         return [_tracker(cell, model, part, frames, known, target) for target, part in by_channel(d, "target")]
@@ -137,7 +188,7 @@ def by_channel(d: Dataset, channel: str) -> list[tuple[str, Dataset]]:
     return [(str(k), replace(d.rows(number == k), name=f"{d.name}, {channel} {k}")) for k in np.unique(number)]
 
 
-def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Session]:
+def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[FitSession]:
     """Datasets of poses and points in the order of their rows."""
     places = iter([i for i, b in enumerate(blocks) if isinstance(b, TrackerResiduals)])
     out = []
@@ -149,7 +200,7 @@ def sessions(data: Sequence[Dataset], blocks: Sequence[Residuals]) -> list[Sessi
         for k in np.unique(number):
             mine = np.flatnonzero(number == k)
             block[mine], row[mine] = next(places), np.arange(len(mine))
-        out.append(Session(d, block, row))
+        out.append(FitSession(d, block, row))
     return out
 
 
@@ -168,7 +219,7 @@ def _named(name: str, key: str) -> str:
 
 
 def _placed(
-    frames: Frames, name: str, T0: Float, label: str, sigma: Float | None, *, point: bool = False
+    frames: MeasuringFrames, name: str, T0: Float, label: str, sigma: Float | None, *, point: bool = False
 ) -> PlacedFrame:
     if name not in frames.placed:
         index = np.full(6, -1, dtype=np.int64)
@@ -179,12 +230,7 @@ def _placed(
 
 
 def _tracker(
-    cell: CellModel,
-    model: ArmModel,
-    d: Dataset,
-    frames: Frames,
-    known: KnownFrames | None,
-    number: str,
+    cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames, known: KnownFrames | None, number: str
 ) -> Residuals:
     station, tool = station_of(d), tool_of(d, number)
     tracker, target = _named(TRACKER, station), _named(TARGET, tool)
@@ -217,7 +263,7 @@ def _tracker(
     )
 
 
-def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residuals:
+def _fiducials(d: Dataset, frames: MeasuringFrames, known: KnownFrames | None) -> Residuals:
     name = _named(TRACKER, str(d.settings.get("tracker", "")))
     p_base, p_tracker = d.values("p_base_fiducial"), d.values("p_tracker_fiducial")
     T0 = robust_register(p_base, p_tracker)
@@ -229,7 +275,7 @@ def _fiducials(d: Dataset, frames: Frames, known: KnownFrames | None) -> Residua
     return FiducialResiduals(d.name, d.group, fiducial_sigma(d), tracker, p_base, p_tracker)
 
 
-def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames) -> list[Residuals]:
     out: list[Residuals] = []
     angles = known_drive_errors(cell).link_angles
     for number, part in by_channel(d, "anchor"):
@@ -263,7 +309,7 @@ def _distances(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> 
     return out
 
 
-def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: Frames) -> list[Residuals]:
+def _planes(cell: CellModel, model: ArmModel, d: Dataset, frames: MeasuringFrames) -> list[Residuals]:
     out: list[Residuals] = []
     for number, part in by_channel(d, "plane"):
         name = _named(f"plane of {d.name}", number)

@@ -211,12 +211,7 @@ def model_of_data(cell: CellModel, data: Sequence[Dataset], priors: ArmPriors, s
     kinds = {d.kind for d in data}
     touching = bool(kinds & {"distances", "planes"})
     return arm_model(
-        cell,
-        priors,
-        sag=sag,
-        base=tied or "fiducials" in kinds,
-        flange=tied or touching,
-        tool=tied or touching,
+        cell, priors, sag=sag, base=tied or "fiducials" in kinds, flange=tied or touching, tool=tied or touching
     )
 
 

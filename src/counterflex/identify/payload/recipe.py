@@ -53,7 +53,7 @@ SETTINGS: Mapping[str, float | int | str | bool] = {
 
 
 @dataclass(frozen=True)
-class _Reader:
+class _PayloadReader:
     """Files as residuals of one sensor, on one clock and about one temperature."""
 
     sensor: FlangeSensor
@@ -87,7 +87,7 @@ def identify(inputs: Inputs) -> Identification:
     """
     cell, data, holdout, s, progress = inputs
     sensor, forced, as_stated = sensor_data.sensor_before(cell), str(s["hose"]) != "auto", bool(s["as_stated"])
-    reader = _Reader(sensor, *sensor_data.clock(data, sensor.reference_c), float(s["window_s"]))
+    reader = _PayloadReader(sensor, *sensor_data.clock(data, sensor.reference_c), float(s["window_s"]))
     groups = sensor_data.groups_of(
         [reader.block(d, cell.chain) for d in data], [d.kind != "sensor_motion" for d in data]
     )
@@ -352,11 +352,4 @@ def _pictures(blocks: Sequence[residuals.SensorReadings], force: HeldOut, moment
     return tuple(out)
 
 
-RECIPE = Recipe(
-    name="payload",
-    title=TITLE,
-    kinds=sensor_data.KINDS,
-    settings=SETTINGS,
-    find=identify,
-    propose=propose,
-)
+RECIPE = Recipe(name="payload", title=TITLE, kinds=sensor_data.KINDS, settings=SETTINGS, find=identify, propose=propose)

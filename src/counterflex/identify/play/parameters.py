@@ -13,7 +13,7 @@ from counterflex.core.jit import kernel
 from counterflex.core.units import MS, URAD
 from counterflex.identify.data.model import CellModel
 from counterflex.identify.play.residuals import AxisResiduals, PlayPlaces, ReversalResiduals
-from counterflex.identify.reversals.data import Motion, motor_friction, motor_friction_sigma
+from counterflex.identify.reversals.data import ReversalMotion, motor_friction, motor_friction_sigma
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import added, considered, widened, with_correlation, with_jackknife
 from counterflex.identify.solver.parameters import Parameter, Parameters
@@ -140,7 +140,7 @@ WIDE: Final = 1.0 / 3.0
 """Standard deviation as a share of the value above which a constant is not called determined."""
 
 
-def poses_of(mine: Sequence[Motion]) -> list[Float]:
+def poses_of(mine: Sequence[ReversalMotion]) -> list[Float]:
     """Poses (6,) rad in which an axis was moved, each once."""
     out: list[Float] = []
     for m in mine:
@@ -149,7 +149,7 @@ def poses_of(mine: Sequence[Motion]) -> list[Float]:
     return out
 
 
-def why_not(axis: int, mine: Sequence[Motion], friction_nm: float, sigma_nm: float) -> str | None:
+def why_not(axis: int, mine: Sequence[ReversalMotion], friction_nm: float, sigma_nm: float) -> str | None:
     """Reason not to trust the values of an axis; None where there is none.
 
     ``axis``: 0..5. ``friction_nm``: Dry friction on the side of the link. ``sigma_nm``: Its standard deviation, that of
@@ -180,7 +180,7 @@ def too_wide(value: float, sigma: float) -> bool:
     return sigma > WIDE * abs(value)
 
 
-def least_seen(axis: int, mine: Sequence[Motion], friction_nm: float) -> str | None:
+def least_seen(axis: int, mine: Sequence[ReversalMotion], friction_nm: float) -> str | None:
     """Return what one of the two kinds of poses that is missing leaves open; None where both were measured.
 
     ``axis``: 0..5. ``friction_nm``: Dry friction on the side of the link.
@@ -259,7 +259,7 @@ def parameters(cell: CellModel, axis: int, *, free_compliance: bool, delay: bool
     return Parameters.of(items), places
 
 
-def blocks(motions: Sequence[Motion], places: PlayPlaces) -> list[ReversalResiduals]:
+def blocks(motions: Sequence[ReversalMotion], places: PlayPlaces) -> list[ReversalResiduals]:
     """Residuals of motions of one axis."""
     return [
         ReversalResiduals(

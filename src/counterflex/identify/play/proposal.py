@@ -14,7 +14,7 @@ from counterflex.identify.data.model import CellModel
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.play.parameters import axis_play, blocks, parameters
 from counterflex.identify.recipe import Proposal
-from counterflex.identify.reversals.data import Motion
+from counterflex.identify.reversals.data import ReversalMotion
 from counterflex.robot.elasticity.chain import ElasticChain, jacobian
 from counterflex.robot.elasticity.play import axis_torque
 
@@ -136,7 +136,7 @@ def _expected(
             angles[:, axis] += moved
             lever = float(np.linalg.norm(jacobian(chain, q[k])[:3, axis]))
             runs.append(
-                Motion(
+                ReversalMotion(
                     int(k),
                     axis,
                     "tracker",

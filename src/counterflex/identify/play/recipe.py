@@ -19,7 +19,7 @@ from counterflex.identify.play import TITLE, parameters as play_parameters
 from counterflex.identify.play.proposal import propose
 from counterflex.identify.play.residuals import LARGE_RAD, AxisResiduals, ReversalResiduals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
-from counterflex.identify.reversals.data import Motion, motions, motor_friction
+from counterflex.identify.reversals.data import ReversalMotion, motions, motor_friction
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, score_separate
 from counterflex.identify.solver.residuals import Residuals
@@ -75,11 +75,13 @@ def identify(inputs: Inputs) -> Identification:
     )
 
 
-def _by_axis(records: Sequence[Motion]) -> dict[int, list[Motion]]:
+def _by_axis(records: Sequence[ReversalMotion]) -> dict[int, list[ReversalMotion]]:
     return {axis: [m for m in records if m.axis == axis] for axis in sorted({m.axis for m in records})}
 
 
-def _trusted(estimates: Sequence[_AxisResult], records: Sequence[Motion], *, as_stated: bool) -> list[_AxisResult]:
+def _trusted(
+    estimates: Sequence[_AxisResult], records: Sequence[ReversalMotion], *, as_stated: bool
+) -> list[_AxisResult]:
     """Axes whose values are used; refuse data of which none are."""
     judged = [one for one in estimates if one.errors is not None]
     if not judged:
@@ -117,8 +119,8 @@ class _AxisResult:
 def _axis(
     cell: CellModel,
     axis: int,
-    mine: Sequence[Motion],
-    other: Sequence[Motion],
+    mine: Sequence[ReversalMotion],
+    other: Sequence[ReversalMotion],
     settings: Mapping[str, Any],
     progress: Progress,
 ) -> _AxisResult:
@@ -284,7 +286,7 @@ def _with_bearing(fit: Fit, share: float) -> Fit:
 
 
 def _figures(
-    cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion], more: tuple[float, float]
+    cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[ReversalMotion], more: tuple[float, float]
 ) -> list[Figure]:
     name, before = f"axis{axis + 1}", play_parameters.axis_play(cell, axis)[0]
     width, sigma = loop_half_width(fit, axis)
@@ -324,7 +326,7 @@ def _figures(
     return out
 
 
-def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
+def _turned_torque(mine: Sequence[ReversalMotion], as_stated: bool) -> list[str]:
     half = motor_friction(mine)
     if half is None or half > 0.0:
         return []
@@ -341,7 +343,7 @@ def _turned_torque(mine: Sequence[Motion], as_stated: bool) -> list[str]:
     )
 
 
-def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Motion]) -> list[str]:
+def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[ReversalMotion]) -> list[str]:
     out = [f"axis {axis + 1}: {sentence}" for sentence in fit.hidden]
     total = sum(play.friction_nm)
     missing = play_parameters.least_seen(axis, mine, total)
@@ -362,7 +364,7 @@ def _remarks(cell: CellModel, fit: Fit, axis: int, play: Play, mine: Sequence[Mo
     return out
 
 
-def _loop(block: ReversalResiduals, fit: Fit, motion: Motion) -> Picture:
+def _loop(block: ReversalResiduals, fit: Fit, motion: ReversalMotion) -> Picture:
     by_model, measured = block.shape(fit.values)
     every = slice(None, None, max(1, len(by_model) // _SHOWN))
     x = (block.q - block.q.mean())[every] / MRAD

@@ -62,7 +62,7 @@ class PlannedCut:
 
 
 @dataclass(frozen=True, eq=False)
-class RunRecord:
+class AlignedRunRecord:
     """A run as its log has it, m cycles of one run in order. Part axes, SI."""
 
     name: str  # of the run, for messages
@@ -76,6 +76,77 @@ class RunRecord:
     good: Bool  # (m,) cycles with a telegram and a good reading of the force
     saturated: Bool  # (m,) cycles in which the force sensor was beyond its range
     period_s: float  # of the controller
+
+    def stations(self, plan: PlannedCut) -> Float:
+        """(m,) place of each cycle on the plan. Raises InputError: the run was elsewhere: another program."""
+        n = len(plan.p_part)
+        rows = LoopPlan(plan.p_part, plan.time_s, np.zeros((n, 6)), np.zeros(n), np.zeros((n, 6))).packed()
+        place = np.array([-1.0, 0.0])
+        out, off = np.empty(len(self.time_s)), np.empty(len(self.time_s))
+        for i, (x, y, z) in enumerate(self.p_part.tolist()):
+            off[i] = follow(rows, place, x, y, z, _WINDOW_ROWS)
+            out[i] = place[0] + place[1]
+        share = float(np.mean(off > OFF_PATH_M))
+        if share > _MOST_OFF:
+            raise InputError(
+                "the run was not on the path of the plan",
+                where=self.name,
+                value=f"{100.0 * share:.0f} % of the cycles farther than {OFF_PATH_M / MM:g} mm, at most "
+                f"{float(np.max(off)) / MM:.1f} mm",
+                limit=f"at most {100.0 * _MOST_OFF:g} %",
+                hint="Give the plan that this run was made with",
+            )
+        return out
+
+    def aligned(self, plan: PlannedCut) -> Aligned:
+        """Find place and delay. Raises InputError: another program, or a force that does not follow the plan."""
+        station = self.stations(plan)
+        expected = np.linalg.norm(plan.f_part, axis=1)
+        now = np.interp(station, np.arange(len(expected)), expected)
+        air = (now < 0.02 * float(np.max(expected, initial=0.0))) & self.good
+        zero = np.median(self.w_part[air, :3], axis=0) if np.any(air) else np.zeros(3)
+        size = np.linalg.norm(self.w_part[:, :3] - zero, axis=1)
+        shifts = (self._shift(size, now, first, last) for first, last in _edges(now, self.time_s))
+        delays = np.array([shift for shift in shifts if shift is not None])
+        if not len(delays):
+            raise InputError(
+                "the force of the run does not follow the force that the plan predicts",
+                where=self.name,
+                value="no entry or exit of a cut correlates",
+                limit=f"correlation of {LEAST_CORRELATION:g}",
+                hint="Is it the right plan, was material in the way, and was the force sensor connected?",
+            )
+        delay = float(np.median(delays))
+        near = delays[np.abs(delays - delay) <= max(0.03, 3.0 * 1.4826 * float(np.median(np.abs(delays - delay))))]
+        delay, count = float(np.mean(near)), len(near)
+        spread = float(np.std(near, ddof=1)) * _widened(count) if count > 1 else 10.0 * MS
+        sigma = math.hypot(spread / math.sqrt(count), self.period_s / math.sqrt(12.0))
+        ahead = np.interp(self.time_s - delay, self.time_s, station, left=-1.0)
+        return Aligned(station, delay, sigma, count, np.where(ahead < 0.0, -1, np.ceil(ahead)).astype(np.int64))
+
+    def _shift(self, size: Float, expected: Float, first: int, last: int) -> float | None:
+        """Delay at one edge, s, or None where measured and planned force do not correlate."""
+        rows = np.arange(first, last)
+        rows = rows[self.good[rows]]
+        if len(rows) < 20 or float(np.ptp(size[rows])) < _LEAST_FORCE_N:
+            return None
+        shifts = np.arange(EARLIEST_S, LATEST_S, 0.5 * self.period_s)
+        score = np.array(
+            [_correlation(size[rows], np.interp(self.time_s[rows] - s, self.time_s, expected)) for s in shifts]
+        )
+        best = int(np.argmax(score))
+        if score[best] < LEAST_CORRELATION or best in (0, len(shifts) - 1):
+            return None
+        a, b, c = score[best - 1 : best + 2]
+        bend = a - 2.0 * b + c
+        return float(shifts[best] + (0.5 * (a - c) / bend if bend < 0.0 else 0.0) * (shifts[1] - shifts[0]))
+
+    def steady(self, cycles: int) -> Bool:
+        """(m,) cycles around which the tool keeps its speed: what it carries then pulls by weight only."""
+        speed = np.gradient(self.p_part, self.time_s, axis=0)
+        change = np.linalg.norm(np.diff(speed, axis=0, prepend=speed[:1]), axis=1) > 1.0 * MM
+        near = np.convolve(change.astype(np.float64), np.ones(2 * cycles + 1), mode="same") > 0.0
+        return np.array(~near, dtype=np.bool_)
 
 
 def weights_at(p: float) -> tuple[Float, Float]:
@@ -122,55 +193,6 @@ class Aligned:
     row: Int  # (m,) row of the plan whose segment made the force of the cycle, -1 before the beginning
 
 
-def stations(run: RunRecord, plan: PlannedCut) -> Float:
-    """(m,) place of each cycle on the plan. Raises InputError: the run was elsewhere: another program."""
-    n = len(plan.p_part)
-    rows = LoopPlan(plan.p_part, plan.time_s, np.zeros((n, 6)), np.zeros(n), np.zeros((n, 6))).packed()
-    place = np.array([-1.0, 0.0])
-    out, off = np.empty(len(run.time_s)), np.empty(len(run.time_s))
-    for i, (x, y, z) in enumerate(run.p_part.tolist()):
-        off[i] = follow(rows, place, x, y, z, _WINDOW_ROWS)
-        out[i] = place[0] + place[1]
-    share = float(np.mean(off > OFF_PATH_M))
-    if share > _MOST_OFF:
-        raise InputError(
-            "the run was not on the path of the plan",
-            where=run.name,
-            value=f"{100.0 * share:.0f} % of the cycles farther than {OFF_PATH_M / MM:g} mm, at most "
-            f"{float(np.max(off)) / MM:.1f} mm",
-            limit=f"at most {100.0 * _MOST_OFF:g} %",
-            hint="Give the plan that this run was made with",
-        )
-    return out
-
-
-def aligned(run: RunRecord, plan: PlannedCut) -> Aligned:
-    """Find place and delay of a run. Raises InputError: another program, or a force that does not follow the plan."""
-    station = stations(run, plan)
-    expected = np.linalg.norm(plan.f_part, axis=1)
-    now = np.interp(station, np.arange(len(expected)), expected)
-    air = (now < 0.02 * float(np.max(expected, initial=0.0))) & run.good
-    zero = np.median(run.w_part[air, :3], axis=0) if np.any(air) else np.zeros(3)
-    size = np.linalg.norm(run.w_part[:, :3] - zero, axis=1)
-    shifts = (_shift(run, size, now, first, last) for first, last in _edges(now, run.time_s))
-    delays = np.array([shift for shift in shifts if shift is not None])
-    if not len(delays):
-        raise InputError(
-            "the force of the run does not follow the force that the plan predicts",
-            where=run.name,
-            value="no entry or exit of a cut correlates",
-            limit=f"correlation of {LEAST_CORRELATION:g}",
-            hint="Is it the right plan, was material in the way, and was the force sensor connected?",
-        )
-    delay = float(np.median(delays))
-    near = delays[np.abs(delays - delay) <= max(0.03, 3.0 * 1.4826 * float(np.median(np.abs(delays - delay))))]
-    delay, count = float(np.mean(near)), len(near)
-    spread = float(np.std(near, ddof=1)) * _widened(count) if count > 1 else 10.0 * MS
-    sigma = math.hypot(spread / math.sqrt(count), run.period_s / math.sqrt(12.0))
-    ahead = np.interp(run.time_s - delay, run.time_s, station, left=-1.0)
-    return Aligned(station, delay, sigma, count, np.where(ahead < 0.0, -1, np.ceil(ahead)).astype(np.int64))
-
-
 def _widened(count: int) -> float:
     """Factor on a standard deviation that was estimated from a few values only."""
     return float(scipy.stats.t.ppf(0.8413, count - 1))
@@ -188,31 +210,7 @@ def _edges(expected: Float, time_s: Float) -> list[tuple[int, int]]:
     return out
 
 
-def _shift(run: RunRecord, size: Float, expected: Float, first: int, last: int) -> float | None:
-    """Delay at one edge, s, or None where measured and planned force do not correlate."""
-    rows = np.arange(first, last)
-    rows = rows[run.good[rows]]
-    if len(rows) < 20 or float(np.ptp(size[rows])) < _LEAST_FORCE_N:
-        return None
-    shifts = np.arange(EARLIEST_S, LATEST_S, 0.5 * run.period_s)
-    score = np.array([_correlation(size[rows], np.interp(run.time_s[rows] - s, run.time_s, expected)) for s in shifts])
-    best = int(np.argmax(score))
-    if score[best] < LEAST_CORRELATION or best in (0, len(shifts) - 1):
-        return None
-    a, b, c = score[best - 1 : best + 2]
-    bend = a - 2.0 * b + c
-    return float(shifts[best] + (0.5 * (a - c) / bend if bend < 0.0 else 0.0) * (shifts[1] - shifts[0]))
-
-
 def _correlation(a: Float, b: Float) -> float:
     a, b = a - a.mean(), b - b.mean()
     size = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / size if size > 0.0 else 0.0
-
-
-def steady(run: RunRecord, cycles: int) -> Bool:
-    """(m,) cycles around which the tool neither speeds up nor slows down: what it carries then pulls by weight only."""
-    speed = np.gradient(run.p_part, run.time_s, axis=0)
-    change = np.linalg.norm(np.diff(speed, axis=0, prepend=speed[:1]), axis=1) > 1.0 * MM
-    near = np.convolve(change.astype(np.float64), np.ones(2 * cycles + 1), mode="same") > 0.0
-    return np.array(~near, dtype=np.bool_)

@@ -19,7 +19,7 @@ from counterflex.core.errors import InputError, ModelError
 from counterflex.cutting.arc_force import force_thickness, mean_thickness
 from counterflex.cutting.coefficients import ForceLaw, LinearEdgeLaw
 from counterflex.identify.cutting.considered import RUNOUT_M, SensorAccuracy, runout_of_arcs, shown_by_sensor
-from counterflex.identify.cutting.force_forms import FORMS, NAMES, Form, solve_physical
+from counterflex.identify.cutting.force_forms import FORMS, NAMES, ForceForm, solve_physical
 from counterflex.identify.production.residuals import LAW, ProductionResiduals
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate
@@ -52,7 +52,7 @@ class CutCondition:
 
 
 @dataclass(frozen=True)
-class Difference:
+class ConstantDifference:
     """Found constants against the stated ones."""
 
     chance: float  # probability of a difference as large if the stated values were exactly true
@@ -76,7 +76,7 @@ class ConstantEstimate:
     h_ref_m: float
     range_m: tuple[float, float]  # least and largest mean chip thickness
     held_out: HeldOut
-    difference: Difference  # from the stated ones
+    difference: ConstantDifference  # from the stated ones
     block: ProductionResiduals  # what was fitted
 
     def law(self, before: ForceLaw, source: str) -> ForceLaw:
@@ -87,7 +87,7 @@ class ConstantEstimate:
         return _form(before).law(self.fit.values, self.h_ref_m, low, high, source)
 
 
-def _form(law: ForceLaw) -> Form:
+def _form(law: ForceLaw) -> ForceForm:
     return next(f for f in FORMS if f.exponents == (0 if isinstance(law, LinearEdgeLaw) else 3) and f.edge)
 
 
@@ -250,7 +250,7 @@ def _folds(block: ProductionResiduals, run: Int, seed: int) -> Folds:
     return Folds(parts={0: np.arange(count, dtype=np.int64) % min(5, count)})
 
 
-def _difference(fit: Fit, shared: Float) -> Difference:
+def _difference(fit: Fit, shared: Float) -> ConstantDifference:
     """Data alone against the stated values: the prior is taken out of the fit again."""
     # `C_d = (P^-1 - 1)^-1 + G`, `x_d - x_0 = (P^-1 - 1)^-1 P^-1 (x - x_0)` in units of the priors, for the constants
     # with all else eliminated; `T = (x_d - x_0)^T C_d^-1 (x_d - x_0)` is chi square.
@@ -269,6 +269,6 @@ def _difference(fit: Fit, shared: Float) -> Difference:
     d = V.T @ alone
     statistic = float(d @ np.linalg.solve(C, d))
     wide = float(d @ np.linalg.solve(C + np.eye(len(d)), d))
-    return Difference(
+    return ConstantDifference(
         float(scipy.stats.chi2.sf(statistic, len(d))), float(scipy.stats.chi2.sf(wide, len(d))), statistic, len(d)
     )

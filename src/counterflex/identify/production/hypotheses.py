@@ -79,7 +79,7 @@ class ToolEvent:
 
 
 @dataclass(frozen=True)
-class Shape:
+class HypothesisShape:
     """Growth over the length cut, as columns that are 0 for a new edge."""
 
     name: str
@@ -116,14 +116,14 @@ class Shape:
         return [TREND_SIGMA, *([BREAK_IN_SIGMA] if self.bends == "fast" else [TREND_SIGMA] if self.bends else [])]
 
 
-CONSTANT: Final = Shape("constant", 0.3)
-LINE: Final = Shape("drift", 0.4)
+CONSTANT: Final = HypothesisShape("constant", 0.3)
+LINE: Final = HypothesisShape("drift", 0.4)
 SHAPES: Final = (
     CONSTANT,
     LINE,
-    *(Shape("break-in", 0.05, "fast", at) for at in (0.06, 0.12, 0.25)),
-    *(Shape("accelerating", 0.025, "late", power) for power in (2.0, 3.0, 5.0)),
-    *(Shape("accelerating", 0.025, "knee", at) for at in (0.45, 0.6, 0.75)),
+    *(HypothesisShape("break-in", 0.05, "fast", at) for at in (0.06, 0.12, 0.25)),
+    *(HypothesisShape("accelerating", 0.025, "late", power) for power in (2.0, 3.0, 5.0)),
+    *(HypothesisShape("accelerating", 0.025, "knee", at) for at in (0.45, 0.6, 0.75)),
 )
 
 
@@ -159,7 +159,7 @@ class Design:
     """Columns of one hypothesis."""
 
     events: tuple[ToolEvent, ...]
-    shape: Shape
+    shape: HypothesisShape
     rows: Float  # (n, p) columns at each run
     mean: Float  # (p,) prior means
     sigma: Float  # (p,) prior standard deviations
@@ -175,7 +175,7 @@ class Design:
         return math.log(self.shape.prior) + sum(event.prior for event in self.events)
 
 
-def design(series: Series, events: tuple[ToolEvent, ...], shape: Shape) -> Design:
+def design(series: Series, events: tuple[ToolEvent, ...], shape: HypothesisShape) -> Design:
     """Columns of a hypothesis."""
     n, scale = len(series.factor), series.scale
     edge, before = series.edges(events)

@@ -16,7 +16,7 @@ from counterflex.cutting.coefficients import ForceLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.identify.cutting.record import mean_with_sigma, zero
 from counterflex.identify.data.model import CellModel
-from counterflex.identify.production.alignment import Aligned, PlannedCut, RunRecord, force_of, steady
+from counterflex.identify.production.alignment import Aligned, AlignedRunRecord, PlannedCut, force_of
 from counterflex.robot.elasticity.compliance import cartesian_compliance
 
 AIR_ROWS: Final = 20
@@ -32,7 +32,7 @@ _LEVEL_M: Final = 0.5 * MM
 
 
 @dataclass(frozen=True)
-class Choice:
+class StretchChoice:
     """Choice of stretches."""
 
     trim_diameters: float = 0.6  # distance left out behind an entry and before an exit, in cutter diameters
@@ -96,14 +96,19 @@ def joined(parts: list[Stretches]) -> Stretches:
 
 
 def stretches_of(
-    cell: CellModel, run: RunRecord, plan: PlannedCut, at: Aligned, tool: int, choice: Choice | None = None
+    cell: CellModel,
+    run: AlignedRunRecord,
+    plan: PlannedCut,
+    at: Aligned,
+    tool: int,
+    choice: StretchChoice | None = None,
 ) -> RunCut:
     """Find the steady stretches of a run with one tool.
 
     Raises InputError: a saturated sensor, a force that is missing in the cut, no air cut to take the zero from, or no
     steady stretch.
     """
-    choice = Choice() if choice is None else choice
+    choice = StretchChoice() if choice is None else choice
     cutter = cell.cutter_of(tool)
     inside = at.row >= 0
     row = np.where(inside, np.minimum(at.row, len(plan.time_s) - 1), 0)
@@ -138,7 +143,7 @@ def stretches_of(
     )
 
 
-def _check(run: RunRecord, touching: Bool) -> None:
+def _check(run: AlignedRunRecord, touching: Bool) -> None:
     if not np.any(touching):
         raise InputError("the run did not cut", where=run.name, hint="Is it the run of this plan and tool?")
     lost = int(np.sum(run.saturated & touching))
@@ -181,11 +186,11 @@ class _StretchReader:
         self,
         cell: CellModel,
         cutter: Cutter,
-        run: RunRecord,
+        run: AlignedRunRecord,
         plan: PlannedCut,
         at: Aligned,
         row: Int,
-        choice: Choice,
+        choice: StretchChoice,
     ) -> None:
         self.cell, self.cutter, self.run, self.plan, self.at = cell, cutter, run, plan, at
         self.row, self.choice = row, choice
@@ -194,7 +199,7 @@ class _StretchReader:
         self.expected = force_of(plan.maps_m, self.terms)
         self.chain, self.R_base_part = cell.chain, cell.T_base_part[:3, :3]
         settle = max(1, round(0.1 / run.period_s))
-        self.air = ~plan.cutting[row] & run.good & steady(run, settle) & (at.row >= 0)
+        self.air = ~plan.cutting[row] & run.good & run.steady(settle) & (at.row >= 0)
         near = np.convolve((~self.air & plan.cutting[row]).astype(float), np.ones(2 * settle + 1), mode="same") > 0.0
         self.air &= ~near
         time = run.time_s

@@ -118,7 +118,7 @@ def carried(chain: ElasticChain, q: Float, twists: Float, p_tcp_point: Float) ->
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class PullShape:
     """A compliance that changes with the row: ``c_k (1 + a phi)``; several on one spring multiply."""
 
     spring: int  # k, place in the springs
@@ -140,7 +140,7 @@ class PullResiduals:
     offset: Float  # (n, c) what else is predicted, base axes
     band_gain: Float  # (n, c, 6) displacement per half band of each axis' play, base axes
     band_columns: Int  # (6,) places of the half bands, -1 where not fitted
-    shapes: tuple[Shape, ...] = ()  # compliances that change with the row
+    shapes: tuple[PullShape, ...] = ()  # compliances that change with the row
     R_tracker_base: Float | None = None  # (3, 3), where measured in tracker axes, else None
     turn: Int | None = None  # (3,) places of the rotation vector r that corrects it, `R_base_tracker Exp(r)`, or None
     # (n, c, m) what one standard deviation of each of m quantities that are not fitted moves `measured` by, the same in

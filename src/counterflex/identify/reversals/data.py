@@ -30,7 +30,7 @@ _SLOW_RAD_S = 50.0 * MRAD
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ReversalMotion:
     """One motion of one axis with reversals."""
 
     run: int  # number in the dataset
@@ -50,7 +50,7 @@ class Motion:
     pose: Float = field(default_factory=lambda: np.zeros(6))  # (6,) rad, mean angles of all axes
 
 
-def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[Motion]:
+def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> list[ReversalMotion]:
     """All motions of some datasets.
 
     ``cell``: Its weight loads the axes. ``data``: Of kind ``reversals``: ``q_motor`` or ``q`` of six axes, ``q_link``
@@ -60,7 +60,7 @@ def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> lis
         FileFormatError: A channel or standard deviation is missing, values are not numbers, time runs backwards.
         InputError: More than one axis moves, hardly any motion, too fast, too few rows, or angles in wrong units.
     """
-    out: list[Motion] = []
+    out: list[ReversalMotion] = []
     for dataset in data:
         lead = "q_motor" if dataset.has("q_motor") else "q"
         q = dataset.values(lead)
@@ -84,7 +84,7 @@ def motions(cell: CellModel, data: Sequence[Dataset], first_run: int = 0) -> lis
     return out
 
 
-def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen: str, run: int) -> Motion:
+def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen: str, run: int) -> ReversalMotion:
     place = dataset.place(int(rows[0]))
     if len(rows) < FEWEST:
         raise InputError("a motion has too few rows", where=place, value=len(rows), limit=f">= {FEWEST}")
@@ -115,10 +115,14 @@ def _motion(cell: CellModel, dataset: Dataset, rows: np.ndarray, lead: str, seen
     value, pose = channel.values[rows], q.mean(axis=0)
     if seen == "q_link":
         gap = _gap(value, q, axis, lead, place)
-        return Motion(run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place, pose=pose)
+        return ReversalMotion(
+            run, axis, "encoder", q[:, axis], torque, time, gap, sigma[:, axis], motor, place, pose=pose
+        )
     lever, along = _lever(value, q[:, axis], place)
     sideways = np.sqrt(sigma**2 @ along**2)
-    return Motion(run, axis, "tracker", q[:, axis], torque, time, value @ along, sideways, motor, place, lever, pose)
+    return ReversalMotion(
+        run, axis, "tracker", q[:, axis], torque, time, value @ along, sideways, motor, place, lever, pose
+    )
 
 
 def _times(dataset: Dataset, rows: Int, q: Float, seen: str) -> Float:
@@ -224,19 +228,19 @@ def since_turn(q: Float, way: Float) -> Float:
     return out
 
 
-def motor_friction(mine: Sequence[Motion]) -> float | None:
+def motor_friction(mine: Sequence[ReversalMotion]) -> float | None:
     """Half the difference of the motor's torque between the directions of motion, N m; None if it was not recorded."""
     seen = _motor_halves(mine)
     return float(np.mean(seen)) if seen else None
 
 
-def motor_friction_sigma(mine: Sequence[Motion]) -> float:
+def motor_friction_sigma(mine: Sequence[ReversalMotion]) -> float:
     """Standard deviation of :func:`motor_friction` by its scatter over the motions, N m; 0 with fewer than two."""
     seen = _motor_halves(mine)
     return float(np.std(seen, ddof=1) / np.sqrt(len(seen))) if len(seen) > 1 else 0.0
 
 
-def _motor_halves(mine: Sequence[Motion]) -> list[float]:
+def _motor_halves(mine: Sequence[ReversalMotion]) -> list[float]:
     halves = [
         balance(m.q, m.time_s, m.motor_torque)[1] for m in mine if m.motor_torque is not None and m.time_s is not None
     ]

@@ -22,8 +22,7 @@ from counterflex.identify.delays.pairs import FOLLOWING, pairs
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
 from counterflex.identify.reversals.data import motions, motor_friction
 from counterflex.identify.servo import TITLE
-from counterflex.identify.servo.data import LoadStep, RingingMode, load_steps, lowest_mode
-from counterflex.identify.servo.proposal import FORCE_N, propose
+from counterflex.identify.servo.data import FORCE_N, LoadStep, RingingMode, load_steps, lowest_mode, propose
 from counterflex.identify.servo.residuals import ServoResiduals, together, with_exchange
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, cross_validate, row_error, score_separate

@@ -14,7 +14,7 @@ from counterflex.identify.data.dataset import Channel, Dataset
 from counterflex.identify.data.frame_checks import check_misfit, check_rows
 from counterflex.identify.data.measuring_frame import (
     SIX,
-    Motion,
+    FrameMotion,
     SensorFrame,
     condition,
     meeting_point,
@@ -176,7 +176,9 @@ def _sigma(channel: Channel) -> Float:
     return channel.need_sigma()
 
 
-def _settled(data: Dataset, frame: SensorFrame, before: Float, after: Float, noise: Float, reference: Float) -> Motion:
+def _settled(
+    data: Dataset, frame: SensorFrame, before: Float, after: Float, noise: Float, reference: Float
+) -> FrameMotion:
     """The motion, with the standard deviations that grow with it."""
     alignment = float(data.settings.get("sensor_alignment_rad", ALIGNMENT_RAD))
     by = passing(frame, before, reference) if len(frame) < SIX else np.zeros_like(before)
@@ -188,7 +190,7 @@ def _settled(data: Dataset, frame: SensorFrame, before: Float, after: Float, noi
     return estimate
 
 
-def _remarks(data: Dataset, frame: SensorFrame, motion: Motion) -> tuple[str, ...]:
+def _remarks(data: Dataset, frame: SensorFrame, motion: FrameMotion) -> tuple[str, ...]:
     out = []
     if motion.d.shape[1] == 3:
         out.append(

@@ -25,7 +25,7 @@ from counterflex.core.units import DEG
 from counterflex.identify.geometry.compliances import DIRECTIONS
 from counterflex.identify.pulls.blocks import PullLayout
 from counterflex.identify.pulls.pulls import Pulls
-from counterflex.identify.pulls.residuals import PullResiduals, Shape
+from counterflex.identify.pulls.residuals import PullResiduals, PullShape
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut, cross_validate, position_error
 from counterflex.identify.solver.parameters import Parameter, Parameters
@@ -141,6 +141,12 @@ class PiecewiseSearch:
     # mean error on data not used before any and after each region, m; empty where none was promising
     error: tuple[float, ...]
 
+    def shaped_like(self, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals) -> PullResiduals:
+        """Another block with the shapes of the regions kept."""
+        first = len(plan.parameters)
+        shapes = tuple(PullShape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(self.regions))
+        return replace(block, shapes=shapes)
+
 
 def candidates(chain: ElasticChain, plan: PullLayout, pulls: Sequence[Pulls]) -> list[Region]:
     """All regions that the poses and loads of some pulls tell apart."""
@@ -234,15 +240,6 @@ def search(
     return PiecewiseSearch(tuple(accepted), parameters, tuple(now), tuple(errors))
 
 
-def shaped_like(
-    result: PiecewiseSearch, chain: ElasticChain, plan: PullLayout, pulls: Pulls, block: PullResiduals
-) -> PullResiduals:
-    """Another block with the shapes of the regions kept."""
-    first = len(plan.parameters)
-    shapes = tuple(Shape(r.spring, first + i, r.phi(chain, plan, pulls)) for i, r in enumerate(result.regions))
-    return replace(block, shapes=shapes)
-
-
 def elements(
     result: PiecewiseSearch | None, chain: ElasticChain, plan: PullLayout, fit: Fit
 ) -> tuple[ElasticRegion | ComplianceCurve, ...]:
@@ -265,7 +262,7 @@ def _with(
     low, high = region.bounds
     wider = parameters + Parameters.of([Parameter(region.name, "1", 0.0, PRIOR, low, high, label=region.text)])
     shaped = [
-        replace(b, shapes=(*b.shapes, Shape(region.spring, len(parameters), own)))
+        replace(b, shapes=(*b.shapes, PullShape(region.spring, len(parameters), own)))
         for b, own in zip(blocks, phi, strict=True)
     ]
     return wider, shaped

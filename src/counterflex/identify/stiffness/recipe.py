@@ -158,9 +158,7 @@ def _judged(
         return held_out, [b.measured for b in blocks]
     others = [refreshed(block(chain, plan, p, R_base_tracker), chain, plan, p, fit.values) for p in unseen]
     if pieces is not None and pieces.regions:
-        others = [
-            piecewise_compliance.shaped_like(pieces, chain, plan, p, b) for p, b in zip(unseen, others, strict=True)
-        ]
+        others = [pieces.shaped_like(chain, plan, p, b) for p, b in zip(unseen, others, strict=True)]
     held_out = score_separate(
         parameters, blocks, others, needed=plan.frame_names, error=position_error, progress=progress
     )
@@ -208,11 +206,4 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     return propose_pulls(cell, count, {**SETTINGS, **settings})
 
 
-RECIPE: Final = Recipe(
-    "stiffness",
-    TITLE,
-    ("pulls",),
-    SETTINGS,
-    identify,
-    propose,
-)
+RECIPE: Final = Recipe("stiffness", TITLE, ("pulls",), SETTINGS, identify, propose)

@@ -109,13 +109,7 @@ _BIT: Final = 1e-3
 
 
 def with_frame_sigma(
-    fit: Fit,
-    blocks: Sequence[Residuals],
-    moved: Sequence[Float],
-    *,
-    compliance: float,
-    bearing_m: float,
-    scale: float,
+    fit: Fit, blocks: Sequence[Residuals], moved: Sequence[Float], *, compliance: float, bearing_m: float, scale: float
 ) -> Fit:
     """The fit with standard deviations that hold for what the frames' model lacks.
 

@@ -26,7 +26,7 @@ from counterflex.identify.geometry.fiducials import (
     robust_register,
 )
 from counterflex.identify.geometry.known_frames import KnownFrames, known_drive_errors, known_frames, tracker_table
-from counterflex.identify.geometry.off_rows import Session, off_rows, without
+from counterflex.identify.geometry.off_rows import FitSession, off_rows, without
 from counterflex.identify.geometry.pose_residuals import COMPONENTS, PlacedFrame, TrackerResiduals, frame_parameters
 from counterflex.identify.geometry.tracker_data import arm_of, check_tracker_data, start_frames, tracker_residuals
 from counterflex.identify.recipe import Curve, Figure, Identification, Inputs, Picture, Recipe
@@ -162,10 +162,10 @@ def _check_fiducials(d: Dataset, fewest: int) -> None:
     check_sense(p_base, p_tracker, float(np.median(fiducial_sigma(d))), where)
 
 
-def _sessions(data: Sequence[Dataset]) -> list[Session]:
+def _sessions(data: Sequence[Dataset]) -> list[FitSession]:
     """Datasets of poses; each has a block of residuals in its place."""
     return [
-        Session(d, np.full(len(d), i, dtype=np.int64), np.arange(len(d), dtype=np.int64))
+        FitSession(d, np.full(len(d), i, dtype=np.int64), np.arange(len(d), dtype=np.int64))
         for i, d in enumerate(data)
         if d.kind == "tracker_poses"
     ]

@@ -11,11 +11,11 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.robot_links import ControllerOrder, SimulatedController
-from counterflex.app.simulated_cell.alone import Address, LoneController, Watched, running_robot, serve
+from counterflex.app.simulated_cell.alone import Address, LoneController, Watched, running_robot
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, MS
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
 from counterflex.integrations.abb.simulated import EgmContext, FakeEgm
@@ -81,49 +81,45 @@ class LoneEgm(LoneController):
     timeout_s: float | None = None  # CommTimeout, or None for the cell's
     dead_s: float = 12e-3  # Dead time of guidance
 
+    def run(self, watched: Watched) -> dict[str, Any]:
+        """Run the controller until its program has ended or it has stopped.
 
-def run(settings: LoneEgm, watched: Watched) -> dict[str, Any]:
-    """Run the controller until its program has ended or it has stopped.
+        Returns:
+            Summary: messages, why it ended, cycles without a usable one, largest distance of the tool from its program.
 
-    Args:
-        settings: See :class:`LoneEgm`.
+        Raises:
+            InputError: The settings contradict each other.
+            FileFormatError: A file cannot be used.
+            OutputError: No sensor program answers, or the record cannot be written.
+        """
+        cell = read_cell(self.cell)
+        changes: dict[str, Any] = {"dead_s": self.dead_s}
+        if self.timeout_s is not None:
+            changes["timeout_s"] = self.timeout_s
+        egm = egm_controller(cell, self.robotware, **changes)
+        egm.force = self.force
+        robot = running_robot(cell, self.program, _ROBOT_S, self.answer)
+        most = None if self.seconds is None else max(1, round(self.seconds / egm.cycle_s))
+        shift = [0.0]
 
-    Returns:
-        Summary: messages, why it ended, cycles without a usable one, largest distance of the tool from its program.
+        def see(seen: CycleSeen) -> None:
+            step = seen.report.T_part_actual[:3, 3] - seen.report.T_part_nominal[:3, 3]
+            shift[0] = max(shift[0], float(np.linalg.norm(step)))
 
-    Raises:
-        InputError: The settings contradict each other.
-        FileFormatError: A file cannot be used.
-        OutputError: No sensor program answers, or the record cannot be written.
-    """
-    cell = read_cell(settings.cell)
-    changes: dict[str, Any] = {"dead_s": settings.dead_s}
-    if settings.timeout_s is not None:
-        changes["timeout_s"] = settings.timeout_s
-    egm = egm_controller(cell, settings.robotware, **changes)
-    egm.force = settings.force
-    robot = running_robot(cell, settings.program, _ROBOT_S, settings.answer)
-    most = None if settings.seconds is None else max(1, round(settings.seconds / egm.cycle_s))
-    shift = [0.0]
-
-    def see(seen: CycleSeen) -> None:
-        step = seen.report.T_part_actual[:3, 3] - seen.report.T_part_nominal[:3, 3]
-        shift[0] = max(shift[0], float(np.linalg.norm(step)))
-
-    server, figures = serve(settings, robot, egm, settings.peer, watched, most_cycles=most, see=see)
-    return {
-        "job": "twin egm",
-        "mode": egm.context.mode,
-        "ended": server.stop_reason,
-        "cycles": server.cycles,
-        "late_answers": egm.late,
-        "largest_shift_mm": round(shift[0] / MM, 4),
-        **figures,
-        "seed": settings.faults.seed,
-        "counterflex": __version__,
-    }
+        server, figures = self.serve(robot, egm, self.peer, watched, most_cycles=most, see=see)
+        return {
+            "job": "twin egm",
+            "mode": egm.context.mode,
+            "ended": server.stop_reason,
+            "cycles": server.cycles,
+            "late_answers": egm.late,
+            "largest_shift_mm": round(shift[0] / MM, 4),
+            **figures,
+            "seed": self.faults.seed,
+            "counterflex": __version__,
+        }
 
 
 def alone(watched: Watched, **settings: Any) -> dict[str, Any]:
     """As :func:`run`, with the settings by name."""
-    return run(LoneEgm(**settings), watched)
+    return LoneEgm(**settings).run(watched)

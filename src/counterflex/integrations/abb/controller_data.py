@@ -14,7 +14,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.language.read.data import DECLARATION, frame, truth
-from counterflex.integrations.abb.language.read.literals import Aggregate, aggregate
+from counterflex.integrations.abb.language.read.literals import AggregateLiteral, aggregate
 from counterflex.integrations.abb.language.read.scanner import Source
 from counterflex.programs.robot_text.process_words import NUMBER
 
@@ -55,7 +55,7 @@ def read_module(text: str, where: str) -> ControllerData:
     return out
 
 
-def _tool(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
+def _tool(out: ControllerData, name: str, parts: AggregateLiteral, where: str) -> None:
     items = parts.items
     T = frame(items[1]) if len(items) == 3 else None
     if T is None or truth(items[0]) is None:
@@ -66,7 +66,7 @@ def _tool(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
         return
     out.tools[name] = T
     load = items[2]
-    if isinstance(load, Aggregate) and len(load.items) >= 2 and isinstance(load.items[1], Aggregate):
+    if isinstance(load, AggregateLiteral) and len(load.items) >= 2 and isinstance(load.items[1], AggregateLiteral):
         com, mass = load.items[1].numbers((3,)), load.items[0]
         value = getattr(mass, "value", 0.0)
         if com is not None and value > 0.001:
@@ -74,7 +74,7 @@ def _tool(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
             out.loads[name] = Load(value, (x, y, z))
 
 
-def _work_object(out: ControllerData, name: str, parts: Aggregate, where: str) -> None:
+def _work_object(out: ControllerData, name: str, parts: AggregateLiteral, where: str) -> None:
     items = parts.items
     user, of_object = (frame(items[3]), frame(items[4])) if len(items) == 5 else (None, None)
     if user is None or of_object is None:

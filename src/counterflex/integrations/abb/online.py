@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.geometry import pose
 from counterflex.integrations.abb.link.force import EgmForce

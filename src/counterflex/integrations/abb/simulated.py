@@ -19,7 +19,7 @@ from counterflex.core.arrays import Float, as_positive
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.link.telegram import RobotState, read_guidance, read_path_correction, write_robot
+from counterflex.integrations.abb.link.telegram import RobotState, read_guidance, read_path_correction
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
 from counterflex.twin.devices.commanded_motion import Report
 
@@ -153,7 +153,7 @@ class FakeEgm:
             q_planned=None if report.q_command is None else self.context.axes.shown(report.q_command),
         )
         self._sent += 1
-        return write_robot(state, robotware=self.context.robotware)
+        return state.telegram(robotware=self.context.robotware)
 
     def answers(self, data: bytes) -> bool:
         """True: a message belongs to no other in particular."""

@@ -16,8 +16,8 @@ from counterflex import __version__
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import NS
-from counterflex.files.cell.ads import STRAIN, AdsTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.links import STRAIN, AdsTable, si_of
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.beckhoff.jobs import ads_table
@@ -46,6 +46,58 @@ class LoneAds:
     seconds: float | None = None  # How long, or None for ever
     faults: FaultSchedule = field(default_factory=FaultSchedule)  # Scripted
 
+    def _strains(self, cell: Cell, table: AdsTable) -> list[PlcVariable]:
+        if not table.strain:
+            return []
+        holder = strain_holder(cell.tables.holder)
+        if holder is None or len(holder.gauges) != len(table.strain):
+            raise InputError(
+                "strain terminals without a holder of as many bridges", where=str(cell.path), value=len(table.strain),
+                hint="Add a table [holder] with one gauge for each terminal, or leave out strain",
+            )  # fmt: skip
+        strain = holder.bias + holder.sensitivity @ lever(holder.p_holder_tcp) @ self.force_n
+        volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0  # gauge factor 2, full bridge
+        unit = si_of(table.strain_unit)[1]
+        noise = np.random.default_rng(self.faults.seed)
+
+        def reading(value: float) -> Callable[[float], float]:
+            return lambda _: float(value + self.noise * noise.standard_normal()) * volts_per_strain / unit
+
+        comment = f"{STRAIN} in {table.strain_unit}"
+        return [PlcVariable(source=reading(float(value)), comment=comment) for value in strain]
+
+    def _tracker(self, table: AdsTable) -> dict[str, PlcVariable]:
+        tracker, source = table.tracker, self.source
+        if tracker is None:
+            return {}
+        length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
+
+        def position(time_s: float) -> dict[str, float]:
+            T = source(time_s)
+            x, y, z = (float(v) for v in T[:3, 3])
+            qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
+            return {
+                "distance": math.sqrt(x * x + y * y + z * z) / length,
+                "azimuth": math.atan2(y, x) / angle,
+                "zenith": math.atan2(math.hypot(x, y), z) / angle,
+                "qw": qw,
+                "qx": qx,
+                "qy": qy,
+                "qz": qz,
+                "beam_ok": 1.0,
+            }
+
+        def coordinate(name: str) -> Callable[[float], float]:
+            return lambda time_s: position(time_s)[name]
+
+        return {
+            symbol: PlcVariable(
+                kind="BOOL" if name == "beam_ok" else "LREAL", source=coordinate(name), comment=f"tracker {name}"
+            )
+            for name in position(0.0)
+            if (symbol := getattr(tracker, name)) is not None
+        }
+
 
 def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
     """Variables of the simulated PLC, in its own units.
@@ -58,38 +110,17 @@ def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
         InputError: It has strain terminals without a holder that fits.
     """
     table = ads_table(cell)
-    functions = dict(zip(table.strain, _strains(settings, cell, table), strict=True))
+    functions = dict(zip(table.strain, settings._strains(cell, table), strict=True))
     if table.strain_time is not None:
         functions[table.strain_time] = PlcVariable("ULINT", source=lambda time_s: time_s / NS)
     if table.strain_temperature is not None:
         functions[table.strain_temperature] = PlcVariable(value=20.0, comment="temperature of the holder, deg C")
     if table.tracker is not None:
-        functions |= _tracker(settings, table)
+        functions |= settings._tracker(table)
     for one in table.parameters:
         middle = 0.0 if one.low is None or one.high is None else 0.5 * (one.low + one.high)
         functions[one.symbol] = PlcVariable(value=middle, comment=f"{one.name} in {one.unit}")
     return functions
-
-
-def _strains(settings: LoneAds, cell: Cell, table: AdsTable) -> list[PlcVariable]:
-    if not table.strain:
-        return []
-    holder = strain_holder(cell.tables.holder)
-    if holder is None or len(holder.gauges) != len(table.strain):
-        raise InputError(
-            "strain terminals without a holder of as many bridges", where=str(cell.path), value=len(table.strain),
-            hint="Add a table [holder] with one gauge for each terminal, or leave out strain",
-        )  # fmt: skip
-    strain = holder.bias + holder.sensitivity @ lever(holder.p_holder_tcp) @ settings.force_n
-    volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0  # gauge factor 2, full bridge
-    unit = si_of(table.strain_unit)[1]
-    noise = np.random.default_rng(settings.faults.seed)
-
-    def reading(value: float) -> Callable[[float], float]:
-        return lambda _: float(value + settings.noise * noise.standard_normal()) * volts_per_strain / unit
-
-    comment = f"{STRAIN} in {table.strain_unit}"
-    return [PlcVariable(source=reading(float(value)), comment=comment) for value in strain]
 
 
 def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) -> AdsServer:
@@ -123,39 +154,6 @@ def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) ->
     if table.strain_temperature is not None:
         variables[table.strain_temperature] = PlcVariable(source=lambda _: amplifiers.temperature_c)
     return AdsServer(variables, host=address[0], port=address[1], ams_port=table.port)
-
-
-def _tracker(settings: LoneAds, table: AdsTable) -> dict[str, PlcVariable]:
-    tracker, source = table.tracker, settings.source
-    if tracker is None:
-        return {}
-    length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
-
-    def position(time_s: float) -> dict[str, float]:
-        T = source(time_s)
-        x, y, z = (float(v) for v in T[:3, 3])
-        qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
-        return {
-            "distance": math.sqrt(x * x + y * y + z * z) / length,
-            "azimuth": math.atan2(y, x) / angle,
-            "zenith": math.atan2(math.hypot(x, y), z) / angle,
-            "qw": qw,
-            "qx": qx,
-            "qy": qy,
-            "qz": qz,
-            "beam_ok": 1.0,
-        }
-
-    def coordinate(name: str) -> Callable[[float], float]:
-        return lambda time_s: position(time_s)[name]
-
-    return {
-        symbol: PlcVariable(
-            kind="BOOL" if name == "beam_ok" else "LREAL", source=coordinate(name), comment=f"tracker {name}"
-        )
-        for name in position(0.0)
-        if (symbol := getattr(tracker, name)) is not None
-    }
 
 
 def run(

@@ -16,28 +16,21 @@ from counterflex.app.plc import Plc
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.units import MS
-from counterflex.files.cell.ads import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
 from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.cell.links import HOLDER_TEMPERATURE, HOLDER_TIME, STRAIN, AdsTable, AdsTrackerTable, si_of
 from counterflex.files.cell.sensing import strain_holder
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.beckhoff.link.link import (
     AdsLink,
     AdsReader,
+    AdsReading,
     AdsSettings,
     AdsSymbol,
     DeviceSymbol,
-    Reading,
 )
-from counterflex.protocols.strain.telegram import StrainSample, write_strain
+from counterflex.protocols.strain.telegram import StrainSample
 from counterflex.protocols.system.forwarder import Forwarder
-from counterflex.protocols.tracker.telegram import (
-    BEAM_BROKEN,
-    INACCURATE,
-    NO_ORIENTATION,
-    TrackerPose,
-    spherical_point,
-    write_pose,
-)
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, INACCURATE, NO_ORIENTATION, TrackerPose, spherical_point
 from counterflex.sensing.strain_holder import strain_of_voltage
 
 _PATIENCE: float = 10.0
@@ -110,7 +103,7 @@ def read(cell: str | Path) -> dict[str, Any]:
     whole = read_cell(cell)
     table = ads_table(whole)
     with connected(table) as link:
-        reader = AdsReader(link, 1.0, take=(readings := queue.SimpleQueue[Reading]()).put)
+        reader = AdsReader(link, 1.0, take=(readings := queue.SimpleQueue[AdsReading]()).put)
         link.read()  # the first exchange also asks for places and types
         reader.start()
         try:
@@ -247,7 +240,7 @@ def forward(
     table = ads_table(whole)
     sender = _strain_sender(whole, table, peer) if strain else _pose_sender(whole, table, peer)
     done = Forwarded()
-    queued = queue.SimpleQueue[Reading]()
+    queued = queue.SimpleQueue[AdsReading]()
     try:
         with connected(table) as link:
             reader = AdsReader(link, table.period_ms * MS, take=queued.put)
@@ -281,10 +274,10 @@ class _PoseSender:
         self._forwarder = Forwarder(peer, "poses")
         self.close = self._forwarder.close
 
-    def take(self, reading: Reading) -> tuple[bool, bool]:
+    def take(self, reading: AdsReading) -> tuple[bool, bool]:
         """Return whether it was sent, and can be used."""
         measured = tracker_pose(reading.values, reading.number, reading.time_ns)
-        self._forwarder.send(write_pose(measured))
+        self._forwarder.send(measured.telegram())
         return True, not measured.status & (BEAM_BROKEN | INACCURATE)
 
 
@@ -296,7 +289,7 @@ class _StrainSender:
         self._table, self._poisson_ratio, self._before = table, poisson_ratio, -1
         self.close = self._forwarder.close
 
-    def take(self, reading: Reading) -> tuple[bool, bool]:
+    def take(self, reading: AdsReading) -> tuple[bool, bool]:
         """Return whether it was sent, and can be used."""
         values = reading.values
         stamp = values.get(HOLDER_TIME, math.nan)
@@ -306,7 +299,7 @@ class _StrainSender:
         self._before = time_ns
         strain = strains_of(self._table, self._poisson_ratio, values)
         sequence, temperature_c = (self._forwarder.sent + 1) & 0xFFFFFFFF, values.get(HOLDER_TEMPERATURE, math.nan)
-        self._forwarder.send(write_strain(StrainSample(sequence, time_ns, 0, temperature_c, strain)))
+        self._forwarder.send(StrainSample(sequence, time_ns, 0, temperature_c, strain).telegram())
         return True, bool(np.all(np.isfinite(strain)))
 
 

@@ -130,7 +130,7 @@ class AdsServer:
                 if condition.silent:
                     continue
                 frame = ads.read_frame(head + data)
-                reply = ads.write_frame(self._answer(frame, condition.frozen, condition.not_a_number))
+                reply = self._answer(frame, condition.frozen, condition.not_a_number).telegram()
                 for delivery in self._faults.deliveries(reply, index, time_s):
                     if delivery.late_s:
                         time.sleep(delivery.late_s)  # a stream: what follows waits behind it
@@ -150,18 +150,18 @@ class AdsServer:
             data += part
         return data
 
-    def _answer(self, request: ads.Frame, frozen: bool, not_a_number: bool) -> ads.Frame:
+    def _answer(self, request: ads.AmsFrame, frozen: bool, not_a_number: bool) -> ads.AmsFrame:
         if request.target[1] != self._ams_port:
-            return ads.answer(request, b"", ads.NO_TARGET_PORT)
+            return request.answered(b"", ads.NO_TARGET_PORT)
         with self._lock:
             try:
                 data = self._execute(request.command, request.data, frozen, not_a_number)
             except _AdsFault as fault:
                 filler = b"\0\0\0\0" if request.command in (ads.READ, ads.READ_WRITE) else b""
-                return ads.answer(request, struct.pack("<I", fault.code) + filler)
+                return request.answered(struct.pack("<I", fault.code) + filler)
             except struct.error:
-                return ads.answer(request, struct.pack("<II", ads.WRONG_DATA, 0))
-        return ads.answer(request, struct.pack("<I", 0) + data)
+                return request.answered(struct.pack("<II", ads.WRONG_DATA, 0))
+        return request.answered(struct.pack("<I", 0) + data)
 
     def _execute(self, command: int, data: bytes, frozen: bool, not_a_number: bool) -> bytes:
         if command == ads.READ_DEVICE_INFO:

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.robot_axes import axes_in
 from counterflex.app.run.robot_links import ControllerOrder, SimulatedController
-from counterflex.app.simulated_cell.alone import LoneController, Watched, running_robot, serve
+from counterflex.app.simulated_cell.alone import LoneController, Watched, running_robot
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
@@ -61,62 +61,57 @@ class LoneRsi(LoneController):
     seconds: float | None = 10.0
     context: RsiContext = field(default_factory=lambda: RsiContext(timeout=100))  # Settings of RSI on the controller
 
+    def run(self, watched: Watched) -> dict[str, Any]:
+        """Run the controller until its program has ended or it has stopped.
 
-def run(settings: LoneRsi, watched: Watched) -> dict[str, Any]:
-    """Run the controller until its program has ended or it has stopped.
+        Returns:
+            Summary: cycles, why it ended, late and refused answers, largest correction and step, ages, reply times.
 
-    Args:
-        settings: See :class:`LoneRsi`.
+        Raises:
+            InputError: The settings contradict each other.
+            FileFormatError: A file cannot be used.
+            OutputError: No sensor program answers, or the record cannot be written.
+        """
+        config = read_config(self.rsi)
+        rsi = FakeRsi(config, self.context)
+        most = None
+        if self.program is not None and self.seconds is not None:
+            most = max(1, round(self.seconds / self.context.cycle_s))
+        peer = self.peer if self.peer is not None else (config.host, config.port)
+        server, figures = self.serve(self.robot(), rsi, peer, watched, most_cycles=most)
+        return {
+            "job": "twin rsi",
+            "ended": server.stop_reason,
+            "cycles": server.cycles,
+            "late_answers": rsi.late,
+            "stalls": server.stalls,
+            **figures,
+            "seed": self.faults.seed,
+            "counterflex": __version__,
+        }
 
-    Returns:
-        Summary: cycles, why it ended, late and refused answers, largest correction and step, ages, reply times.
+    def robot(self) -> ControlledRobot:
+        """The robot of the settings: it runs their program, or stands still.
 
-    Raises:
-        InputError: The settings contradict each other.
-        FileFormatError: A file cannot be used.
-        OutputError: No sensor program answers, or the record cannot be written.
-    """
-    config = read_config(settings.rsi)
-    rsi = FakeRsi(config, settings.context)
-    most = None
-    if settings.program is not None and settings.seconds is not None:
-        most = max(1, round(settings.seconds / settings.context.cycle_s))
-    peer = settings.peer if settings.peer is not None else (config.host, config.port)
-    server, figures = serve(settings, robot_of(settings), rsi, peer, watched, most_cycles=most)
-    return {
-        "job": "twin rsi",
-        "ended": server.stop_reason,
-        "cycles": server.cycles,
-        "late_answers": rsi.late,
-        "stalls": server.stalls,
-        **figures,
-        "seed": settings.faults.seed,
-        "counterflex": __version__,
-    }
-
-
-def robot_of(settings: LoneRsi) -> ControlledRobot:
-    """The robot of the settings: it runs their program, or stands still.
-
-    Raises:
-        InputError: The settings contradict each other.
-    """
-    period_s = settings.context.cycle_s
-    if settings.program is not None and settings.cell is None:
-        raise InputError("a program needs the cell it runs in", value=settings.program.name, hint="Give --cell")
-    if settings.program is None or settings.cell is None:
-        if settings.seconds is None:
-            raise InputError("the duration of the standstill is missing", hint="Give --seconds")
-        T_part_tcp = settings.T_part_tcp
-        if settings.cell is not None:  # pose and angles of the same telegram belong together
-            standing = read_cell(settings.cell)
-            T_part_tcp = pose.inverse(standing.T_base_part) @ forward(standing.controller_chain, settings.q)
-        place = Standstill(T_part_tcp, settings.q, settings.seconds)
-        return StandingRobot(place, period_s, settings.answer)
-    cell = read_cell(settings.cell)
-    return running_robot(cell, settings.program, period_s, settings.answer)
+        Raises:
+            InputError: The settings contradict each other.
+        """
+        period_s = self.context.cycle_s
+        if self.program is not None and self.cell is None:
+            raise InputError("a program needs the cell it runs in", value=self.program.name, hint="Give --cell")
+        if self.program is None or self.cell is None:
+            if self.seconds is None:
+                raise InputError("the duration of the standstill is missing", hint="Give --seconds")
+            T_part_tcp = self.T_part_tcp
+            if self.cell is not None:  # pose and angles of the same telegram belong together
+                standing = read_cell(self.cell)
+                T_part_tcp = pose.inverse(standing.T_base_part) @ forward(standing.controller_chain, self.q)
+            place = Standstill(T_part_tcp, self.q, self.seconds)
+            return StandingRobot(place, period_s, self.answer)
+        cell = read_cell(self.cell)
+        return running_robot(cell, self.program, period_s, self.answer)
 
 
 def alone(watched: Watched, *, table: RsiTable, **settings: Any) -> dict[str, Any]:
     """As :func:`run`, with the table of the scenario and the settings by name."""
-    return run(LoneRsi(context=rsi_context(table), **settings), watched)
+    return LoneRsi(context=rsi_context(table), **settings).run(watched)

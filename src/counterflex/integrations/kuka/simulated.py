@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, MS
 from counterflex.geometry import rotation
-from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.config import ConfigValue, RsiConfig
 from counterflex.integrations.kuka.link.kernel import MISSING, OK
 from counterflex.integrations.kuka.link.telegram import answer_reader, robot_writer
 from counterflex.robot.model.controller_axes import AS_MODEL, ControllerAxes
@@ -242,7 +242,7 @@ class FakeRsi:
         return out
 
 
-def _sources(sent: tuple[Value, ...], *, currents: bool) -> tuple[list[str], list[int]]:
+def _sources(sent: tuple[ConfigValue, ...], *, currents: bool) -> tuple[list[str], list[int]]:
     """Return the names of the program's own numbers, and which of all numbers each sent value is.
 
     All are, in order: the measured elements, six numbers each; Delay and Stat; those of the program.

@@ -14,7 +14,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
 from counterflex.core.units import DEG, INCH, MINUTE, MM, RPM
 from counterflex.programs.apt import words as apt_words
-from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, Argument, Statement, place
+from counterflex.programs.apt.statements import SYSTEM, TOOL_ON_CIRCLE, AptLine, Argument, place
 from counterflex.programs.apt.tool_on_circle import TOOL_ON_FORM, ToolOnCircle
 from counterflex.programs.apt.word_table import NOTES
 from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
@@ -38,18 +38,18 @@ class Run:
         self._feed: float | None = None
         self._rpm, self._turns, self._tool = 0.0, 0, 0
         self._rapid = False
-        self._arc: Statement | None = None
+        self._arc: AptLine | None = None
         self._indirv: tuple[float, float, float] | None = None
         self._msys: tuple[tuple[float | None, ...], int] | None = None
         self._motion, self._plane = "G1", 17
         self._lengths_in = ""
 
-    def _fault(self, part: Statement, what: str, at: Argument | None = None, hint: str | None = None) -> ProgramError:
+    def _fault(self, part: AptLine, what: str, at: Argument | None = None, hint: str | None = None) -> ProgramError:
         column = at.start if at is not None else len(part.text) - len(part.text.lstrip())
         value = at.text if at is not None else part.text.split("\n")[0].strip()[:40]
         return ProgramError(what, where=place(self._name, part.line, part.text, column), value=value, hint=hint)
 
-    def statement(self, part: Statement) -> None:
+    def statement(self, part: AptLine) -> None:
         """Execute a statement and append its block."""
         first, words = len(self.motions), self._execute(part)
         modal = Modal(
@@ -68,7 +68,7 @@ class Run:
         count = len(self.motions) - first
         self.blocks.append(Block(part.line, part.text, tuple(words), modal, first, count))
 
-    def _execute(self, part: Statement) -> list[Word]:
+    def _execute(self, part: AptLine) -> list[Word]:
         major = part.major
         if self._is_harmless(part):
             return []
@@ -79,7 +79,7 @@ class Run:
         self._settings(part)
         return []
 
-    def _settings(self, part: Statement) -> None:
+    def _settings(self, part: AptLine) -> None:
         """Statements that stand for no word of a machine."""
         major = part.major
         if major in _SETTINGS:
@@ -100,21 +100,21 @@ class Run:
             hint = f"Did you mean {close[0]}?" if close else None
             raise self._fault(part, f"an unknown word of APT: {major}", hint=hint)
 
-    def _rapid_next(self, _: Statement) -> None:
+    def _rapid_next(self, _: AptLine) -> None:
         self._rapid = True
 
-    def _from(self, part: Statement) -> None:
+    def _from(self, part: AptLine) -> None:
         self._lengths_in = self._lengths_in or f"FROM in line {part.line}"
         self._p, self._axis = self._point(part)
 
-    def _direct(self, part: Statement) -> None:
+    def _direct(self, part: AptLine) -> None:
         if part.major == "TLAXIS":
             self._axis = self._direction(part, part.numbers())
         else:
             i, j, k = self._values(part, (3,))
             self._indirv = i, j, k
 
-    def _is_harmless(self, part: Statement) -> bool:
+    def _is_harmless(self, part: AptLine) -> bool:
         """Return whether a word is neutral with its arguments: ``CUTCOM/OFF``, ``ORIGIN/0,0,0``."""
         for major, arguments in apt_words.HARMLESS:
             if part.major != major:
@@ -125,34 +125,34 @@ class Run:
                 return True
         return False
 
-    def _leave(self, part: Statement) -> None:
+    def _leave(self, part: AptLine) -> None:
         """Go home: to a place of the machine that is not known."""
         if self._listed:
             self._append("rapid", self._p, self._axis, unknown="XYZ")
         self._away = f"{part.major} in line {part.line}" if self.motions else ""
 
-    def _require_place(self, part: Statement) -> None:
+    def _require_place(self, part: AptLine) -> None:
         if self._away and not self._listed:
             raise self._fault(
                 part, f"the file moves on after {self._away}, and where that leads is not known",
                 hint="Write GOTO instead",
             )  # fmt: skip
 
-    def _allow(self, part: Statement, words: tuple[str, ...]) -> None:
+    def _allow(self, part: AptLine, words: tuple[str, ...]) -> None:
         for argument in part.arguments:
             if argument.value is None and argument.text not in words:
                 raise self._fault(
                     part, f"an unknown word of APT in {part.major}", argument, "One of: " + " ".join(words)
                 )
 
-    def _values(self, part: Statement, counts: tuple[int, ...]) -> list[float]:
+    def _values(self, part: AptLine, counts: tuple[int, ...]) -> list[float]:
         numbers = part.numbers()
         if len(numbers) not in counts or len(numbers) != len(part.arguments):
             shown = " or ".join(map(str, counts))
             raise self._fault(part, f"{part.major} needs {shown} numbers")
         return [argument.value or 0.0 for argument in numbers]
 
-    def _point(self, part: Statement) -> tuple[Float, tuple[float, float, float]]:
+    def _point(self, part: AptLine) -> tuple[Float, tuple[float, float, float]]:
         """The point and the tool axis of GOTO, GODLTA or FROM."""
         counts = (3,) if part.major == "GODLTA" else (3, 6)
         values = self._values(part, counts)
@@ -163,7 +163,7 @@ class Run:
         p.flags.writeable = False
         return p, axis
 
-    def _direction(self, part: Statement, numbers: list[Argument]) -> tuple[float, float, float]:
+    def _direction(self, part: AptLine, numbers: list[Argument]) -> tuple[float, float, float]:
         values = [argument.value or 0.0 for argument in numbers]
         if len(values) != 3 or abs(math.hypot(*values) - 1.0) > 1e-3:
             raise self._fault(
@@ -172,7 +172,7 @@ class Run:
             )  # fmt: skip
         return (values[0], values[1], values[2]) if self._turning else (0.0, 0.0, 0.0)
 
-    def _goto(self, part: Statement) -> list[Word]:
+    def _goto(self, part: AptLine) -> list[Word]:
         self._require_place(part)
         p, axis = self._point(part)
         kind: MotionKind = "rapid" if self._rapid else "feed"
@@ -223,7 +223,7 @@ class Run:
         )
         self._p, self._axis, self._indirv = p, axis, None
 
-    def _speed(self, part: Statement, length_m: float, angle_rad: float) -> tuple[float, float]:
+    def _speed(self, part: AptLine, length_m: float, angle_rad: float) -> tuple[float, float]:
         if not self._feed:
             raise self._fault(part, "a feed move without a feed", hint="Write FEDRAT, or RAPID, before")
         per_minute = self._feed
@@ -235,7 +235,7 @@ class Run:
             return 0.0, per_minute * DEG / MINUTE
         return per_minute * self._feed_unit_m / MINUTE, 0.0
 
-    def _circle(self, part: Statement) -> list[Word]:
+    def _circle(self, part: AptLine) -> list[Word]:
         """CIRCLE or MOVARC: centre, axis, radius of the arc that the next GOTO ends; the turn is right-handed."""
         numbers = part.numbers()
         if len(numbers) < 7:
@@ -251,7 +251,7 @@ class Run:
         places = [*numbers[:3], numbers[6]]
         return [Word(letter, a.value or 0.0, a.start, a.end) for letter, a in zip("IJKR", places, strict=True)]
 
-    def _arc_to(self, part: Statement, arc: Statement, p: Float) -> tuple[tuple[Float, Float, float], float]:
+    def _arc_to(self, part: AptLine, arc: AptLine, p: Float) -> tuple[tuple[Float, Float, float], float]:
         """Centre, normal and turn of the arc that ends at ``p``, and its length."""
         if self._rapid:
             raise self._fault(part, "a rapid on an arc", hint="Write GOTO without CIRCLE, or without RAPID")
@@ -275,7 +275,7 @@ class Run:
         length = math.hypot(solution.radius_m * solution.turn_rad, float(p[third] - self._p[third]))
         return (middle, normal, solution.turn_rad), length
 
-    def _tool_on_circle(self, part: Statement) -> list[Word]:
+    def _tool_on_circle(self, part: AptLine) -> list[Word]:
         """TLON,GOFWD on a circle to a line, after INDIRV: an arc in a plane parallel to xy."""
         self._require_place(part)
         numbers = part.numbers()
@@ -299,7 +299,7 @@ class Run:
         places = zip("IJKRXYZ", [*numbers[:4], *numbers[7:]], strict=True)
         return [Word(letter, a.value or 0.0, a.start, a.end, True) for letter, a in places]
 
-    def _units(self, part: Statement) -> None:
+    def _units(self, part: AptLine) -> None:
         words = part.words() if part.major in ("UNITS", "UNIT") else [part.major]
         if words not in (["MM"], ["INCH"], ["INCHES"]):
             raise self._fault(part, "an unknown unit of length", hint="UNITS/MM or UNITS/INCHES")
@@ -309,7 +309,7 @@ class Run:
                               hint="State it at the head of the file")  # fmt: skip
         self._unit_m = self._feed_unit_m = unit_m
 
-    def _feedrate(self, part: Statement) -> list[Word]:
+    def _feedrate(self, part: AptLine) -> list[Word]:
         self._allow(part, tuple(apt_words.FEEDS))
         numbers, words = part.numbers(), part.words()
         if len(numbers) != 1 or len(words) > 1 or not 0.0 <= (numbers[0].value or 0.0) <= 1e6:
@@ -321,13 +321,13 @@ class Run:
         self._feed, self._rapid = numbers[0].value, False
         return [Word("F", numbers[0].value or 0.0, numbers[0].start, numbers[0].end)]
 
-    def _machine(self, part: Statement) -> list[Word]:
+    def _machine(self, part: AptLine) -> list[Word]:
         """SPINDL, COOLNT, LOADTL, STOP, OPSTOP, FINI as the M codes, S and T that they stand for."""
         at = len(part.text) - len(part.text.lstrip())
         codes = _STOPS[part.major] if part.major in _STOPS else _CODES[part.major](self, part)
         return [Word(letter, number, at, at, False) for letter, number in codes]
 
-    def _spindle(self, part: Statement) -> list[tuple[str, float]]:
+    def _spindle(self, part: AptLine) -> list[tuple[str, float]]:
         self._allow(part, ("RPM", "ON", "RANGE", "LOW", "MEDIUM", "HIGH", *apt_words.TURNS))
         gears = [n for word, n in itertools.pairwise(part.arguments) if word.text == "RANGE"]
         speeds = [n.value for n in part.numbers() if n not in gears and n.value is not None]
@@ -337,14 +337,14 @@ class Run:
         self._turns = next((apt_words.TURNS[word] for word in part.words() if word in apt_words.TURNS), 1)
         return [*(("S", speed) for speed in speeds), ("M", {0: 5, 1: 3, -1: 4}[self._turns])]
 
-    def _coolant(self, part: Statement) -> list[tuple[str, float]]:
+    def _coolant(self, part: AptLine) -> list[tuple[str, float]]:
         self._allow(part, tuple(apt_words.COOLANT))
         words = part.words()
         if len(words) != 1 or part.numbers():
             raise self._fault(part, "COOLNT takes one word", hint="One of: " + " ".join(apt_words.COOLANT))
         return [("M", apt_words.COOLANT[words[0]])]
 
-    def _load(self, part: Statement) -> list[tuple[str, float]]:
+    def _load(self, part: AptLine) -> list[tuple[str, float]]:
         of_load = part.major == "LOAD"
         self._allow(part, (*_LOADS, "TOOL") if of_load else _LOADS)
         if of_load and part.words()[:1] != ["TOOL"]:
@@ -355,14 +355,14 @@ class Run:
         self._tool, self._turns = int(value), 0
         return [("T", value), ("M", 6)]
 
-    def _function(self, part: Statement) -> list[tuple[str, float]]:
+    def _function(self, part: AptLine) -> list[tuple[str, float]]:
         value = part.numbers()[0].value if part.numbers() else None
         if value is None or value not in apt_words.NEUTRAL_M:
             raise self._fault(part, "a function of the machine that is not read: AUXFUN",
                               hint="Use SPINDL, COOLNT, LOADTL, STOP")  # fmt: skip
         return [("M", value)]
 
-    def _delay(self, part: Statement) -> list[Word]:
+    def _delay(self, part: AptLine) -> list[Word]:
         self._allow(part, ())
         time_s = self._values(part, (1,))[0]
         if not 0.0 <= time_s <= 1e6:
@@ -370,7 +370,7 @@ class Run:
         self._append("dwell", self._p, self._axis, duration_s=time_s)
         return [Word("G", 4.0, 0, 0, False)]
 
-    def _system(self, part: Statement) -> None:
+    def _system(self, part: AptLine) -> None:
         """MSYS, CSYS: the coordinates that the points are in; one for the whole file is that of the part."""
         values = tuple(argument.value for argument in part.arguments)
         if self._msys is None and self.motions:

@@ -50,7 +50,7 @@ _CARRIED: Final = frozenset(row.word for row in TABLE.of(Treatment.NEUTRAL) if "
 
 
 @dataclass(frozen=True)
-class Statement:
+class AptLine:
     """One statement, perhaps over several lines."""
 
     line: int  # 1-based first line
@@ -73,7 +73,7 @@ def place(name: str, line: int, text: str, column: int) -> str:
     return f"{name}:{line + before.count(chr(10))}:{column - before.rfind(chr(10))}"
 
 
-def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
+def statements(lines: Sequence[str], name: str) -> Iterator[AptLine]:
     """Yield the statements of a file.
 
     ``$$`` begins a comment; a single ``$`` says that the statement goes on in the next line, what follows it is no part
@@ -99,11 +99,11 @@ def statements(lines: Sequence[str], name: str) -> Iterator[Statement]:
         text = "\n".join(lines[first:index])
         if (system := _SYSTEM.match(text)) is not None:
             flat = text.replace("\n", " ").replace("$", " ")
-            whole = Statement(first + 1, text, SYSTEM)
+            whole = AptLine(first + 1, text, SYSTEM)
             arguments = _arguments(flat, system.end(), len(flat.rstrip()), whole, name)
-            yield Statement(first + 1, text, SYSTEM, tuple(arguments))
+            yield AptLine(first + 1, text, SYSTEM, tuple(arguments))
         elif lines[first].lstrip().startswith("$$"):
-            yield Statement(first + 1, text, "")
+            yield AptLine(first + 1, text, "")
         else:
             yield _statement("\n".join(code), text, first + 1, name)
 
@@ -129,12 +129,12 @@ def _code(line: str) -> tuple[str, bool]:
     return line[:at].ljust(len(line)), line[at : at + 2] != "$$"
 
 
-def _statement(code: str, text: str, line: int, name: str) -> Statement:
+def _statement(code: str, text: str, line: int, name: str) -> AptLine:
     if not code.strip():
-        return Statement(line, text, "")
+        return AptLine(line, text, "")
     free = _TEXT.match(code)
     if free is not None:
-        return Statement(line, text, free[1].upper())
+        return AptLine(line, text, free[1].upper())
     flat = code.replace("\n", " ").rstrip()
     if _TOOL_ON.match(flat):
         return _tool_on(flat, text, line, name)
@@ -148,24 +148,24 @@ def _statement(code: str, text: str, line: int, name: str) -> Statement:
             )  # fmt: skip
         raise ProgramError("this is no statement of APT", where=where, value=code.strip()[:40])
     if major[1].upper() in _CARRIED:  # CATIA leaves arguments out: TOOLNO/1,MILL,1,0,14.106,,40.0
-        return Statement(line, text, major[1].upper())
-    arguments = _arguments(flat, major.end(), len(flat), Statement(line, text, ""), name)
-    return Statement(line, text, major[1].upper(), tuple(arguments))
+        return AptLine(line, text, major[1].upper())
+    arguments = _arguments(flat, major.end(), len(flat), AptLine(line, text, ""), name)
+    return AptLine(line, text, major[1].upper(), tuple(arguments))
 
 
-def _tool_on(flat: str, text: str, line: int, name: str) -> Statement:
+def _tool_on(flat: str, text: str, line: int, name: str) -> AptLine:
     """A tool that follows a shape; read is the circle to a line."""
     match = _TOOL_ON_CIRCLE.fullmatch(flat)
     if match is None:
-        return Statement(line, text, flat.split(",")[0].strip().upper())
-    whole = Statement(line, text, TOOL_ON_CIRCLE)
+        return AptLine(line, text, flat.split(",")[0].strip().upper())
+    whole = AptLine(line, text, TOOL_ON_CIRCLE)
     arguments = [a for part in (1, 3) for a in _arguments(flat, match.start(part), match.end(part), whole, name)]
     if match[2] is not None:
         arguments.append(Argument("INTOF", None, match.start(2), match.end(2)))
-    return Statement(line, text, TOOL_ON_CIRCLE, tuple(arguments))
+    return AptLine(line, text, TOOL_ON_CIRCLE, tuple(arguments))
 
 
-def _arguments(flat: str, at: int, end: int, part: Statement, name: str) -> list[Argument]:
+def _arguments(flat: str, at: int, end: int, part: AptLine, name: str) -> list[Argument]:
     """Words and numbers between two places of a statement without line feeds."""
     arguments: list[Argument] = []
     while at < end:
@@ -187,7 +187,7 @@ def _arguments(flat: str, at: int, end: int, part: Statement, name: str) -> list
     return arguments
 
 
-def tilts(part: Statement) -> bool:
+def tilts(part: AptLine) -> bool:
     """Return whether a statement gives a tool axis other than z."""
     values = [argument.value or 0.0 for argument in part.numbers()]
     axis = values[3:6] if part.major in ("GOTO", "FROM") else values[:3] if part.major == "TLAXIS" else []

@@ -44,7 +44,7 @@ class Written:
     warnings: list[str] = field(default_factory=list)  # What the user should know, one sentence each
 
 
-class Emitter(ABC):
+class ProgramEmitter(ABC):
     """Writes steps.
 
     Args:

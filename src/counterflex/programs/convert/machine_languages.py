@@ -8,7 +8,7 @@ from typing import ClassVar, Final, Self
 import numpy as np
 
 from counterflex.core.units import MM, MM_PER_MIN
-from counterflex.programs.convert.emitter import Conversion, Emitter
+from counterflex.programs.convert.emitter import Conversion, ProgramEmitter
 from counterflex.programs.convert.steps import Move, Process
 from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.write.written_line import number
@@ -20,7 +20,7 @@ OWN_CODES: Final = frozenset((0, 1, 3, 4, 5, 6, 7, 8, 9))
 TURN_HINT: Final = "Post straight moves, or convert to a language of robots"
 
 
-class MachineEmitter(Emitter):
+class MachineEmitter(ProgramEmitter):
     """Planes, tool axes, feeds in mm/min: common to languages of machines."""
 
     partial: ClassVar[bool] = True

@@ -9,7 +9,7 @@ from typing import ClassVar, Final, Generic, TypeVar
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
-from counterflex.programs.convert.emitter import Emitter, turn_deg
+from counterflex.programs.convert.emitter import ProgramEmitter, turn_deg
 from counterflex.programs.convert.steps import Move, Process
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
@@ -25,14 +25,14 @@ _STEM: Final = 20
 """Characters of a name before the number of a part."""
 
 
-class RobotEmitter(RobotWords[S], Emitter, Generic[S]):
+class RobotEmitter(RobotWords[S], ProgramEmitter, Generic[S]):
     """Writer of steps, common to languages of robots.
 
     Args:
         program: That is converted.
         settings: Names, frames and speeds, as compensated programs are written with.
         functions: ``[controller.spindle]`` of the language.
-        tolerance_m: See :class:`Emitter`.
+        tolerance_m: See :class:`ProgramEmitter`.
     """
 
     dwell_decimals: ClassVar[int] = 4

@@ -63,9 +63,7 @@ def find(folder: Path, locks: Path) -> SharedWords:
         words = _locked(folder, locks)
         if words is None:
             raise FileFormatError(
-                "no run goes on there",
-                where=str(folder),
-                hint="Give the folder that the run was given as its --out",
+                "no run goes on there", where=str(folder), hint="Give the folder that the run was given as its --out"
             ) from fault
     except OSError as fault:
         raise FileFormatError(f"cannot be read: {fault.strerror or fault}", where=str(path)) from fault

@@ -83,13 +83,7 @@ class Senses:
     """
 
     def __init__(
-        self,
-        sensing: Sensing,
-        link: RobotLink,
-        loop: Loop,
-        tare: Tare,
-        settle_cycles: int,
-        clock_ns: Callable[[], int],
+        self, sensing: Sensing, link: RobotLink, loop: Loop, tare: Tare, settle_cycles: int, clock_ns: Callable[[], int]
     ) -> None:
         force, tracker, currents = sensing.force, sensing.tracker, sensing.currents
         T_part_tracker, T_target_tcp = sensing.T_part_tracker, sensing.T_target_tcp

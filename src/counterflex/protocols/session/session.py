@@ -19,12 +19,10 @@ from counterflex.core.jit import compile_stated
 from counterflex.protocols.processes.control_array import CONTROL, REQUESTS, Course, Kept, Life, Request
 from counterflex.protocols.processes.last_answer import LastAnswer
 from counterflex.protocols.robot.link import RobotLink
-from counterflex.protocols.session.checks import SessionChecks as SessionChecks
-from counterflex.protocols.session.publisher import THERE, Publisher, panel_state
-from counterflex.protocols.session.record import RecordWriter
+from counterflex.protocols.session.publisher import THERE, Publisher, RecordWriter, panel_state
 from counterflex.protocols.session.senses import Senses, Sensing
 from counterflex.protocols.session.shared_status import Teller
-from counterflex.protocols.session.standing import Standing, begin_held
+from counterflex.protocols.session.standing import SessionChecks as SessionChecks, Standing, begin_held
 from counterflex.protocols.session.tare import Tare
 from counterflex.protocols.session.telegram_watch import AnotherSession, TelegramWatch, WatchSettings
 from counterflex.runtime import record_ring as record

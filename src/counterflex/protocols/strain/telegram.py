@@ -40,23 +40,21 @@ class StrainSample:
     temperature_c: float  # of the holder, NaN where not measured
     strain: Float  # (n,) of each bridge, dimensionless
 
+    def telegram(self) -> bytes:
+        """A reading as a datagram: the amplifier's side.
 
-def write_strain(sample: StrainSample) -> bytes:
-    """A reading as a datagram: the amplifier's side.
+        Raises:
+            ProtocolError: A number does not fit its field.
+        """
+        count = len(self.strain)
+        if not FEWEST <= count <= MOST:
+            raise ProtocolError("number of bridges of a strain datagram", value=count, limit=f"{FEWEST}..{MOST}")
+        try:
+            head = HEAD.pack(MAGIC, self.sequence, self.time_ns, self.status, count, self.temperature_c)
+            return head + struct.pack(f"<{count}d", *(float(value) / MICRO for value in self.strain))
+        except struct.error as fault:
+            raise ProtocolError("a strain reading does not fit its datagram", value=self.sequence) from fault
 
-    Raises:
-        ProtocolError: A number does not fit its field.
-    """
-    count = len(sample.strain)
-    if not FEWEST <= count <= MOST:
-        raise ProtocolError("number of bridges of a strain datagram", value=count, limit=f"{FEWEST}..{MOST}")
-    try:
-        head = HEAD.pack(MAGIC, sample.sequence, sample.time_ns, sample.status, count, sample.temperature_c)
-        return head + struct.pack(f"<{count}d", *(float(value) / MICRO for value in sample.strain))
-    except struct.error as fault:
-        raise ProtocolError("a strain reading does not fit its datagram", value=sample.sequence) from fault
-
-
-def readable(sample: StrainSample) -> bool:
-    """Return whether every bridge shows a number."""
-    return sample.status == 0 and all(math.isfinite(value) for value in sample.strain)
+    def readable(self) -> bool:
+        """Return whether every bridge shows a number."""
+        return self.status == 0 and all(math.isfinite(value) for value in self.strain)

@@ -26,14 +26,14 @@ class Granted:
 
 
 @dataclass(frozen=True)
-class Prepared:
+class RealtimePreparation:
     """Priority and locked memory of another process, by the operating system."""
 
     fifo: bool  # real-time priority
     locked: bool  # memory locked, some of it at least; False where the system does not say
 
 
-def prepared(pid: int | None) -> Prepared:
+def prepared(pid: int | None) -> RealtimePreparation:
     """Return whether a process has what :func:`prepare` asks for; nothing where there is no such process."""
     fifo = locked = False
     if pid is not None and hasattr(os, "sched_getscheduler"):
@@ -41,7 +41,7 @@ def prepared(pid: int | None) -> Prepared:
             fifo = os.sched_getscheduler(pid) == os.SCHED_FIFO
     with contextlib.suppress(OSError):
         locked = locked_kb(Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")) > 0
-    return Prepared(fifo, locked)
+    return RealtimePreparation(fifo, locked)
 
 
 def locked_kb(status: str) -> int:

@@ -50,6 +50,28 @@ class TrackerPose:
     T_tracker_target: Float  # (4, 4) m
     sigma_m: float  # standard deviation of the position, 0 where not known
 
+    def telegram(self) -> bytes:
+        """A measurement as a datagram: the tracker's side.
+
+        Raises:
+            ProtocolError: A number does not fit its field.
+        """
+        T = self.T_tracker_target
+        quat = rotation.quat_wxyz(T[:3, :3])
+        try:
+            return DATAGRAM.pack(
+                MAGIC,
+                self.sequence,
+                self.time_ns,
+                self.status,
+                self.frame_id,
+                *(T[:3, 3] / MM).tolist(),
+                *quat.tolist(),
+                self.sigma_m / MM,
+            )
+        except struct.error as fault:
+            raise ProtocolError("a tracker pose does not fit its datagram", value=self.sequence) from fault
+
 
 def read_pose(data: bytes) -> TrackerPose:
     """Read a datagram.
@@ -75,29 +97,6 @@ def read_pose(data: bytes) -> TrackerPose:
         size = math.hypot(*numbers[3:7])
         raise ProtocolError("a tracker's quaternion is not of unit length", value=size, limit=f"1 +- {reading.UNIT:g}")
     return TrackerPose(sequence, time_ns, status, frame_id, T, float(values[7]) * MM)
-
-
-def write_pose(measured: TrackerPose) -> bytes:
-    """A measurement as a datagram: the tracker's side.
-
-    Raises:
-        ProtocolError: A number does not fit its field.
-    """
-    T = measured.T_tracker_target
-    quat = rotation.quat_wxyz(T[:3, :3])
-    try:
-        return DATAGRAM.pack(
-            MAGIC,
-            measured.sequence,
-            measured.time_ns,
-            measured.status,
-            measured.frame_id,
-            *(T[:3, 3] / MM).tolist(),
-            *quat.tolist(),
-            measured.sigma_m / MM,
-        )
-    except struct.error as fault:
-        raise ProtocolError("a tracker pose does not fit its datagram", value=measured.sequence) from fault
 
 
 def spherical_point(distance: float, azimuth: float, zenith: float) -> Float:

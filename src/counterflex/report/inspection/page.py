@@ -11,13 +11,13 @@ import numpy as np
 from counterflex.core.units import MM, UM
 from counterflex.evaluate.features import FeatureRow
 from counterflex.evaluate.inspection.coverage import Coverage
-from counterflex.evaluate.inspection.sections import Section
+from counterflex.evaluate.inspection.sections import PartSection
 from counterflex.evaluate.surface import NominalSurface, SurfaceDeviation
 from counterflex.report.data import Fact
 from counterflex.report.distribution_figure import area_shares
 from counterflex.report.figure_data import AFTER, BEFORE, edges_mm, numbers, scale_limit_mm
-from counterflex.report.inspection.path_figures import MeasuredPath, path_map, path_rows, path_series
-from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture, single_map_figure
+from counterflex.report.inspection.path_figures import MeasuredPath, path_rows, path_series
+from counterflex.report.map_figure import callouts, figure_3d, map_figure, map_picture
 from counterflex.report.page import feature_rows, render, signed
 
 _ENLARGED: Final = (1, 2, 5, 10, 20, 50, 100)
@@ -26,14 +26,14 @@ _MOST_POINTS: Final = 1500
 _COLOURS: Final = {"part": AFTER, "before": BEFORE, "after": AFTER}
 
 
-def enlarged(section: Section) -> int:
+def enlarged(section: PartSection) -> int:
     """Return how many times larger than the part the deviations of a section are drawn: up to about 2 mm."""
     every = np.concatenate([np.zeros(1), *(np.abs(one.deviation_m) for one in section.profiles.values())])
     largest = float(np.percentile(every, 95.0))
     return max((k for k in _ENLARGED if k * largest <= _ROOM_M), default=1)
 
 
-def section_figure(section: Section) -> dict[str, Any]:
+def section_figure(section: PartSection) -> dict[str, Any]:
     """Plotly specification of one section, seen along the programmed motion: left is left of the feed."""
     factor = enlarged(section)
     traces: list[dict[str, Any]] = []
@@ -87,7 +87,7 @@ class InspectionData:
     surface: NominalSurface  # Floors and walls of the nominal part
     deviations: Mapping[str, SurfaceDeviation]  # Map of ``part``, or of ``before`` and ``after``
     features: tuple[FeatureRow, ...]  # Measured on each
-    sections: tuple[Section, ...]
+    sections: tuple[PartSection, ...]
     facts: Mapping[str, Sequence[Fact]]  # By part, how it was scanned and placed
     # By part, areas of the whole machined surface and of each feature
     coverage: Mapping[str, tuple[Coverage, Mapping[str, Coverage]]] = field(default_factory=dict)
@@ -95,150 +95,148 @@ class InspectionData:
     # By part, where the path of the tool was measured and not the surface; empty for scans
     paths: Mapping[str, MeasuredPath] = field(default_factory=dict)
 
-
-def inspection_page(data: InspectionData) -> str:
-    """The page, as HTML text."""
-    names = list(data.deviations)
-    last = data.deviations[names[-1]]
-    limit = scale_limit_mm(max(max(one.surface.max_m for one in data.deviations.values()) / MM, 1e-3))
-    fine = scale_limit_mm(max(last.surface.p997_m / MM, 1e-3))
-    pictures = [map_picture(data.surface, one) for one in data.deviations.values()]
-    places = callouts(pictures[0], pictures[-1])
-    figures: dict[str, Any] = {
-        "map": map_figure(pictures[0], pictures[1], places, limit, (TITLES["before"], TITLES["after"]))
-        if len(pictures) == 2
-        else single_map_figure(pictures[0], places, limit, TITLES["part"]),
-        "histogram": _histogram(data, limit),
-    }
-    for name, one in data.deviations.items():
-        figures[f"space_{'after' if name == 'part' else name}"] = figure_3d(data.surface, one, limit)
-    for name, path in data.paths.items():
-        figures[f"path_{name}"] = path_map(path, fine)
-    if data.paths:
-        figures["path_series"] = path_series(data.paths)
-    sections = data.sections[:_MOST_SECTIONS]
-    for k, section in enumerate(sections):
-        figures[f"section{k}"] = section_figure(section)
-    scales = [
-        {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
-        for value in ([limit, fine] if fine < limit else [limit])
-    ]
-    return render(
-        "inspection.html.j2",
-        figures,
-        scales,
-        data=data,
-        names=[(name, TITLES[name]) for name in names],
-        verdict=_verdict(data),
-        badge=_badge(data),
-        rows=_figure_rows(data),
-        path_rows=path_rows(data.paths),
-        coverage=_coverage_rows(data),
-        features=_feature_rows(data),
-        places=[
-            (p.label, f"{p.x_mm:.1f}", f"{p.y_mm:.1f}", *(signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]))
-            for p in places
-        ],
-        sections=[(k, s.feature, f"{s.place_m / MM:.1f}", enlarged(s)) for k, s in enumerate(sections)],
-    )
-
-
-def _verdict(data: InspectionData) -> str:
-    """The result in one sentence."""
-    figures = [one.surface.p997_m / MM for one in data.deviations.values()]
-    if data.paths:
-        across = [path.figures.path.p997_m / MM for path in data.paths.values()]
-        text = f"99.7 % of the path of the tool lies within {across[-1]:.3f} mm of the program's, across the feed"
-        return text + (f"; before, within {across[0]:.3f} mm." if len(across) == 2 else ".")
-    text = f"99.7 % of the measured machined surface lies within {figures[-1]:.3f} mm of the nominal one"
-    return text + (f"; before, within {figures[0]:.3f} mm." if len(figures) == 2 else ".")
-
-
-def _badge(data: InspectionData) -> tuple[str, bool] | None:
-    """Number of quantities of the last part out of tolerance or not wholly measured; and whether it is good."""
-    name = list(data.deviations)[-1]
-    if not data.features:
-        return None
-    missing = sum(name not in row.worst_m for row in data.features)
-    bad = sum(name in row.worst_m and not row.ok(name) for row in data.features)
-    partly = sum(name in row.worst_m and row.ok(name) and row.partly(name) for row in data.features)
-    counts = ((bad, "out of tolerance"), (missing, "not measured"), (partly, "measured in part only"))
-    counted = ", ".join(f"{count} {what}" for count, what in counts if count)
-    total = len(data.features)
-    if counted:
-        return f"Of {total} quantities {counted}", False
-    return f"All {total} quantities within tolerance", True
-
-
-def _coverage_rows(data: InspectionData) -> list[dict[str, Any]]:
-    """Areas of each part and its features: machined, judged, not judged, not seen, mm2."""
-    rows = []
-    for name, (whole, of_features) in data.coverage.items():
-        for feature, one in (("whole machined surface", whole), *of_features.items()):
-            areas = (one.unseen_m2, one.unjudged_m2, one.judged_m2, one.machined_m2)
-            cells = [f"{area / MM**2:.0f}" for area in areas]
-            share = f"{100.0 * one.judged_share:.0f} %"
-            rows.append({"part": TITLES[name], "feature": feature, "cells": [share, *cells], "whole": one.whole})
-    return rows
-
-
-def _figure_rows(data: InspectionData) -> list[dict[str, Any]]:
-    rows = []
-    for part, title in (("surface", "Surface, floors and walls"), ("floor", "Floors"), ("wall", "Walls")):
-        cells = []
-        for one in data.deviations.values():
-            figures = getattr(one, part)
-            cells += [f"{v / MM:.3f}" for v in (figures.max_m, figures.p997_m, figures.rms_m)]
-            cells.append(f"{figures.extent / MM**2:.0f}")
-        rows.append({"name": title, "cells": cells})
-    return rows
-
-
-def _feature_rows(data: InspectionData) -> list[dict[str, Any]]:
-    rows = []
-    for row in data.features:
-        cells: list[dict[str, Any]] = []
-        for name in data.deviations:
-            if name not in row.worst_m:
-                cells.append({"value": "not found", "off": "", "sigma": "", "ok": False, "share": "0 % seen"})
-                continue
-            cells.append(
-                {
-                    "value": f"{row.worst_m[name] / MM:.3f}",
-                    "off": signed((row.worst_m[name] - row.nominal_m) / MM),
-                    "sigma": f"{2.0 * row.standard_deviation_m.get(name, 0.0) / UM:.0f}",
-                    "ok": row.ok(name),
-                    "share": f"{100.0 * row.measured_share[name]:.0f} % seen" if row.partly(name) else "",
-                }
-            )
-        rows.append(cells)
-    return feature_rows(data.features, rows)
-
-
-def _histogram(data: InspectionData, limit: float) -> dict[str, Any]:
-    """Share of the measured area in each of 61 classes."""
-    edges = np.linspace(-limit, limit, 62)
-    centre = 0.5 * (edges[1:] + edges[:-1])
-    colours = {"part": AFTER, "before": BEFORE, "after": AFTER}
-    traces = [
-        {
-            "type": "bar",
-            "name": TITLES[name].lower(),
-            "x": numbers(centre, 4),
-            "y": numbers(100.0 * area_shares(data.surface, one, edges), 4),
-            "marker": {"color": colours[name], "opacity": 0.75},
-            "width": round(float(edges[1] - edges[0]), 5),
-            "hovertemplate": "%{x:+.3f} mm: %{y:.2f} % of the area<extra></extra>",
+    def page(self) -> str:
+        """The page, as HTML text."""
+        names = list(self.deviations)
+        last = self.deviations[names[-1]]
+        limit = scale_limit_mm(max(max(one.surface.max_m for one in self.deviations.values()) / MM, 1e-3))
+        fine = scale_limit_mm(max(last.surface.p997_m / MM, 1e-3))
+        pictures = [map_picture(self.surface, one) for one in self.deviations.values()]
+        places = callouts(pictures[0], pictures[-1])
+        figures: dict[str, Any] = {
+            "map": map_figure(pictures[0], pictures[1], places, limit, (TITLES["before"], TITLES["after"]))
+            if len(pictures) == 2
+            else pictures[0].figure(places, limit, TITLES["part"]),
+            "histogram": self._histogram(limit),
         }
-        for name, one in data.deviations.items()
-    ]
-    layout = {
-        "height": 300,
-        "barmode": "overlay",
-        "margin": {"l": 60, "r": 14, "t": 24, "b": 46},
-        "xaxis": {"title": {"text": "surface deviation, mm (+ = material left)"}, "tickformat": "+.2~f"},
-        "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1, "range": [-2.5, 2.0]},
-        "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
-        "showlegend": len(traces) > 1,
-    }
-    return {"data": traces, "layout": layout, "narrow": {"xaxis.title.text": "deviation, mm", "margin.l": 52}}
+        for name, one in self.deviations.items():
+            figures[f"space_{'after' if name == 'part' else name}"] = figure_3d(self.surface, one, limit)
+        for name, path in self.paths.items():
+            figures[f"path_{name}"] = path.map_figure(fine)
+        if self.paths:
+            figures["path_series"] = path_series(self.paths)
+        sections = self.sections[:_MOST_SECTIONS]
+        for k, section in enumerate(sections):
+            figures[f"section{k}"] = section_figure(section)
+        scales = [
+            {"name": f"±{value:g} mm", "limit": value, "ticks": edges_mm(value)}
+            for value in ([limit, fine] if fine < limit else [limit])
+        ]
+        return render(
+            "inspection.html.j2",
+            figures,
+            scales,
+            data=self,
+            names=[(name, TITLES[name]) for name in names],
+            verdict=self._verdict(),
+            badge=self._badge(),
+            rows=self._figure_rows(),
+            path_rows=path_rows(self.paths),
+            coverage=self._coverage_rows(),
+            features=self._feature_rows(),
+            places=[
+                (
+                    p.label,
+                    f"{p.x_mm:.1f}",
+                    f"{p.y_mm:.1f}",
+                    *(signed(v) for v in (p.before_mm, p.after_mm)[: len(names)]),
+                )
+                for p in places
+            ],
+            sections=[(k, s.feature, f"{s.place_m / MM:.1f}", enlarged(s)) for k, s in enumerate(sections)],
+        )
+
+    def _verdict(self) -> str:
+        """The result in one sentence."""
+        figures = [one.surface.p997_m / MM for one in self.deviations.values()]
+        if self.paths:
+            across = [path.figures.path.p997_m / MM for path in self.paths.values()]
+            text = f"99.7 % of the path of the tool lies within {across[-1]:.3f} mm of the program's, across the feed"
+            return text + (f"; before, within {across[0]:.3f} mm." if len(across) == 2 else ".")
+        text = f"99.7 % of the measured machined surface lies within {figures[-1]:.3f} mm of the nominal one"
+        return text + (f"; before, within {figures[0]:.3f} mm." if len(figures) == 2 else ".")
+
+    def _badge(self) -> tuple[str, bool] | None:
+        """Number of quantities of the last part out of tolerance or not wholly measured; and whether it is good."""
+        name = list(self.deviations)[-1]
+        if not self.features:
+            return None
+        missing = sum(name not in row.worst_m for row in self.features)
+        bad = sum(name in row.worst_m and not row.ok(name) for row in self.features)
+        partly = sum(name in row.worst_m and row.ok(name) and row.partly(name) for row in self.features)
+        counts = ((bad, "out of tolerance"), (missing, "not measured"), (partly, "measured in part only"))
+        counted = ", ".join(f"{count} {what}" for count, what in counts if count)
+        total = len(self.features)
+        if counted:
+            return f"Of {total} quantities {counted}", False
+        return f"All {total} quantities within tolerance", True
+
+    def _coverage_rows(self) -> list[dict[str, Any]]:
+        """Areas of each part and its features: machined, judged, not judged, not seen, mm2."""
+        rows = []
+        for name, (whole, of_features) in self.coverage.items():
+            for feature, one in (("whole machined surface", whole), *of_features.items()):
+                areas = (one.unseen_m2, one.unjudged_m2, one.judged_m2, one.machined_m2)
+                cells = [f"{area / MM**2:.0f}" for area in areas]
+                share = f"{100.0 * one.judged_share:.0f} %"
+                rows.append({"part": TITLES[name], "feature": feature, "cells": [share, *cells], "whole": one.whole})
+        return rows
+
+    def _figure_rows(self) -> list[dict[str, Any]]:
+        rows = []
+        for part, title in (("surface", "Surface, floors and walls"), ("floor", "Floors"), ("wall", "Walls")):
+            cells = []
+            for one in self.deviations.values():
+                figures = getattr(one, part)
+                cells += [f"{v / MM:.3f}" for v in (figures.max_m, figures.p997_m, figures.rms_m)]
+                cells.append(f"{figures.extent / MM**2:.0f}")
+            rows.append({"name": title, "cells": cells})
+        return rows
+
+    def _feature_rows(self) -> list[dict[str, Any]]:
+        rows = []
+        for row in self.features:
+            cells: list[dict[str, Any]] = []
+            for name in self.deviations:
+                if name not in row.worst_m:
+                    cells.append({"value": "not found", "off": "", "sigma": "", "ok": False, "share": "0 % seen"})
+                    continue
+                cells.append(
+                    {
+                        "value": f"{row.worst_m[name] / MM:.3f}",
+                        "off": signed((row.worst_m[name] - row.nominal_m) / MM),
+                        "sigma": f"{2.0 * row.standard_deviation_m.get(name, 0.0) / UM:.0f}",
+                        "ok": row.ok(name),
+                        "share": f"{100.0 * row.measured_share[name]:.0f} % seen" if row.partly(name) else "",
+                    }
+                )
+            rows.append(cells)
+        return feature_rows(self.features, rows)
+
+    def _histogram(self, limit: float) -> dict[str, Any]:
+        """Share of the measured area in each of 61 classes."""
+        edges = np.linspace(-limit, limit, 62)
+        centre = 0.5 * (edges[1:] + edges[:-1])
+        colours = {"part": AFTER, "before": BEFORE, "after": AFTER}
+        traces = [
+            {
+                "type": "bar",
+                "name": TITLES[name].lower(),
+                "x": numbers(centre, 4),
+                "y": numbers(100.0 * area_shares(self.surface, one, edges), 4),
+                "marker": {"color": colours[name], "opacity": 0.75},
+                "width": round(float(edges[1] - edges[0]), 5),
+                "hovertemplate": "%{x:+.3f} mm: %{y:.2f} % of the area<extra></extra>",
+            }
+            for name, one in self.deviations.items()
+        ]
+        layout = {
+            "height": 300,
+            "barmode": "overlay",
+            "margin": {"l": 60, "r": 14, "t": 24, "b": 46},
+            "xaxis": {"title": {"text": "surface deviation, mm (+ = material left)"}, "tickformat": "+.2~f"},
+            "yaxis": {"title": {"text": "share of area, %"}, "type": "log", "dtick": 1, "range": [-2.5, 2.0]},
+            "legend": {"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "bottom"},
+            "showlegend": len(traces) > 1,
+        }
+        return {"data": traces, "layout": layout, "narrow": {"xaxis.title.text": "deviation, mm", "margin.l": 52}}

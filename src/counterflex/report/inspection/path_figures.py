@@ -37,53 +37,52 @@ class MeasuredPath:
     cut_known: bool  # Whether it is known where the tool cut
     along_known: bool  # Whether the deviation along the feed is known
 
-
-def path_map(path: MeasuredPath, limit_mm: float) -> dict[str, Any]:
-    """Plotly specification of the path seen from above, coloured by the largest deviation along a normal."""
-    values = np.stack([np.nan_to_num(v) for v in path.normal_m.values()])
-    none = np.all(np.isnan(np.stack(list(path.normal_m.values()))), axis=0)
-    worst = np.take_along_axis(values, np.argmax(np.abs(values), axis=0)[None], axis=0)[0] / MM
-    place = path.deviation.p_part_nominal / MM
-    traces: list[dict[str, Any]] = []
-    for rows, colour in ((np.flatnonzero(none), None), (np.flatnonzero(~none), worst)):
-        some = rows[:: max(1, -(-len(rows) // _MOST))]
-        marker: dict[str, Any] = {"size": 3, "color": NOT_MACHINED}
-        if colour is not None:
-            some = some[np.argsort(np.abs(colour[some]), kind="stable")]  # the largest on top
-            marker = {"size": 6, "color": numbers(colour[some], 4), "coloraxis": "coloraxis"}
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": numbers(place[some, 0], 2),
-                "y": numbers(place[some, 1], 2),
-                "marker": marker,
-                "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>%{marker.color:+.3f} mm<extra></extra>",
-                "hoverinfo": "skip" if colour is None else "all",
-            }
-        )
-        if colour is None:
-            del traces[-1]["hovertemplate"]
-    bar = {
-        "orientation": "h",
-        "x": 0.5,
-        "y": 1.03,
-        "yanchor": "bottom",
-        "len": 0.86,
-        "thickness": 12,
-        "tickvals": edges_mm(limit_mm)[::3],
-        "tickformat": "+.3~f",
-        "title": {"text": "deviation along the normal, mm", "side": "top"},
-    }
-    layout = {
-        "height": 440,
-        "margin": {"l": 56, "r": 10, "t": 76, "b": 46},
-        "showlegend": False,
-        "coloraxis": {"cmin": -limit_mm, "cmax": limit_mm, "colorscale": stepped(METROLOGY), "colorbar": bar},
-        "xaxis": {"title": {"text": "x, mm"}, "zeroline": False, "constrain": "domain"},
-        "yaxis": {"title": {"text": "y, mm"}, "zeroline": False, "scaleanchor": "x"},
-    }
-    return {"data": traces, "layout": layout, "narrow": {"height": 360}}
+    def map_figure(self, limit_mm: float) -> dict[str, Any]:
+        """Plotly specification of the path seen from above, coloured by the largest deviation along a normal."""
+        values = np.stack([np.nan_to_num(v) for v in self.normal_m.values()])
+        none = np.all(np.isnan(np.stack(list(self.normal_m.values()))), axis=0)
+        worst = np.take_along_axis(values, np.argmax(np.abs(values), axis=0)[None], axis=0)[0] / MM
+        place = self.deviation.p_part_nominal / MM
+        traces: list[dict[str, Any]] = []
+        for rows, colour in ((np.flatnonzero(none), None), (np.flatnonzero(~none), worst)):
+            some = rows[:: max(1, -(-len(rows) // _MOST))]
+            marker: dict[str, Any] = {"size": 3, "color": NOT_MACHINED}
+            if colour is not None:
+                some = some[np.argsort(np.abs(colour[some]), kind="stable")]  # the largest on top
+                marker = {"size": 6, "color": numbers(colour[some], 4), "coloraxis": "coloraxis"}
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "x": numbers(place[some, 0], 2),
+                    "y": numbers(place[some, 1], 2),
+                    "marker": marker,
+                    "hovertemplate": "x %{x:.1f}, y %{y:.1f} mm<br>%{marker.color:+.3f} mm<extra></extra>",
+                    "hoverinfo": "skip" if colour is None else "all",
+                }
+            )
+            if colour is None:
+                del traces[-1]["hovertemplate"]
+        bar = {
+            "orientation": "h",
+            "x": 0.5,
+            "y": 1.03,
+            "yanchor": "bottom",
+            "len": 0.86,
+            "thickness": 12,
+            "tickvals": edges_mm(limit_mm)[::3],
+            "tickformat": "+.3~f",
+            "title": {"text": "deviation along the normal, mm", "side": "top"},
+        }
+        layout = {
+            "height": 440,
+            "margin": {"l": 56, "r": 10, "t": 76, "b": 46},
+            "showlegend": False,
+            "coloraxis": {"cmin": -limit_mm, "cmax": limit_mm, "colorscale": stepped(METROLOGY), "colorbar": bar},
+            "xaxis": {"title": {"text": "x, mm"}, "zeroline": False, "constrain": "domain"},
+            "yaxis": {"title": {"text": "y, mm"}, "zeroline": False, "scaleanchor": "x"},
+        }
+        return {"data": traces, "layout": layout, "narrow": {"height": 360}}
 
 
 def path_series(paths: Mapping[str, MeasuredPath]) -> dict[str, Any]:

@@ -42,84 +42,80 @@ class PathCurves:
     # Row and axis 0..5 where an axis turns round in the cut
     reversals: Sequence[tuple[int, int]] = field(default_factory=tuple)
 
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """All pictures by name."""
+        figures = {
+            "path_speed": self._speed_figure(),
+            "joint_speed": self._axes_figure(
+                self.joint_speeds_rad_s, self.speed_limits_rad_s, "joint speed", "deg/s", turns=True
+            ),
+            "joint_acceleration": self._axes_figure(
+                self.joint_accelerations_rad_s2, self.acceleration_limits_rad_s2, "joint acceleration", "deg/s2"
+            ),
+        }
+        if len(self.point_way_m):
+            figures["point_distance"] = self._distance_figure()
+        return figures
 
-def path_figures(curves: PathCurves) -> dict[str, dict[str, Any]]:
-    """All pictures by name."""
-    figures = {
-        "path_speed": _speed_figure(curves),
-        "joint_speed": _axes_figure(
-            curves, curves.joint_speeds_rad_s, curves.speed_limits_rad_s, "joint speed", "deg/s", turns=True
-        ),
-        "joint_acceleration": _axes_figure(
-            curves, curves.joint_accelerations_rad_s2, curves.acceleration_limits_rad_s2, "joint acceleration", "deg/s2"
-        ),
-    }
-    if len(curves.point_way_m):
-        figures["point_distance"] = _distance_figure(curves)
-    return figures
-
-
-def _speed_figure(curves: PathCurves) -> dict[str, Any]:
-    """Programmed and held path speed; red where the robot is slower in the cut."""
-    feed = curves.at_feed
-    held = curves.held_m_s / MM_PER_MIN
-    slow = curves.slow | np.append(curves.slow[1:], False)  # a segment has two ends
-    traces = [
-        _line("programmed", curves.way_m, curves.programmed_m_s / MM_PER_MIN, feed, _PROGRAMMED, 1.6, shape="vh"),
-        _line("held", curves.way_m, held, feed, _HELD, 1.6),
-        _line("slower in the cut", curves.way_m, held, feed & slow, _SLOW, 2.2),
-    ]
-    return _figure(traces, "path speed, mm/min", {"rangemode": "tozero"})
-
-
-def _axes_figure(
-    curves: PathCurves, values: Float, limits: Float | None, title: str, unit: str, *, turns: bool = False
-) -> dict[str, Any]:
-    """A quantity of the six axes, in shares of their limits where those are known, else in its unit."""
-    size = np.abs(values) / (DEG if limits is None else limits * PERCENT)
-    traces = [
-        _line(f"axis {axis + 1}", curves.way_m, size[:, axis], curves.at_feed, colour, 1.4)
-        for axis, colour in enumerate(COLOURS)
-    ]
-    if turns and curves.reversals:
-        rows, axes = (np.array(column) for column in zip(*curves.reversals, strict=True))
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "axis turns round in the cut",
-                "x": numbers(curves.way_m[rows], 4),
-                "y": numbers(size[rows, axes], 2),
-                "marker": {
-                    "symbol": "diamond",
-                    "size": 9,
-                    "color": [COLOURS[axis] for axis in axes.tolist()],
-                    "line": {"color": "#1b2530", "width": 1},
-                },
-            }
-        )
-    shown = f"{title}, {unit}" if limits is None else f"{title}, % of its limit"
-    figure = _figure(traces, shown, {"rangemode": "tozero"})
-    if limits is not None and np.max(size[curves.at_feed], initial=0.0) > _SHOWN_PERCENT:
-        line = {"color": _SLOW, "width": 1.2, "dash": "dash"}
-        figure["layout"]["shapes"] = [
-            {"type": "line", "xref": "paper", "x0": 0.0, "x1": 1.0, "y0": 100.0, "y1": 100.0, "line": line}
+    def _speed_figure(self) -> dict[str, Any]:
+        """Programmed and held path speed; red where the robot is slower in the cut."""
+        feed = self.at_feed
+        held = self.held_m_s / MM_PER_MIN
+        slow = self.slow | np.append(self.slow[1:], False)  # a segment has two ends
+        traces = [
+            _line("programmed", self.way_m, self.programmed_m_s / MM_PER_MIN, feed, _PROGRAMMED, 1.6, shape="vh"),
+            _line("held", self.way_m, held, feed, _HELD, 1.6),
+            _line("slower in the cut", self.way_m, held, feed & slow, _SLOW, 2.2),
         ]
-    return figure
+        return _figure(traces, "path speed, mm/min", {"rangemode": "tozero"})
 
+    def _axes_figure(
+        self, values: Float, limits: Float | None, title: str, unit: str, *, turns: bool = False
+    ) -> dict[str, Any]:
+        """A quantity of the six axes, in shares of their limits where those are known, else in its unit."""
+        size = np.abs(values) / (DEG if limits is None else limits * PERCENT)
+        traces = [
+            _line(f"axis {axis + 1}", self.way_m, size[:, axis], self.at_feed, colour, 1.4)
+            for axis, colour in enumerate(COLOURS)
+        ]
+        if turns and self.reversals:
+            rows, axes = (np.array(column) for column in zip(*self.reversals, strict=True))
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "name": "axis turns round in the cut",
+                    "x": numbers(self.way_m[rows], 4),
+                    "y": numbers(size[rows, axes], 2),
+                    "marker": {
+                        "symbol": "diamond",
+                        "size": 9,
+                        "color": [COLOURS[axis] for axis in axes.tolist()],
+                        "line": {"color": "#1b2530", "width": 1},
+                    },
+                }
+            )
+        shown = f"{title}, {unit}" if limits is None else f"{title}, % of its limit"
+        figure = _figure(traces, shown, {"rangemode": "tozero"})
+        if limits is not None and np.max(size[self.at_feed], initial=0.0) > _SHOWN_PERCENT:
+            line = {"color": _SLOW, "width": 1.2, "dash": "dash"}
+            figure["layout"]["shapes"] = [
+                {"type": "line", "xref": "paper", "x0": 0.0, "x1": 1.0, "y0": 100.0, "y1": 100.0, "line": line}
+            ]
+        return figure
 
-def _distance_figure(curves: PathCurves) -> dict[str, Any]:
-    """Length of each block, and the least that the controller works off at its feed; logarithmic."""
-    whole = np.ones(len(curves.point_way_m), dtype=np.bool_)
-    x, y = thin(curves.point_way_m, curves.point_length_m / MM, whole, _POINTS)
-    points = {
-        "type": "scatter", "mode": "markers", "name": "distance of points", "x": numbers(x, 4), "y": numbers(y, 4),
-        "marker": {"size": 5, "color": _HELD},
-    }  # fmt: skip
-    least = _line(
-        "least at this feed", curves.point_way_m, curves.point_least_m / MM, whole, _SLOW, 1.6, shape="vh", digits=4
-    )
-    return _figure([points, least], "distance of points, mm", {"type": "log"})
+    def _distance_figure(self) -> dict[str, Any]:
+        """Length of each block, and the least that the controller works off at its feed; logarithmic."""
+        whole = np.ones(len(self.point_way_m), dtype=np.bool_)
+        x, y = thin(self.point_way_m, self.point_length_m / MM, whole, _POINTS)
+        points = {
+            "type": "scatter", "mode": "markers", "name": "distance of points", "x": numbers(x, 4), "y": numbers(y, 4),
+            "marker": {"size": 5, "color": _HELD},
+        }  # fmt: skip
+        least = _line(
+            "least at this feed", self.point_way_m, self.point_least_m / MM, whole, _SLOW, 1.6, shape="vh", digits=4
+        )
+        return _figure([points, least], "distance of points, mm", {"type": "log"})
 
 
 def _line(

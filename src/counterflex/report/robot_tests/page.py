@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from counterflex.core.told_apart import with_interval
+from counterflex.core.similar import with_interval
 from counterflex.core.units import UM
 from counterflex.evaluate.iso9283.commanded_path import CommandedPath
 from counterflex.evaluate.iso9283.path_cycles import PathCycle
@@ -15,7 +15,7 @@ from counterflex.evaluate.iso9283.path_figures import IsoPathFigures
 from counterflex.evaluate.iso9283.path_velocity import PathVelocity
 from counterflex.evaluate.iso9283.poses import PoseCycles
 from counterflex.report.figure_data import numbers
-from counterflex.report.robot_tests import path_figures as drawn
+from counterflex.report.robot_tests import section as drawn
 from counterflex.report.robot_tests.section import CYCLE_COLOURS, GRID, Section, conditions, test_page
 
 MOST: Final = 6

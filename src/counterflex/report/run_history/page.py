@@ -49,6 +49,30 @@ class ShownRun:
     facts: Mapping[str, str]
     verdict: str = ""
 
+    def story(self) -> list[_Section]:
+        """Return what happened in a run, and what it was made of."""
+        out = []
+        if self.incidents:
+            keys = ("number", "time_s", "state", "cause")
+            rows = tuple(tuple(_text(one[key]) for key in keys) for one in self.incidents[:_SHOWN])
+            out.append(_Section(f"Holds and faults of {self.name}", "", ("number", "time, s", "state", "cause"), rows))
+        if self.actions:
+            rows = tuple(
+                (
+                    _text(one.get("time_s")),
+                    str(one.get("who", "")),
+                    str(one.get("from", "")),
+                    str(one.get("action", one.get("text", ""))),
+                    "done" if one.get("done") else str(one.get("refused", "")),
+                )
+                for one in self.actions[:_SHOWN]
+            )
+            out.append(_Section(f"Operators of {self.name}", "", ("time, s", "who", "from", "action", "outcome"), rows))
+        out.append(
+            _Section(f"What {self.name} was made of", "", ("", ""), tuple((k, v) for k, v in self.facts.items()))
+        )
+        return out
+
 
 @dataclass(frozen=True)
 class _Section:
@@ -132,33 +156,10 @@ def runs_page(title: str, subtitle: str, runs: Sequence[ShownRun], names: Mappin
         ),
     ]
     for one in runs:
-        sections += _story(one)
+        sections += one.story()
     head = Head(title, subtitle, notes=notes)
     verdict = " ".join(f"{one.name}: {one.verdict}" if len(runs) > 1 else one.verdict for one in runs)
     return render("run_history.html.j2", figures, [], data=head, verdict=verdict, sections=sections)
-
-
-def _story(run: ShownRun) -> list[_Section]:
-    """Return what happened in a run, and what it was made of."""
-    out = []
-    if run.incidents:
-        keys = ("number", "time_s", "state", "cause")
-        rows = tuple(tuple(_text(one[key]) for key in keys) for one in run.incidents[:_SHOWN])
-        out.append(_Section(f"Holds and faults of {run.name}", "", ("number", "time, s", "state", "cause"), rows))
-    if run.actions:
-        rows = tuple(
-            (
-                _text(one.get("time_s")),
-                str(one.get("who", "")),
-                str(one.get("from", "")),
-                str(one.get("action", one.get("text", ""))),
-                "done" if one.get("done") else str(one.get("refused", "")),
-            )
-            for one in run.actions[:_SHOWN]
-        )
-        out.append(_Section(f"Operators of {run.name}", "", ("time, s", "who", "from", "action", "outcome"), rows))
-    out.append(_Section(f"What {run.name} was made of", "", ("", ""), tuple((k, v) for k, v in run.facts.items())))
-    return out
 
 
 def _text(value: Any) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import MICRO, NS
-from counterflex.protocols.strain.telegram import StrainSample, write_strain
+from counterflex.protocols.strain.telegram import StrainSample
 from counterflex.twin.devices.datagram_sender import DatagramSender
 from counterflex.twin.network.faults import FaultSchedule
 
@@ -80,7 +80,7 @@ class StrainSender(DatagramSender):
         if self.peer is None:  # terminals of a PLC show it
             self.sent += 1
         else:
-            self._leave(write_strain(sample), time_s)
+            self._leave(sample.telegram(), time_s)
 
     def _of_bridge(self, schedule: FaultSchedule, k: int, shown: float, time_s: float) -> float:
         one = schedule.condition(self._index, time_s)

@@ -8,7 +8,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import NS
-from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose, write_pose
+from counterflex.protocols.tracker.telegram import BEAM_BROKEN, TrackerPose
 from counterflex.twin.devices.datagram_sender import DatagramSender
 from counterflex.twin.network.faults import FaultSchedule
 
@@ -59,4 +59,4 @@ class TrackerSender(DatagramSender):
         T = np.full((4, 4), np.nan) if condition.not_a_number else self._last
         stamp = round(time_s / NS) if time_ns is None else time_ns
         measured = TrackerPose(self._sequence(condition), stamp, status, self._frame_id, T, sigma_m)
-        self._leave(write_pose(measured), time_s)
+        self._leave(measured.telegram(), time_s)

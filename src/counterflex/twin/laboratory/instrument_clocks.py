@@ -32,7 +32,7 @@ class OtherClock:
 
 
 @dataclass(frozen=True)
-class Channel:
+class ClockedChannel:
     """Delay of one channel."""
 
     dead_time_s: float  # between what happens and what the channel shows at that stamp
@@ -45,10 +45,10 @@ class Channel:
 class InstrumentClocks:
     """Times of the laboratory."""
 
-    feedback: Channel  # position that the controller shows (its own clock)
-    tracker: Channel
+    feedback: ClockedChannel  # position that the controller shows (its own clock)
+    tracker: ClockedChannel
     tracker_clock: OtherClock  # against the controller's
-    correction: Channel  # sensor interface: from the correction given to the reference of the drives
+    correction: ClockedChannel  # sensor interface: from the correction given to the reference of the drives
     link_dead_time_s: float  # of the encoders on the links (the controller's clock)
 
 
@@ -60,8 +60,8 @@ def instrument_clocks(laboratory: Laboratory) -> InstrumentClocks:
     """The times of a laboratory's instruments."""
     rng = laboratory.standing("clocks.setup")
     about = partial(_about, rng)
-    feedback = Channel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
-    tracker = Channel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
+    feedback = ClockedChannel(about(8.0 * MS, 0.1), 0.0, 0.0, 0.0)
+    tracker = ClockedChannel(about(5.0 * MS, 0.3), about(3.0 * MS, 0.2), 0.05 * MS, 0.005)
     tracker_clock = OtherClock(float(rng.uniform(-2.0, 2.0)), float(20.0 * _PPM * rng.standard_normal()))
-    correction = Channel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
+    correction = ClockedChannel(about(16.0 * MS, 0.15), about(45.0 * MS, 0.15), 0.0, 0.0)
     return InstrumentClocks(feedback, tracker, tracker_clock, correction, about(2.8 * MS, 0.05))

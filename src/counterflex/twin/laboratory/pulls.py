@@ -93,12 +93,7 @@ def measure(order: Order) -> Measured:
     sigma = np.repeat([laboratory.tracker_m, laboratory.tracker_rad], 3) * np.sqrt(2.0 / readings)
     d = d + sigma * noise.standard_normal((n, 6))
     name = "d_tracker_target" if axes == "tracker" else "d_tcp_base"
-    return Measured(
-        channels={**plain, name: d},
-        sigma={name: sigma, **weighed},
-        group=groups_of(q),
-        settings=recorded,
-    )
+    return Measured(channels={**plain, name: d}, sigma={name: sigma, **weighed}, group=groups_of(q), settings=recorded)
 
 
 def pull(

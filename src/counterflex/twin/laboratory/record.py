@@ -16,7 +16,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress
 from counterflex.core.units import MS, UM, URAD
-from counterflex.twin.laboratory.instrument_clocks import Channel, OtherClock, instrument_clocks
+from counterflex.twin.laboratory.instrument_clocks import ClockedChannel, OtherClock, instrument_clocks
 from counterflex.twin.laboratory.laboratory import Measured, Measurement, Order
 from counterflex.twin.plant.drives import first_order_lag
 from counterflex.twin.plant.plant import STEP_S, Plant
@@ -69,7 +69,8 @@ def measure(order: Order) -> Measured:
     n = min(len(t), len(tracker_stamps))
     channels = {
         "time_s": t[:n, None],
-        "q_motor": _late(fine, motor, t, Channel(0.0, 0.0, 0.0, 0.0))[:n] + ENCODER_RAD * noise.standard_normal((n, 6)),
+        "q_motor": _late(fine, motor, t, ClockedChannel(0.0, 0.0, 0.0, 0.0))[:n]
+        + ENCODER_RAD * noise.standard_normal((n, 6)),
         "p_base_tcp": shown[:n],
         "time_tracker_s": tracker_stamps[:n, None],
         "p_tracker_target": in_tracker[:n],
@@ -110,7 +111,7 @@ def _run(truth: Truth, t: Float, q: Float, progress: Progress) -> tuple[Float, F
     return at[: len(p) * every : every], p, motor
 
 
-def _late(time_s: Float, values: Float, at: Float, channel: Channel) -> Float:
+def _late(time_s: Float, values: Float, at: Float, channel: ClockedChannel) -> Float:
     """A signal (n, k) at instants (m,) behind the channel's low-pass and dead time."""
     out = values
     if channel.lag_s > 0.0:
@@ -121,7 +122,7 @@ def _late(time_s: Float, values: Float, at: Float, channel: Channel) -> Float:
 
 
 def _stamps(
-    t: Float, cycle: float, channel: Channel, clock: OtherClock, noise: np.random.Generator
+    t: Float, cycle: float, channel: ClockedChannel, clock: OtherClock, noise: np.random.Generator
 ) -> tuple[Float, Float]:
     """Instants of the samples that arrive, and the stamps they carry."""
     start = t[0] + cycle * noise.random()

@@ -23,10 +23,7 @@ START_C, WARM_C, WARM_S, WOBBLE_C = 20.5, 4.0, 2400.0, 0.4
 def sensor_from(truth: Truth, laboratory: Laboratory, settings: Mapping[str, Any]) -> ForceSensor:
     """The laboratory's sensor in the body that the setting ``sensor_segment`` names."""
     return force_sensor(
-        truth,
-        laboratory.seed,
-        settings.get("sensor_segment"),
-        hose_share=float(settings.get("hose_share", 1.0)),
+        truth, laboratory.seed, settings.get("sensor_segment"), hose_share=float(settings.get("hose_share", 1.0))
     )
 
 

@@ -184,17 +184,12 @@ def _one_blank(
     force = _reading(truth, laboratory, record, controller, bias, rng)
     low, high = _box(settings)
     gauge = DEPTH_GAUGE_M * rng.standard_normal((len(cuts), 2)) if settings.get("measure_depth", False) else None
-    columns = _Columns(record, cuts, row_of[record.row], force, low, high, cutter.radius_m, gauge)
+    columns = _SlotColumns(record, cuts, row_of[record.row], force, low, high, cutter.radius_m, gauge)
     return columns.measured(tool, float(settings.get("rate_hz", RATE_HZ)), laboratory.force_n, controller.cycle_s)
 
 
 def _reading(
-    truth: Truth,
-    laboratory: Laboratory,
-    record: Record,
-    controller: Controller,
-    bias: Float,
-    rng: np.random.Generator,
+    truth: Truth, laboratory: Laboratory, record: Record, controller: Controller, bias: Float, rng: np.random.Generator
 ) -> Float:
     """(n, 3) N: what the sensor shows, turned into base axes by the controller."""
     names = [body.name for body in truth.bodies]
@@ -222,7 +217,7 @@ def _reading(
 
 
 @dataclass(frozen=True, eq=False)
-class _Columns:
+class _SlotColumns:
     """The record of a run, by test cut."""
 
     record: Record

@@ -24,7 +24,7 @@ from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
-from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
+from counterflex.twin.plant.record import Record, SimulatedCycles
 from counterflex.twin.truth.truth import Truth
 
 CHANGE_S: Final = 2.0
@@ -222,8 +222,7 @@ class LiveCell:
             *map(np.array, (log.time, log.p_base, log.R_base)),
             *map(np.array, (log.q_ref, log.q_motor, log.sums)),
         )
-        return record_of(
-            cycles,
+        return cycles.record(
             self.path,
             self.reference,
             self.motion.poses[cycles.k, :3, :3],

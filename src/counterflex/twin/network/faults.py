@@ -148,7 +148,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Delivery:
+class FaultyDelivery:
     """One copy of a datagram that arrives."""
 
     data: bytes
@@ -219,7 +219,7 @@ class FaultSchedule:
         """Return whether every datagram of a direction arrives as it was sent."""
         return not self._of_datagrams[direction]
 
-    def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[Delivery]:
+    def deliveries(self, data: bytes, index: int, time_s: float, direction: Direction = "out") -> list[FaultyDelivery]:
         """Deliveries of a datagram: nothing, itself, something else, or several.
 
         Args:
@@ -227,13 +227,13 @@ class FaultSchedule:
             time_s: At which it is sent, s since the start.
             direction: See :data:`Direction`.
         """
-        deliveries = [Delivery(data)]
+        deliveries = [FaultyDelivery(data)]
         for fault, chance in self._of_datagrams[direction]:
             if not fault.covers(index, time_s):
                 continue
             reordered = fault.kind == "reordered"
             deliveries = [
-                Delivery(
+                FaultyDelivery(
                     arrived.of(one.data),
                     one.late_s + (0.0 if reordered else arrived.delay_s),
                     one.overtaken_by + int(reordered and arrived.delay_s > 0.0),

@@ -6,7 +6,7 @@ import heapq
 import math
 from collections.abc import Callable
 
-from counterflex.twin.network.faults import Delivery, Direction, FaultSchedule
+from counterflex.twin.network.faults import Direction, FaultSchedule, FaultyDelivery
 
 
 class FaultyLine:
@@ -23,7 +23,7 @@ class FaultyLine:
     def __init__(self, schedule: FaultSchedule, direction: Direction = "out") -> None:
         self._schedule, self._direction, self._spared = schedule, direction, schedule.spares(direction)
         self._late: list[tuple[float, int, bytes]] = []
-        self._delayed: list[tuple[int, Delivery]] = []
+        self._delayed: list[tuple[int, FaultyDelivery]] = []
         self._order = 0
         self.offered = self.carried = 0
 
@@ -63,7 +63,7 @@ class FaultyLine:
         """Time at which the next late datagram comes out, s since the start; infinite where none is waiting."""
         return self._late[0][0] if self._late else math.inf
 
-    def _carry(self, delivery: Delivery, time_s: float, deliver: Callable[[bytes], None]) -> None:
+    def _carry(self, delivery: FaultyDelivery, time_s: float, deliver: Callable[[bytes], None]) -> None:
         if delivery.late_s > 0.0:
             self._order += 1
             heapq.heappush(self._late, (time_s + delivery.late_s, self._order, delivery.data))

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float, Int, as_float, as_positive
 from counterflex.core.errors import InputError, ModelError, ReachError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
-from counterflex.path.path_speed import Track, build_track, places, timed
+from counterflex.path.path_speed import Track, build_track
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
 from counterflex.robot.model.description import EndEffector, Opw, Robot
@@ -145,7 +145,7 @@ def controller_of(robot: Robot, end_effector: EndEffector, T_base_part: Float, *
 
 
 @dataclass(frozen=True)
-class Reference:
+class CommandedReference:
     """References for the drives, one row per cycle."""
 
     time_s: Float  # (n,) s
@@ -191,12 +191,12 @@ def _turned(path: ToolPath, controller: Controller, track: Track) -> Float | Non
     if controller.turning is None:
         return None
     at = controller.turning.along(path.p_part_tcp)[track.turned]
-    segment, share = places(track, controller.acceleration_m_s2, controller.cycle_s)
+    segment, share = track.places(controller.acceleration_m_s2, controller.cycle_s)
     out: Float = (1.0 - share) * at[segment] + share * at[segment + 1]
     return out
 
 
-def interpolate(path: ToolPath, controller: Controller) -> Reference:
+def interpolate(path: ToolPath, controller: Controller) -> CommandedReference:
     """Run a tool path on the controller.
 
     ``path``: In the part frame; at least two points. Returns references at the interpolation cycle; speeds are central
@@ -211,7 +211,7 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
         rapid_m_s=controller.rapid_m_s,
         acceleration_m_s2=controller.acceleration_m_s2,
     )
-    t, p, axis, source = timed(track, controller.acceleration_m_s2, controller.cycle_s)
+    t, p, axis, source = track.timed(controller.acceleration_m_s2, controller.cycle_s)
     if len(t) < 2:
         raise InputError("the tool path does not move", value=len(path))
     turned = _turned(path, controller, track)
@@ -221,4 +221,6 @@ def interpolate(path: ToolPath, controller: Controller) -> Reference:
     if controller.following_gain_per_s is not None:
         q = first_order_lag(q, controller.cycle_s, controller.following_gain_per_s)
     qd: Float = np.gradient(q, controller.cycle_s, axis=0)
-    return Reference(time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned)
+    return CommandedReference(
+        time_s=t, p_part_command=p, axis_part=axis, q_ref=q, qd_ref=qd, source=source, turned_rad=turned
+    )

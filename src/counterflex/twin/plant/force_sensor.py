@@ -86,13 +86,7 @@ def sensor_place(truth: Truth, segment: str | None = None) -> tuple[str, str, st
     return segment, names[names.index(segment) + 1], arm
 
 
-def force_sensor(
-    truth: Truth,
-    seed: int,
-    segment: str | None = None,
-    *,
-    hose_share: float = 1.0,
-) -> ForceSensor:
+def force_sensor(truth: Truth, seed: int, segment: str | None = None, *, hose_share: float = 1.0) -> ForceSensor:
     """The sensor of a laboratory, turned a little from where the truth says that it is thought to sit.
 
     Not from where a cell file has it: once that was identified, it holds the turn already.

@@ -14,11 +14,11 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import pose, wrench
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.twin.plant.controller import Controller, Reference, as_it_is, interpolate
+from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
 from counterflex.twin.plant.process import Process, as_ground
-from counterflex.twin.plant.record import Record, SimulatedCycles, record_of
+from counterflex.twin.plant.record import Record, SimulatedCycles
 from counterflex.twin.plant.turning.column_material import near as near_columns
 from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import Truth
@@ -155,7 +155,7 @@ def simulate(
         process = Process(blank, mount, truth.cutting, step_s, T_base_part)
         near = near_stock(reference.p_part_command, blank, widest)
     fixed = controller.T_base_tcp
-    run = _Run(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
+    run = _SimulatedRun(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
     run.tool, run.cutters, run.T_base_tcp = tool, cutters, fixed
     stretches = _stretches(near, controller.cycle_s, skip_air)
     parts = in_parts(progress, {str(first): float(last - first) for first, last in stretches} or {"": 1.0})
@@ -167,7 +167,7 @@ def simulate(
     progress(1.0, "machined")
     left = process.finish_material() if isinstance(process, TurningProcess) else process.finish()
     commanded = Rs_part_command[run.rows]
-    return record_of(run.cycles(), path, reference, commanded, left, T_base_part, residual, T_base_tcp=fixed)
+    return run.cycles().record(path, reference, commanded, left, T_base_part, residual, T_base_tcp=fixed)
 
 
 def mounted_tools(path: ToolPath) -> Int:
@@ -183,7 +183,7 @@ def mounted_tools(path: ToolPath) -> Int:
     return out
 
 
-def _as_driven(reference: Reference, truth: Truth, cycle_s: float) -> Reference:
+def _as_driven(reference: CommandedReference, truth: Truth, cycle_s: float) -> CommandedReference:
     """References behind the lag of drives without speed feed-forward."""
     gains = following_gains(truth.drives)
     trailing = np.flatnonzero(np.isfinite(gains))
@@ -239,11 +239,11 @@ def hermite(substeps: int, cycle_s: float) -> tuple[Float, Float]:
     return place, speed
 
 
-class _Run:
+class _SimulatedRun:
     """The time loop and what it records."""
 
     def __init__(
-        self, plant: Plant, process: Process, reference: Reference, spindle: Float, near: Bool, substeps: int
+        self, plant: Plant, process: Process, reference: CommandedReference, spindle: Float, near: Bool, substeps: int
     ) -> None:
         n = len(reference.time_s)
         self.plant, self.process, self.reference = plant, process, reference

@@ -41,6 +41,46 @@ class HolderShape:
     e_pa: float = 206e9
     poisson_ratio: float = 0.29
 
+    def strain_frame(self, elements: int = 72) -> StrainFrame:
+        """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
+        s = self
+        cuts = [c for z in s.notch_z_m for c in (z - 0.5 * s.notch_m, z + 0.5 * s.notch_m)]
+        z = np.unique(np.round(np.concatenate([np.linspace(0.0, s.length_m, elements + 1), cuts]), 9))
+        n = len(z) - 1
+        count = 2 * (n + 1) + 2  # cheeks, middle of the base plate, middle of the ring
+        base, ring = count - 2, count - 1
+        K = np.zeros((6 * count, 6 * count))
+        sections: list[list[tuple[float, float, float, float]]] = [[], []]
+        stiffness: list[list[Float]] = [[], []]
+        for side in range(2):
+            for e in range(n):
+                middle = 0.5 * (z[e] + z[e + 1])
+                width = s.width_m[0] + (s.width_m[1] - s.width_m[0]) * middle / s.length_m
+                if any(abs(middle - c) < 0.5 * s.notch_m for c in s.notch_z_m):
+                    width *= s.notch_share
+                section = _rectangle(s.thickness_m[side], width)
+                k = _element(float(z[e + 1] - z[e]), section, s.e_pa, s.poisson_ratio)
+                sections[side].append(section)
+                stiffness[side].append(k)
+                _add(K, side * (n + 1) + e, side * (n + 1) + e + 1, k)
+        turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # local z along the holder's x
+        T = np.kron(np.eye(4), turn)
+        for middle, height, at in ((base, s.base_m, 0), (ring, s.ring_m, n)):
+            for side in range(2):
+                k = _element(0.5 * s.distance_m, _rectangle(height, s.width_m[0]), s.e_pa, s.poisson_ratio)
+                cheek = side * (n + 1) + at
+                ends = (cheek, middle) if side == 0 else (middle, cheek)
+                _add(K, *ends, T @ k @ T.T)
+        at_ring = np.eye(6)
+        at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))
+        x = _bent(K, n + 1, at_ring)  # the middle of the base plate is bolted to the flange
+        cheek_ends: Float = np.empty((2, n, 6, 6))
+        for side in range(2):
+            for e in range(n):
+                a = 6 * (side * (n + 1) + e)
+                cheek_ends[side, e] = (stiffness[side][e] @ x[a : a + 12])[6:]
+        return StrainFrame(s, z, tuple(tuple(row) for row in sections), cheek_ends, x[6 * ring : 6 * ring + 6])
+
 
 def _rectangle(t: float, b: float) -> tuple[float, float, float, float]:
     """Area, second moments about the axes along t and along b ... and torsion constant of a section t x b."""
@@ -150,47 +190,6 @@ def _bent(K: Float, stations: int, load: Float) -> Float:
     return x
 
 
-def strain_frame(shape: HolderShape, elements: int = 72) -> StrainFrame:
-    """Assemble and solve the frame. Returns the frame with its answers to unit loads on the ring."""
-    s = shape
-    cuts = [c for z in s.notch_z_m for c in (z - 0.5 * s.notch_m, z + 0.5 * s.notch_m)]
-    z = np.unique(np.round(np.concatenate([np.linspace(0.0, s.length_m, elements + 1), cuts]), 9))
-    n = len(z) - 1
-    count = 2 * (n + 1) + 2  # cheeks, middle of the base plate, middle of the ring
-    base, ring = count - 2, count - 1
-    K = np.zeros((6 * count, 6 * count))
-    sections: list[list[tuple[float, float, float, float]]] = [[], []]
-    stiffness: list[list[Float]] = [[], []]
-    for side in range(2):
-        for e in range(n):
-            middle = 0.5 * (z[e] + z[e + 1])
-            width = s.width_m[0] + (s.width_m[1] - s.width_m[0]) * middle / s.length_m
-            if any(abs(middle - c) < 0.5 * s.notch_m for c in s.notch_z_m):
-                width *= s.notch_share
-            section = _rectangle(s.thickness_m[side], width)
-            k = _element(float(z[e + 1] - z[e]), section, s.e_pa, s.poisson_ratio)
-            sections[side].append(section)
-            stiffness[side].append(k)
-            _add(K, side * (n + 1) + e, side * (n + 1) + e + 1, k)
-    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # local z along the holder's x
-    T = np.kron(np.eye(4), turn)
-    for middle, height, at in ((base, s.base_m, 0), (ring, s.ring_m, n)):
-        for side in range(2):
-            k = _element(0.5 * s.distance_m, _rectangle(height, s.width_m[0]), s.e_pa, s.poisson_ratio)
-            cheek = side * (n + 1) + at
-            ends = (cheek, middle) if side == 0 else (middle, cheek)
-            _add(K, *ends, T @ k @ T.T)
-    at_ring = np.eye(6)
-    at_ring[3:, :3] = skew(np.array([0.0, 0.0, -s.length_m]))
-    x = _bent(K, n + 1, at_ring)  # the middle of the base plate is bolted to the flange
-    cheek_ends: Float = np.empty((2, n, 6, 6))
-    for side in range(2):
-        for e in range(n):
-            a = 6 * (side * (n + 1) + e)
-            cheek_ends[side, e] = (stiffness[side][e] @ x[a : a + 12])[6:]
-    return StrainFrame(s, z, tuple(tuple(row) for row in sections), cheek_ends, x[6 * ring : 6 * ring + 6])
-
-
 SAMPLE_S = 1e-3
 """Sampling of the bridge amplifiers."""
 NOISE, WANDER = 0.22e-6, 0.015e-6
@@ -264,7 +263,7 @@ def instrumented_holder(
 
     ``gauges``: Per bridge its intended place: x, y, z m, angle rad, notch factor. ``shape``: None: of reference.
     """
-    frame = strain_frame(shape if shape is not None else HolderShape())
+    frame = (shape if shape is not None else HolderShape()).strain_frame()
     places = as_float("gauges", gauges, (None, 5))
     rng = np.random.Generator(np.random.PCG64(random.Random(f"counterflex-holder-1:{seed}").getrandbits(64)))
     off = PLACE_M * rng.standard_normal((len(places), 3))

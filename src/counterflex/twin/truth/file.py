@@ -13,12 +13,111 @@ import tomli_w
 from counterflex.core import file_content
 from counterflex.core.atomic import write_text
 from counterflex.core.errors import CounterflexError, FileFormatError
-from counterflex.core.units import DEG, MM, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
+from counterflex.core.units import DEG, MM, MRAD, MS, N_PER_MM, N_PER_MM2, UM, UM_PER_KN, URAD, URAD_PER_KNM
 from counterflex.robot.model.description import Counterbalance, ElasticRegion
-from counterflex.twin.truth import table as tables
+from counterflex.twin.truth import other as kinds, table as tables
 from counterflex.twin.truth.family import MILD, family_of
-from counterflex.twin.truth.other_file import other_from, other_to_dict
+from counterflex.twin.truth.table import DIRECTIONS, TableKey, TruthTable, closed, from_table, optional, to_table
 from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, SensorPlace, Truth
+
+_GEAR: Final = (
+    TableKey("axis", "axis", "axis"),
+    TableKey("torque_nm", "torque_nm", numbers=2),
+    TableKey("stiffness_share", "share", numbers=3),
+    TableKey("hysteresis_nm", "hysteresis_nm"),
+    TableKey("hysteresis_share", "hysteresis_share"),
+    TableKey("hysteresis_slip_urad", "hysteresis_rad", URAD),
+)
+_FRICTION: Final = (
+    TableKey("axis", "axis", "axis"),
+    TableKey("coulomb_nm", "coulomb_nm"),
+    TableKey("stiction_share", "stiction_share"),
+    TableKey("stribeck_mrad_s", "stribeck_rad_s", MRAD),
+    TableKey("bristle_urad", "bristle_rad", URAD),
+    TableKey("viscous_nm_s_rad", "viscous_nm_s"),
+    TableKey("doubling_load_nm", "load_nm"),
+    TableKey("cold_share", "cold_share"),
+    TableKey("warming_s", "warming_s"),
+)
+_THERMAL: Final = (
+    TableKey("before_s", "before_s"),
+    TableKey("spindle_um", "spindle_m", UM),
+    TableKey("spindle_s", "spindle_s"),
+    TableKey("arm_um", "arm_m", UM, numbers=3),
+    TableKey("arm_s", "arm_s"),
+)
+_HOSE: Final = (
+    TableKey("body", "arm_body", "text"),
+    TableKey("arm_clamp_mm", "p_arm_clamp", MM, numbers=3),
+    TableKey("tool_clamp_mm", "p_tool_clamp", MM, numbers=3),
+    TableKey("mass_kg", "mass_kg"),
+    TableKey("slack_mm", "slack_m", MM),
+    TableKey("pull_n_m", "pull_n_m"),
+    TableKey("bending_nm", "bending_nm"),
+)
+_TOOL: Final = (
+    TableKey("number", "number", "whole"),
+    TableKey("length_um", "length_m", UM),
+    TableKey("diameter_um", "diameter_m", UM),
+)
+_CONTROLLER: Final = (
+    TableKey("blending_share", "blending_share"),
+    TableKey("smoothing_ms", "smoothing_s", MS),
+    TableKey("dead_cycles", "dead_cycles", "whole"),
+)
+
+
+def other_to_dict(other: kinds.OtherPhysics) -> dict[str, Any]:
+    """Tables of the kinds that are there; empty where there is none."""
+    one = {"thermal": (other.thermal, _THERMAL), "hose": (other.hose, _HOSE)}
+    tables: dict[str, Any] = {
+        "gears": [to_table(gear, _GEAR) for gear in other.gears],
+        "frictions": [to_table(friction, _FRICTION) for friction in other.frictions],
+        "couplings": [_coupling_to(coupling) for coupling in other.couplings],
+        **{name: to_table(kind, keys) if kind is not None else None for name, (kind, keys) in one.items()},
+        "tools": [to_table(tool, _TOOL) for tool in other.tools],
+        "controller": to_table(other.controller, _CONTROLLER) if other.controller is not None else None,
+    }
+    return {name: table for name, table in tables.items() if table}
+
+
+def other_from(top: TruthTable) -> kinds.OtherPhysics:
+    """Take the tables of :func:`other_to_dict` out of a truth file's.
+
+    Raises FileFormatError: a key is missing, unknown or of the wrong kind. Raises ModelError: a value is out of range.
+    """
+    return kinds.OtherPhysics(
+        gears=tuple(from_table(row, kinds.GearCurve, _GEAR) for row in top.rows("gears", ())),
+        frictions=tuple(from_table(row, kinds.BristleFriction, _FRICTION) for row in top.rows("frictions", ())),
+        couplings=tuple(closed(row, _coupling) for row in top.rows("couplings", ())),
+        controller=optional(top, "controller", kinds.ControllerKind, _CONTROLLER),
+        thermal=optional(top, "thermal", kinds.Thermal, _THERMAL),
+        hose=optional(top, "hose", kinds.HosePack, _HOSE),
+        tools=tuple(from_table(row, kinds.ToolOff, _TOOL) for row in top.rows("tools", ())),
+    )
+
+
+def _coupling_to(c: kinds.Coupling) -> dict[str, Any]:
+    changing = {} if c.axis is None else {"axis": c.axis + 1, "strongest_deg": c.phase_rad / DEG}
+    return {"bodies": list(c.bodies), "directions": [DIRECTIONS[d] for d in c.directions], "share": c.share, **changing}
+
+
+def _coupling(t: TruthTable) -> kinds.Coupling:
+    bodies, directions = t.texts("bodies", 2), t.texts("directions", 2)
+    for direction in directions:
+        if direction not in DIRECTIONS:
+            raise FileFormatError(
+                "no such direction", where=f"{t.where}: directions", value=direction, limit=" ".join(DIRECTIONS)
+            )
+    changing = "axis" in t
+    return kinds.Coupling(
+        bodies=(bodies[0], bodies[1]),
+        directions=(DIRECTIONS.index(directions[0]), DIRECTIONS.index(directions[1])),
+        share=t.number("share"),
+        axis=t.axis() if changing else None,
+        phase_rad=t.number("strongest_deg", DEG) if changing else 0.0,
+    )
+
 
 FORMAT: Final = "counterflex-truth"
 VERSION: Final = 1
@@ -103,7 +202,7 @@ def _body_to(body: Body) -> dict[str, Any]:
     }
 
 
-def _family_of(table: tables.Table, seed: int | None) -> str:
+def _family_of(table: tables.TruthTable, seed: int | None) -> str:
     """Files of before the families are of the first one."""
     if "family" not in table:
         return "" if seed is None else MILD.name
@@ -115,7 +214,7 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
 
     Raises FileFormatError: the data is not a truth of version 1, or a value is impossible.
     """
-    top = tables.Table(data, where)
+    top = tables.TruthTable(data, where)
     if top.text("format") != FORMAT:
         raise FileFormatError("not a truth file", where=where, value=repr(data["format"]), limit=FORMAT)
     version = top.integer("version")
@@ -130,10 +229,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     if version != VERSION:
         raise FileFormatError("no such version of the truth file", where=where, value=version, limit=VERSION)
     try:
-        cutting = tables.Table(top.raw("cutting"), f"{where}: cutting")
+        cutting = tables.TruthTable(top.raw("cutting"), f"{where}: cutting")
         drives = top.rows("drives")
         bodies = top.rows("bodies")
-        tcp = tables.Table(top.raw("tcp"), f"{where}: tcp")
+        tcp = tables.TruthTable(top.raw("tcp"), f"{where}: tcp")
         seed = top.integer("seed") if "seed" in top else None
         truth = Truth(
             name=top.text("name"),
@@ -141,10 +240,10 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
             family=_family_of(top, seed),
             stock_top_offset_m=top.number("stock_top_offset_mm", MM),
             gravity_base=np.array(top.numbers("gravity_base_m_s2", 3)),
-            T_last_tcp=tables.closed(tcp, tables.Table.pose),
+            T_last_tcp=tables.closed(tcp, tables.TruthTable.pose),
             cutting=tables.from_table(cutting, CuttingTruth, _CUTTING),
             counterbalance=tables.optional(top, "counterbalance", Counterbalance, _BALANCE),
-            sensor=tables.closed(tables.Table(top.raw("sensor"), f"{where}: sensor"), _sensor_from)
+            sensor=tables.closed(tables.TruthTable(top.raw("sensor"), f"{where}: sensor"), _sensor_from)
             if "sensor" in top
             else None,
             drives=tuple(tables.from_table(row, Drive, _DRIVE) for row in drives),
@@ -160,11 +259,11 @@ def from_dict(data: Mapping[str, Any], where: str = "truth") -> Truth:
     return truth
 
 
-def _sensor_from(t: tables.Table) -> SensorPlace:
+def _sensor_from(t: tables.TruthTable) -> SensorPlace:
     return SensorPlace(segment=t.text("segment"), T_seg_sensor=t.pose())
 
 
-def _region_from(t: tables.Table) -> ElasticRegion:
+def _region_from(t: tables.TruthTable) -> ElasticRegion:
     direction = t.text("direction")
     if direction not in tables.DIRECTIONS:
         raise FileFormatError(
@@ -176,12 +275,12 @@ def _region_from(t: tables.Table) -> ElasticRegion:
         segment=t.text("body"),
         direction=tables.DIRECTIONS.index(direction),
         axis=t.axis(),
-        angles_rad=tables.Table({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
+        angles_rad=tables.TruthTable({"angles_deg": angles}, t.where).numbers("angles_deg", count, DEG),
         factors=t.numbers("factors", count),
     )
 
 
-def _body_from(t: tables.Table) -> Body:
+def _body_from(t: tables.TruthTable) -> Body:
     driven = "axis" in t
     return Body(
         name=t.text("name"),

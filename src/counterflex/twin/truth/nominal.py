@@ -41,12 +41,7 @@ _SPINDLE_KG_M3 = 6500.0
 
 
 def nominal_truth(
-    robot: Robot,
-    end_effector: EndEffector,
-    cutting: CuttingTruth,
-    *,
-    name: str = "nominal",
-    friction: float = 1.0,
+    robot: Robot, end_effector: EndEffector, cutting: CuttingTruth, *, name: str = "nominal", friction: float = 1.0
 ) -> Truth:
     """Turn a cell's description into a truth with exactly its geometry, compliances and masses.
 

@@ -23,7 +23,7 @@ from counterflex.twin.truth.truth import Body, CuttingTruth, Drive, Truth
 
 
 @dataclass(frozen=True)
-class Difference:
+class TruthDifference:
     """One row of the table of differences."""
 
     # ``stiffness``, ``geometry``, ``bearings``, ``masses``, ``drives``, ``cutting``, ``stock`` or ``other kinds``
@@ -34,7 +34,7 @@ class Difference:
     unit: str
 
 
-def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
+def differences(known: Truth, true: Truth) -> tuple[TruthDifference, ...]:
     """Differences of a truth from the nominal one, for reports.
 
     Returns rows in shop units; positions as the distance between known and true. Raises InputError: the two do not have
@@ -53,7 +53,7 @@ def differences(known: Truth, true: Truth) -> tuple[Difference, ...]:
         ("stock", "top of the blank", known.stock_top_offset_m / MM, true.stock_top_offset_m / MM, "mm"),
         *(("other kinds", *row) for row in _other(true.other)),
     )
-    return tuple(Difference(*pair) for pair in pairs)
+    return tuple(TruthDifference(*pair) for pair in pairs)
 
 
 _Row = tuple[str, str, float, float, str]

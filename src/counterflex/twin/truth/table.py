@@ -28,7 +28,7 @@ def pose_to(T: Float) -> dict[str, Any]:
     return {"position_mm": in_unit(T[:3, 3], MM), "abc_deg": in_unit(rotation.to_zyx(T[:3, :3]), DEG)}
 
 
-class Table:
+class TruthTable:
     """Takes keys out of a table one by one and refuses what is left."""
 
     def __init__(self, data: Any, where: str) -> None:
@@ -84,12 +84,12 @@ class Table:
             raise FileFormatError("wrong list", where=f"{self.where}: {key}", value=repr(value)[:60], limit=count)
         return tuple(value)
 
-    def rows(self, key: str, without: tuple[Any, ...] | None = None) -> list[Table]:
+    def rows(self, key: str, without: tuple[Any, ...] | None = None) -> list[TruthTable]:
         """A list of tables; ``without``: what a missing key stands for, None: it must be there."""
         value = list(without) if without is not None and key not in self else self.raw(key)
         if not isinstance(value, list):
             raise FileFormatError("not a list of tables", where=f"{self.where}: {key}")
-        return [Table(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
+        return [TruthTable(row, f"{self.where}: {key}[{i + 1}]") for i, row in enumerate(value)]
 
     def pose(self) -> Float:
         """``T`` (4, 4) of the keys of :func:`pose_to`."""
@@ -109,7 +109,7 @@ class Table:
         return float(value)
 
 
-def closed(table: Table, read: Callable[[Table], T]) -> T:
+def closed(table: TruthTable, read: Callable[[TruthTable], T]) -> T:
     """Read a table with ``read``, and refuse keys that are left."""
     out = read(table)
     table.close()
@@ -139,13 +139,13 @@ def _shown(value: Any, key: TableKey) -> Any:
     return in_unit(value, key.unit) if key.numbers else value / key.unit
 
 
-def from_table(table: Table, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T:
+def from_table(table: TruthTable, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T:
     """An object of the fields that a table has keys for, which must be all of them that are not optional."""
     fields = {k.field: _read(table, k) for k in keys if not k.optional or k.key in table}
     return closed(table, lambda _: kind(**fields))
 
 
-def _read(table: Table, key: TableKey) -> Any:
+def _read(table: TruthTable, key: TableKey) -> Any:
     match key.unit:
         case "axis":
             return table.axis()
@@ -159,6 +159,6 @@ def _read(table: Table, key: TableKey) -> Any:
             return table.numbers(key.key, key.numbers, unit) if key.numbers else table.number(key.key, unit)
 
 
-def optional(top: Table, key: str, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T | None:
+def optional(top: TruthTable, key: str, kind: Callable[..., T], keys: tuple[TableKey, ...]) -> T | None:
     """An object from a table that may be missing."""
-    return from_table(Table(top.raw(key), f"{top.where}: {key}"), kind, keys) if key in top else None
+    return from_table(TruthTable(top.raw(key), f"{top.where}: {key}"), kind, keys) if key in top else None

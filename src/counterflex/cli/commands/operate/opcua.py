@@ -34,10 +34,10 @@ def opcua(
 
     Example: `counterflex opcua log`
     """
-    from counterflex.app.opcua.settings import OpcuaSettings, require_safe
+    from counterflex.app.opcua.settings import OpcuaSettings
 
     settings = OpcuaSettings(log, host, port, users, certificate, key)
-    require_safe(settings)
+    settings.require_safe()
     from counterflex.app.opcua.server import serve
 
     serve(settings, _started)

@@ -8,7 +8,7 @@ from typing import Final
 import typer
 
 from counterflex.app.run.process_events import shown_event
-from counterflex.app.run.status import Status, force_message
+from counterflex.app.run.status import Status
 from counterflex.protocols.session.comparison import answer_line, comparison_lines, frame_line
 from counterflex.protocols.session.session import SessionChecks
 from counterflex.runtime.estimator.fusion import level
@@ -105,7 +105,7 @@ def _dangers(status: Status) -> str:
         )
     if status.compared:
         text += "".join(f"  {line}" for line in comparison_lines(status.compared, status.cause, status.degraded))
-    text += force_message(status)
+    text += status.force_message()
     if status.trouble:
         text += f"  INTERNAL: {status.trouble}"
     return text + (f"  UNKNOWN SENDER: {status.foreign}" if status.foreign else "")

@@ -57,7 +57,7 @@ def netft(
     )
     shown = load(table, file, faults.seed)
 
-    summary = job.run_force(job.LoneForce("netft", shown, start, seconds), started=say_force_device)
+    summary = job.LoneForce("netft", shown, start, seconds).run(started=say_force_device)
     if as_json:
         print_json(summary)
         return
@@ -97,7 +97,7 @@ def wrench(
     values = {"source": source_id}
     start = ForceStart(host=host, port=port, rate_hz=table.rate_hz, status=table.status, faults=faults, values=values)
     shown = load(table, file, faults.seed)
-    summary = job.run_force(job.LoneForce("wrench", shown, start, seconds))
+    summary = job.LoneForce("wrench", shown, start, seconds).run()
     if as_json:
         print_json(summary)
         return
@@ -164,7 +164,7 @@ def tracker(
         clock_drift_ppm=table.clock_drift_ppm,
         faults=faults,
     )
-    summary = job.run_tracker(settings)
+    summary = settings.run()
     if as_json:
         print_json(summary)
         return

@@ -13,7 +13,7 @@ from counterflex.cli.arguments import option
 from counterflex.cli.commands.question import AsJson
 from counterflex.cli.commands.standards.options import Average, Files, Format, FrameOf, Out
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
-from counterflex.core.told_apart import with_interval
+from counterflex.core.similar import with_interval
 
 
 def iso9283(

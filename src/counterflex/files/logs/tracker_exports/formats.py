@@ -16,8 +16,7 @@ from counterflex.core.errors import FileFormatError
 from counterflex.core.file_kind import of_bytes
 from counterflex.core.units import MM, NS
 from counterflex.files.dataset.units import UNITS, factor
-from counterflex.files.logs.tracker_exports.point_table import PointTableLines
-from counterflex.files.logs.tracker_exports.stamps import stamp_ns
+from counterflex.files.logs.tracker_exports.point_table import PointTableLines, stamp_ns
 from counterflex.files.logs.tracker_log import TrackerLines
 from counterflex.files.small_table import number
 from counterflex.geometry import pose

@@ -46,7 +46,7 @@ LANGUAGE: Final = Language(
         re.IGNORECASE,
     ),
     read="counterflex.integrations.abb.language.read.reader:read_rapid_file",
-    files="counterflex.integrations.abb.language.read.job_files:companion_modules",
+    files="counterflex.integrations.abb.language.read.reader:companion_modules",
     table="counterflex.integrations.abb.language.table:TABLE",
     cell="counterflex.integrations.abb.language.job:cell_of",
     in_place="counterflex.integrations.abb.language.in_place:write_rapid_in_place",

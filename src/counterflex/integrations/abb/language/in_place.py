@@ -19,9 +19,8 @@ from counterflex.integrations.abb.language.table import FORMS
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import Limits
-from counterflex.programs.robot_text.circle_fit import FittedCircle
+from counterflex.programs.robot_text.circle_fit import FittedCircle, Spans
 from counterflex.programs.robot_text.in_place import InPlace
-from counterflex.programs.robot_text.spans import Spans
 
 
 class Copies:

@@ -67,6 +67,21 @@ class RapidMotion:
     # (4, 4) m, frame of its targets in the part: a displacement; None where there is none
     T_part_object: Float | None = None
 
+    def posture(self) -> Stated | None:
+        """Posture that the configuration of the target states."""
+        number = None if self.target is None else self.target.cfx
+        if number is None or number not in range(8):
+            return None
+        front, behind, negative = number < 4, bool(number & 2), bool(number & 1)
+        return StatedPosture(front, not behind if front else None, not negative), f"cfx {number}"
+
+    def turns(self) -> StatedTurns | None:
+        """Turns that the quarters of the target state, of joint moves."""
+        quarters = None if self.target is None or self.word.upper() != "MOVEJ" else self.target.quarters
+        if quarters is None:
+            return None
+        return turn_ranges(quarters, _QUARTER_DEG, 0.0, f"cf1, cf4, cf6 {', '.join(map(str, quarters))}")
+
 
 @dataclass(frozen=True, slots=True)
 class RoutineCall:
@@ -115,7 +130,7 @@ class RapidProgram(RobotProgram):
         """``cfx`` while ConfJ or ConfL is on."""
         on = self.supervised_words()
         stated = {
-            index: _posture(move)
+            index: move.posture()
             for index, move in enumerate(self.moves)
             if ("J" if move.word.upper().startswith("MOVEJ") else "L") in on
         }
@@ -125,19 +140,4 @@ class RapidProgram(RobotProgram):
         """``cf1``, ``cf4`` and ``cf6`` while ConfJ is on."""
         if "J" not in self.supervised_words():
             return {}
-        return {index: one for index, move in enumerate(self.moves) if (one := _turns(move)) is not None}
-
-
-def _posture(move: RapidMotion) -> Stated | None:
-    number = None if move.target is None else move.target.cfx
-    if number is None or number not in range(8):
-        return None
-    front, behind, negative = number < 4, bool(number & 2), bool(number & 1)
-    return StatedPosture(front, not behind if front else None, not negative), f"cfx {number}"
-
-
-def _turns(move: RapidMotion) -> StatedTurns | None:
-    quarters = None if move.target is None or move.word.upper() != "MOVEJ" else move.target.quarters
-    if quarters is None:
-        return None
-    return turn_ranges(quarters, _QUARTER_DEG, 0.0, f"cf1, cf4, cf6 {', '.join(map(str, quarters))}")
+        return {index: one for index, move in enumerate(self.moves) if (one := move.turns()) is not None}

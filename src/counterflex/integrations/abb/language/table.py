@@ -11,8 +11,131 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.integrations.abb.language.table_neutral import NEUTRAL_GROUPS
-from counterflex.integrations.abb.language.table_refused import REFUSED_GROUPS
 from counterflex.programs.statement_table import Statement, StatementTable, Treatment
+
+_PATH: Final = "Post the path with MoveL and MoveC, process signals as statements of their own"
+_WITHOUT: Final = "Post the path without it"
+REFUSED_GROUPS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
+    (
+        "the motion ends where a sensor says",
+        "Measure first, and write the place into the program",
+        (
+            "SearchL di1,found,p10,v100,tool0;", "SearchC di1,found,p10,p20,v100,tool0;",
+            "SearchExtJ di1,found,j10,v100;", "ContactL p10,v100,tool0;", "FCAct tool0;", "FCDeact;",
+            "FCCalib load0;", "FCRefStart;", "FCRefStop;", "FCPress1LStart p10,v10,10,tool0;",
+            "FCPressL p10,v10,10,tool0;", "FCPressC p10,p20,v10,10,tool0;", "FCPressEnd p10,v10,tool0;",
+            "FCSpdChgAct FC_TORQUE;", "FCSpdChgDeact;", "FCCondWaitWhile;", "FCCondForce;", "FCCondOrient;",
+            "FCCondPos;", "FCCondReoriSpeed;", "FCCondTCPSpeed;", "FCCondTorque;", "FCRefCircle;", "FCRefForce;",
+            "FCRefLine;", "FCRefMoveFrame;", "FCRefRot;", "FCRefSpiral;", "FCRefSprForceCart;", "FCRefTorque;",
+            "FCResetDampingTune;", "FCResetLPFilterTune;", "FCSetDampingTune;", "FCSetLPFilterTune;",
+            "FCSpdChgTunReset;", "FCSpdChgTunSet;", "FCSupvForce;", "FCSupvOrient;", "FCSupvPos;",
+            "FCSupvReoriSpeed;", "FCSupvTCPSpeed;", "FCSupvTorque;",
+        ),
+    ),
+    (
+        "a sensor or computer moves the robot",
+        "Leave EGM to counterflex, or post the path without it",
+        (
+            "EGMActJoint egm1;", "EGMActMove egm1,frame1;", "EGMActPose egm1,frame1,0,frame1,0;", "EGMGetId egm1;",
+            "EGMMoveC egm1,p10,p20,v10,fine,tool0;", "EGMMoveL egm1,p10,v10,fine,tool0;", "EGMReset egm1;",
+            "EGMRunJoint egm1,EGM_STOP_HOLD;", "EGMRunPose egm1,EGM_STOP_HOLD;", 'EGMSetupAI ROB_1,egm1,"default";',
+            'EGMSetupAO ROB_1,egm1,"default";', 'EGMSetupGI ROB_1,egm1,"default";',
+            'EGMSetupLTAPP ROB_1,egm1,"a","b",1;', 'EGMSetupUC ROB_1,egm1,"default","dev";',
+            "EGMStop egm1,EGM_STOP_HOLD;", "EGMStreamStart egm1;", "EGMStreamStop egm1;", "CorrCon corr1;",
+            "CorrDiscon corr1;", "CorrWrite corr1,offset1;", "CorrClear;",
+        ),
+    ),
+    (
+        "a conveyor or another robot decides where and how fast it goes",
+        "Post the path without it",
+        (
+            "WaitWObj wobj1;", "DropWObj wobj1;", "WaitSensor Ssync1;", "DropSensor Ssync1;",
+            "SyncToSensor Ssync1\\On;", "SupSyncSensorOn Ssync1,1,2,3;", "SupSyncSensorOff Ssync1;",
+            'PrxActivAndStoreRecord Ssync1,1,"a";', "PrxActivRecord Ssync1,1;", "PrxDbgStoreRecord Ssync1;",
+            "PrxDeactRecord Ssync1;", "PrxResetPos Ssync1;", "PrxResetRecords Ssync1;", "PrxSetPosOffset Ssync1,1;",
+            "PrxSetRecordSampleTime Ssync1,1;", "PrxSetSyncalarm Ssync1;", "PrxStartRecord Ssync1,1;",
+            "PrxStopRecord Ssync1;", "PrxStoreRecord Ssync1,1;", 'PrxUseFileRecord Ssync1,"a";',
+            "ActivateProfile cnv1;", "DeactProfile cnv1;", "LoadProfile cnv1;", "RecordProfile cnv1;",
+            "StoreProfile cnv1;", "WaitAndRecProf cnv1;", "UseACCProfile cnv1;", "UseReachableTargets cnv1;",
+            "IndCnvAddObject cnv1;", "IndCnvDisable cnv1;", "IndCnvEnable cnv1;", "IndCnvInit cnv1;",
+            "IndCnvReset cnv1;", "SyncMoveOn sync1,tasks;", "SyncMoveOff sync1;", "SyncMoveSuspend;",
+            "SyncMoveResume;", "SyncMoveUndo;", "CnvGenInstr cnv1;", "CnvSync cnv1,wobj1;",
+        ),
+    ),
+    (
+        "displaces by where the robot stands",
+        "Write PDispSet, or the displaced targets themselves",
+        (
+            "EOffsOn\\ExeP:=p20,p10;", "EOffsOff;",
+        ),
+    ),
+    (
+        "the robot yields, so that it leaves its path",
+        "Post the path without soft servos",
+        (
+            "SoftAct 1,50;", "SetLeadThrough;", "SoftElbow;", "CSSAct REFFRAME_TOOL;", "CSSDeact;",
+            "CSSForceOffsetAct;", "CSSForceOffsetDeact;", "CSSOffsetTune;",
+        ),
+    ),
+    (
+        "an external axis moves by itself",
+        "External axes stand still in the cut: take it out",
+        (
+            "IndAMove STN_1,1\\ToAbsNum:=90,20;", "IndCMove STN_1,1,20;", "IndDMove STN_1,1,90,20;",
+            "IndRMove STN_1,1\\ToRelNum:=90,20;", "IndReset STN_1,1;", "HollowWristReset;", "STClose gun1,100,5;",
+            "STOpen gun1;", "STCalib gun1\\ToolChg;", "STIndGun gun1,1;", "STIndGunReset gun1;", "CalibJ gun1;",
+            "CalibL gun1;", "MeasureWearL p10;", "STTune gun1,1,1;", "STTuneReset gun1;", "ManLoadIdProc;",
+            "LoadId TOOL_LOAD_ID,1,tool0;",
+        ),
+    ),
+    (
+        "drops or repeats motions of the path",
+        "Post the path without it",
+        (
+            "ClearPath;", "WarmStart;", "StepBwdPath 1,1;", "PathRecStart id1;", "PathRecStop;", "PathRecMoveBwd;",
+            "PathRecMoveFwd;",
+        ),
+    ),
+    (
+        "changes data by a name in a string",
+        "Assign the value itself",
+        (
+            'SetDataVal "name",count;', 'SetAllDataVal "num",0;',
+        ),
+    ),
+    (
+        "measures or changes tool and base frames",
+        "Write the measured frame into the program or the cell file",
+        (
+            "MToolTCPCalib j1,j2,j3,j4,tool1,e1,e2;", "MToolRotCalib j1,j2,tool1;",
+            "SToolTCPCalib p1,p2,p3,p4,tool1,e1,e2;", "SToolRotCalib p1,p2,tool1;",
+        ),
+    ),
+    (
+        "process instructions of an option move the robot in ways of their own",
+        "Post the path with MoveL and MoveC, process signals as statements of their own",
+        (
+            "ArcL p10,v10,seam1,weld1,z1,tool0;", "ArcLStart p10,v10,seam1,weld1,fine,tool0;",
+            "ArcLEnd p10,v10,seam1,weld1,fine,tool0;", "ArcC p10,p20,v10,seam1,weld1,z1,tool0;",
+            "ArcCStart p10,p20,v10,seam1,weld1,fine,tool0;", "ArcCEnd p10,p20,v10,seam1,weld1,fine,tool0;",
+            "ArcRefresh;", "SpotL p10,vmax,gun1,spot1,tool0;", "SpotJ p10,vmax,gun1,spot1,tool0;",
+            "SpotML p10,vmax,gun1,spot1,tool0;", "SpotMJ p10,vmax,gun1,spot1,tool0;",
+            "DispL p10,v250,bead1,z10,tool0;", "DispC p10,p20,v250,bead1,z10,tool0;", "PaintL p10,v100,z10,tool0;",
+            "PaintC p10,p20,v100,z10,tool0;", "NutL p10,v100,gun1,tool0;", "NutJ p10,v100,gun1,tool0;",
+            "CapL p10,v100,cap1,z10,tool0;", "CapC p10,p20,v100,cap1,z10,tool0;", "ArcMoveExtJ j10,v100,fine;",
+                        "MovePnP p10,p20,v100,z10,tool0;",
+        ),
+    ),
+    (
+        "stands where it always acts: the handler of errors decides what follows",
+        "Post the path without it",
+        (
+            "RAISE;", "RaiseToUser\\Continue;", "RETRY;", "TRYNEXT;",
+        ),
+    ),
+)  # fmt: skip
+"""Reason, remedy, and a complete sample of each; its first word is the instruction."""
+
 
 COMPUTED: Final = (
     "Offs(p10,1,2,3)", "RelTool(p10,1,2,3\\Rx:=5)", "PoseMult(pose1,pose2)", "PoseInv(pose1)", "PoseVect(pose1,pos1)",
@@ -104,7 +227,7 @@ NOT_COMPUTED: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class RapidForm:
     """Arguments of a motion, in order: points, speed, triggers, zone, tool, and what stands behind."""
 
     points: int = 1  # Number of robtargets: 2 of a circle
@@ -120,19 +243,20 @@ class Form:
         return self.points == 1 and not self.triggers and not self.behind
 
 
-FORMS: Final[dict[str, Form]] = {
-    "MOVEL": Form(), "MOVEJ": Form(by_axes=True), "MOVEC": Form(2), "MOVEABSJ": Form(by_axes=True),
-    "MOVEEXTJ": Form(by_axes=True), "MOVELDO": Form(behind=2, straight="MoveLDO"),
-    "MOVEJDO": Form(by_axes=True, behind=2), "MOVECDO": Form(2, behind=2, straight="MoveLDO"),
-    "MOVELAO": Form(behind=2, straight="MoveLAO"), "MOVEJAO": Form(by_axes=True, behind=2),
-    "MOVECAO": Form(2, behind=2, straight="MoveLAO"), "MOVELGO": Form(behind=2, straight="MoveLGO"),
-    "MOVEJGO": Form(by_axes=True, behind=2), "MOVECGO": Form(2, behind=2, straight="MoveLGO"),
-    "MOVELSYNC": Form(behind=1, routine=True, straight="MoveLSync"),
-    "MOVEJSYNC": Form(by_axes=True, behind=1, routine=True),
-    "MOVECSYNC": Form(2, behind=1, routine=True, straight="MoveLSync"),
-    "TRIGGL": Form(triggers=1, straight="TriggL"), "TRIGGJ": Form(by_axes=True, triggers=1),
-    "TRIGGC": Form(2, triggers=1, straight="TriggL"), "TRIGGLIOS": Form(straight="TriggLIOs"),
-    "TRIGGJIOS": Form(by_axes=True), "TRIGGABSJ": Form(by_axes=True, triggers=1),
+FORMS: Final[dict[str, RapidForm]] = {
+    "MOVEL": RapidForm(), "MOVEJ": RapidForm(by_axes=True), "MOVEC": RapidForm(2),
+    "MOVEABSJ": RapidForm(by_axes=True),
+    "MOVEEXTJ": RapidForm(by_axes=True), "MOVELDO": RapidForm(behind=2, straight="MoveLDO"),
+    "MOVEJDO": RapidForm(by_axes=True, behind=2), "MOVECDO": RapidForm(2, behind=2, straight="MoveLDO"),
+    "MOVELAO": RapidForm(behind=2, straight="MoveLAO"), "MOVEJAO": RapidForm(by_axes=True, behind=2),
+    "MOVECAO": RapidForm(2, behind=2, straight="MoveLAO"), "MOVELGO": RapidForm(behind=2, straight="MoveLGO"),
+    "MOVEJGO": RapidForm(by_axes=True, behind=2), "MOVECGO": RapidForm(2, behind=2, straight="MoveLGO"),
+    "MOVELSYNC": RapidForm(behind=1, routine=True, straight="MoveLSync"),
+    "MOVEJSYNC": RapidForm(by_axes=True, behind=1, routine=True),
+    "MOVECSYNC": RapidForm(2, behind=1, routine=True, straight="MoveLSync"),
+    "TRIGGL": RapidForm(triggers=1, straight="TriggL"), "TRIGGJ": RapidForm(by_axes=True, triggers=1),
+    "TRIGGC": RapidForm(2, triggers=1, straight="TriggL"), "TRIGGLIOS": RapidForm(straight="TriggLIOs"),
+    "TRIGGJIOS": RapidForm(by_axes=True), "TRIGGABSJ": RapidForm(by_axes=True, triggers=1),
 }  # fmt: skip
 """Motions that are evaluated, by name in capitals."""
 SETS_MOTION: Final = frozenset(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.integrations.abb.language.egm_switching import EgmSwitching
 

@@ -12,7 +12,7 @@ from counterflex.app import robot_folder
 from counterflex.core.errors import FileFormatError, InputError, ProgramError
 from counterflex.core.units import MS
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.files.cell.egm import EgmTable
+from counterflex.files.cell.links import EgmTable
 from counterflex.files.cell.online import OnlineTable
 from counterflex.integrations.abb.language.egm import (
     called,
@@ -39,6 +39,74 @@ class MakeSettings:
     cell: Path  # Cell file with the tables ``[online]`` and ``[egm]``
     program: Path  # RAPID program that compensate wrote (``.mod``)
     host: str = "192.168.125.10"  # Address of the sensor computer, for the README
+
+    def make(self, out: str | Path) -> dict[str, Any]:
+        """Write the RAPID program of a cell with EGM around its path, and a README, all of it or nothing.
+
+        Args:
+            out: Folder; made when missing.
+
+        Returns:
+            The summary: files, mode, findings about what was written.
+
+        Raises:
+            FileFormatError: The cell has no ``[online]`` table, or a file cannot be read.
+            InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
+            ProgramError: The program cannot run under EGM.
+        """
+        robot_folder.require_other_folder(out, self.program)
+        cell = read_cell(self.cell)
+        online = cell.tables.online
+        if online is None:
+            raise FileFormatError(
+                "the cell file has no table [online]",
+                where=str(self.cell),
+                hint='Add a table [online], for example with force = "pilot"',
+            )
+        try:
+            ipaddress.IPv4Address(self.host)
+        except ValueError as fault:
+            raise InputError(
+                "not an IPv4 address", where="--host", value=repr(self.host), limit="for example 192.168.125.10"
+            ) from fault
+        table = cell.tables.egm or EgmTable()
+        expected = expected_of(cell)
+        switching = EgmSwitching(
+            mode=table.mode,
+            device=table.device,
+            configuration=table.configuration_name,
+            period_ms=online.period_ms,
+            timeout_s=table.timeout_ms * MS,
+            zero_s=round(online.correction_mm / online.ramp_mm_s + _ZERO_S, 2),
+            low_pass_hz=table.low_pass_hz,
+            speed_deviation_deg_s=table.speed_deviation_deg_s,
+            ramp_in_s=table.ramp_in_ms * MS,
+            window_mm=table.window_mm,
+            window_deg=table.window_deg,
+            standing_s=table.standing_s,
+            armed_signal=cell.tables.controller.armed_signal or "",
+            correction_signal=cell.tables.controller.correction_signal or "",
+        )
+        files, elsewhere = _programs(self.program, switching)
+        findings = check_egm(_together(files), expected)
+        robot_folder.refuse_errors(findings)
+        summary = {
+            "job": "egm make",
+            "cell": cell.name,
+            "program": self.program.name,
+            "mode": table.mode,
+            "files": list(files),
+            "timeout_ms": table.timeout_ms,
+            "sample_ms": online.period_ms,
+            "warnings": [
+                *(item.line() for item in findings),
+                *robot_folder.unwatched(cell.tables.controller.correction_signal, "correction_signal"),
+            ],
+            "counterflex": __version__,
+        }
+        about = readme(cell.name, table, online, switching, self.host, tuple(files), elsewhere)
+        robot_folder.write_folder(out, files, {"README.txt": about}, summary)
+        return summary
 
 
 def expected_of(cell: Cell) -> ExpectedEgm:
@@ -68,75 +136,6 @@ def check(program: Path, cell: Path | None = None) -> tuple[Finding, ...]:
         FileFormatError: A file cannot be read as what it should be.
     """
     return check_egm(read_egm_calls(program), None if cell is None else expected_of(read_cell(cell)))
-
-
-def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
-    """Write the RAPID program of a cell with EGM around its path, and a README, all of it or nothing.
-
-    Args:
-        out: Folder; made when missing.
-
-    Returns:
-        The summary: files, mode, findings about what was written.
-
-    Raises:
-        FileFormatError: The cell has no ``[online]`` table, or a file cannot be read.
-        InputError: EGM cannot do what the cell file wants; what would be written has a finding of severity error.
-        ProgramError: The program cannot run under EGM.
-    """
-    robot_folder.require_other_folder(out, settings.program)
-    cell = read_cell(settings.cell)
-    online = cell.tables.online
-    if online is None:
-        raise FileFormatError(
-            "the cell file has no table [online]",
-            where=str(settings.cell),
-            hint='Add a table [online], for example with force = "pilot"',
-        )
-    try:
-        ipaddress.IPv4Address(settings.host)
-    except ValueError as fault:
-        raise InputError(
-            "not an IPv4 address", where="--host", value=repr(settings.host), limit="for example 192.168.125.10"
-        ) from fault
-    table = cell.tables.egm or EgmTable()
-    expected = expected_of(cell)
-    switching = EgmSwitching(
-        mode=table.mode,
-        device=table.device,
-        configuration=table.configuration_name,
-        period_ms=online.period_ms,
-        timeout_s=table.timeout_ms * MS,
-        zero_s=round(online.correction_mm / online.ramp_mm_s + _ZERO_S, 2),
-        low_pass_hz=table.low_pass_hz,
-        speed_deviation_deg_s=table.speed_deviation_deg_s,
-        ramp_in_s=table.ramp_in_ms * MS,
-        window_mm=table.window_mm,
-        window_deg=table.window_deg,
-        standing_s=table.standing_s,
-        armed_signal=cell.tables.controller.armed_signal or "",
-        correction_signal=cell.tables.controller.correction_signal or "",
-    )
-    files, elsewhere = _programs(settings.program, switching)
-    findings = check_egm(_together(files), expected)
-    robot_folder.refuse_errors(findings)
-    summary = {
-        "job": "egm make",
-        "cell": cell.name,
-        "program": settings.program.name,
-        "mode": table.mode,
-        "files": list(files),
-        "timeout_ms": table.timeout_ms,
-        "sample_ms": online.period_ms,
-        "warnings": [
-            *(item.line() for item in findings),
-            *robot_folder.unwatched(cell.tables.controller.correction_signal, "correction_signal"),
-        ],
-        "counterflex": __version__,
-    }
-    about = readme(cell.name, table, online, switching, settings.host, tuple(files), elsewhere)
-    robot_folder.write_folder(out, files, {"README.txt": about}, summary)
-    return summary
 
 
 def _programs(program: Path, switching: EgmSwitching) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -175,4 +174,4 @@ def _rapid(path: Path) -> str:
     return robot_folder.read_program(path, (".mod", ".modx"), "RAPID module", "rapid")
 
 
-SETUP: Final = robot_folder.RobotSetup("ABB EGM", check, lambda out, **given: make(MakeSettings(**given), out))
+SETUP: Final = robot_folder.RobotSetup("ABB EGM", check, lambda out, **given: MakeSettings(**given).make(out))

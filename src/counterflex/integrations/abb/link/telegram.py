@@ -55,6 +55,44 @@ class RobotState:
     # (another number of axes, a quaternion not of unit length), by their names
     missing: tuple[str, ...] = ()
 
+    def telegram(self, *, robotware: int = 7) -> bytes:
+        """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
+
+        ABB's client library drops a message without number, clock or type in its header, without joints, pose or time
+        in feedback and plan, or without one of the four states (its ``parse`` functions).
+
+        Args:
+            robotware: 6 or 7; how the force is written.
+        """
+        message = MESSAGES["EgmRobot"]()
+        _head(message.header, self.sequence, self.time_ms, DATA)
+        message.header.tm = self.time_ms
+        for part, q, T in (
+            (message.feedBack, self.q, self.T_frame_tcp),
+            (message.planned, self.q_planned, self.T_frame_tcp_planned),
+        ):
+            if q is not None:
+                part.joints.joints.extend((q / DEG).tolist())
+            if T is not None:
+                _fill(part.cartesian, T)
+            part.time.sec, part.time.usec = divmod(self.time_ms * 1000, 1_000_000)
+        message.motorState.state = 1 if self.motors_on else 2
+        message.mciState.state = 3 if self.guided else 2
+        message.rapidExecState.state = 2 if self.rapid_running else 1
+        if self.utilization is not None:
+            message.utilizationRate = 100.0 * self.utilization
+        message.mciConvergenceMet = self.converged
+        if self.move is not None:
+            message.moveIndex = self.move
+        if self.force is not None:
+            inside = MESSAGES["EgmForceSix" if robotware < 7 else "EgmForceSeven"]()
+            if robotware >= 7:
+                inside.fcActive = True
+            inside.force.extend(self.force.tolist())
+            message.measuredForce = inside.SerializeToString()
+        out: bytes = message.SerializeToString()
+        return out
+
 
 def read_robot(data: bytes) -> RobotState:
     """Read an ``EgmRobot`` message.
@@ -155,46 +193,6 @@ def measured_force(data: bytes) -> Float | None:
     if len(values) != 6 or not all(abs(value) <= LARGEST for value in values):  # a NaN is not
         raise ProtocolError("the robot's own force is not six numbers", value=values, limit=f"{LARGEST:g} N, N m")
     return np.array(values)
-
-
-def write_robot(state: RobotState, *, robotware: int = 7) -> bytes:
-    """An ``EgmRobot`` message: the robot's side, with every field that a controller sends.
-
-    ABB's client library drops a message without number, clock or type in its header, without joints, pose or time in
-    feedback and plan, or without one of the four states (its ``parse`` functions).
-
-    Args:
-        state: What to report.
-        robotware: 6 or 7; how the force is written.
-    """
-    message = MESSAGES["EgmRobot"]()
-    _head(message.header, state.sequence, state.time_ms, DATA)
-    message.header.tm = state.time_ms
-    for part, q, T in (
-        (message.feedBack, state.q, state.T_frame_tcp),
-        (message.planned, state.q_planned, state.T_frame_tcp_planned),
-    ):
-        if q is not None:
-            part.joints.joints.extend((q / DEG).tolist())
-        if T is not None:
-            _fill(part.cartesian, T)
-        part.time.sec, part.time.usec = divmod(state.time_ms * 1000, 1_000_000)
-    message.motorState.state = 1 if state.motors_on else 2
-    message.mciState.state = 3 if state.guided else 2
-    message.rapidExecState.state = 2 if state.rapid_running else 1
-    if state.utilization is not None:
-        message.utilizationRate = 100.0 * state.utilization
-    message.mciConvergenceMet = state.converged
-    if state.move is not None:
-        message.moveIndex = state.move
-    if state.force is not None:
-        inside = MESSAGES["EgmForceSix" if robotware < 7 else "EgmForceSeven"]()
-        if robotware >= 7:
-            inside.fcActive = True
-        inside.force.extend(state.force.tolist())
-        message.measuredForce = inside.SerializeToString()
-    out: bytes = message.SerializeToString()
-    return out
 
 
 def write_path_correction(sequence: int, y_m: float, z_m: float, age_s: float, time_ms: int = 0) -> bytes:

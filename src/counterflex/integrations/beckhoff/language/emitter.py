@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 from counterflex.programs.convert.machine_languages import TURN_HINT, GcodeEmitter
 from counterflex.programs.convert.steps import Move
-from counterflex.programs.gcode.write.spelling import Spelling
+from counterflex.programs.gcode.write.written_line import Spelling
 from counterflex.programs.limits import LINUXCNC
 
 SPELLING: Final = Spelling("U", ("I", "J", "K"), ("(", ")"), LINUXCNC.line_characters, re.compile(r"\s*%"))

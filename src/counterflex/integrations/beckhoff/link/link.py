@@ -216,7 +216,7 @@ class AdsLink:
 
 
 @dataclass(frozen=True)
-class Reading:
+class AdsReading:
     """All symbols at one time."""
 
     values: Mapping[str, float]  # SI, by name
@@ -234,13 +234,13 @@ class AdsReader(threading.Thread):
         take: Told every reading, in the thread.
     """
 
-    def __init__(self, link: AdsLink, period_s: float, take: Callable[[Reading], None] = lambda _: None) -> None:
+    def __init__(self, link: AdsLink, period_s: float, take: Callable[[AdsReading], None] = lambda _: None) -> None:
         super().__init__(daemon=True, name="ads")
         if not period_s > 0.0:
             raise InputError("period of readings", value=period_s, limit="> 0 s")
         self._link, self._period_s, self._take = link, period_s, take
         self._ending = threading.Event()
-        self.newest: Reading | None = None  # Last reading, or None
+        self.newest: AdsReading | None = None  # Last reading, or None
         self.trouble = ""  # Why the last reading failed, or empty
         self.failed = 0  # Readings that failed
 
@@ -258,7 +258,7 @@ class AdsReader(threading.Thread):
             else:
                 number += 1
                 now = time.monotonic_ns()
-                self.newest = Reading(values, now, time.monotonic() - begin, number)
+                self.newest = AdsReading(values, now, time.monotonic() - begin, number)
                 self.trouble = ""
                 self._take(self.newest)
             due = max(due + self._period_s, time.monotonic())

@@ -74,7 +74,7 @@ def net_id_bytes(net_id: str) -> bytes:
 
 
 @dataclass(frozen=True)
-class Frame:
+class AmsFrame:
     """One request or response."""
 
     target: tuple[bytes, int]  # Net id (6 bytes) and port of the receiver
@@ -84,6 +84,18 @@ class Frame:
     error: int  # Of routing; 0 is none
     invoke: int  # Number that an answer repeats
     data: bytes  # Of the command
+
+    def telegram(self) -> bytes:
+        """A frame as bytes."""
+        size = len(self.data)
+        head = _FRAME.pack(
+            0, size + HEADER - 6, *self.target, *self.source, self.command, self.flags, size, self.error, self.invoke
+        )
+        return head + self.data
+
+    def answered(self, data: bytes, error: int = 0) -> AmsFrame:
+        """The response to a request."""
+        return AmsFrame(self.source, self.target, self.command, REQUEST | RESPONSE, error, self.invoke, data)
 
 
 HEADER: Final = _FRAME.size
@@ -104,7 +116,7 @@ def read_header(head: bytes) -> int:
     return int(size)
 
 
-def read_frame(data: bytes) -> Frame:
+def read_frame(data: bytes) -> AmsFrame:
     """Read a whole frame.
 
     Raises:
@@ -114,21 +126,7 @@ def read_frame(data: bytes) -> Frame:
     if len(data) != HEADER + size:
         raise ProtocolError("an ADS frame was cut", value=f"{len(data)} bytes", limit=f"{HEADER + size} bytes")
     _, _, target, target_port, source, source_port, command, flags, _, error, invoke = _FRAME.unpack(data[:HEADER])
-    return Frame((target, target_port), (source, source_port), command, flags, error, invoke, data[HEADER:])
-
-
-def write_frame(frame: Frame) -> bytes:
-    """A frame as bytes."""
-    size = len(frame.data)
-    head = _FRAME.pack(
-        0, size + HEADER - 6, *frame.target, *frame.source, frame.command, frame.flags, size, frame.error, frame.invoke
-    )
-    return head + frame.data
-
-
-def answer(request: Frame, data: bytes, error: int = 0) -> Frame:
-    """The response to a request."""
-    return Frame(request.source, request.target, request.command, REQUEST | RESPONSE, error, request.invoke, data)
+    return AmsFrame((target, target_port), (source, source_port), command, flags, error, invoke, data[HEADER:])
 
 
 def symbol_entry(name: str, kind: str, group: int, offset: int, comment: str = "") -> bytes:

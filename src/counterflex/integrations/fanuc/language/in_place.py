@@ -23,9 +23,8 @@ from counterflex.integrations.fanuc.language.spelling import remarks, short, val
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.limits import Limits
-from counterflex.programs.robot_text.circle_fit import FittedCircle
+from counterflex.programs.robot_text.circle_fit import FittedCircle, Spans
 from counterflex.programs.robot_text.in_place import PointsInPlace, near_angles
-from counterflex.programs.robot_text.spans import Spans
 
 _DECIMAL_MM = 10.0**-LIMITS.position_decimals
 _DECIMAL_DEG = 10.0**-LIMITS.angle_decimals

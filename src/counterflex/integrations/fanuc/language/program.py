@@ -70,6 +70,14 @@ class FanucMotion(NamedPoint):
     termination: str = ""  # As written: FINE, CNT100
     exact: bool = False  # It is FINE
 
+    def turns(self) -> StatedTurns | None:
+        """Turns that ``CONFIG`` states, of joint moves."""
+        match = _CONFIG_TURNS.search(self.config) if self.word == "J" else None
+        if match is None:
+            return None
+        turns = [int(number) for number in match.groups()]
+        return turn_ranges(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")
+
 
 @dataclass(frozen=True, slots=True)
 class FanucListing:
@@ -108,7 +116,7 @@ class FanucProgram(RobotProgram):
 
     def turns(self) -> dict[int, StatedTurns]:
         """The numbers behind CONFIG."""
-        return {index: one for index, move in enumerate(self.moves) if (one := _turns(move)) is not None}
+        return {index: one for index, move in enumerate(self.moves) if (one := move.turns()) is not None}
 
 
 def _posture(text: str) -> Stated | None:
@@ -118,11 +126,3 @@ def _posture(text: str) -> Stated | None:
     wrist, elbow, arm = match[1].upper(), match[2].upper(), match[3].upper()
     front = arm == "T"
     return StatedPosture(front, (elbow == "U") == front, wrist == "N"), f"CONFIG '{wrist} {elbow} {arm}'"
-
-
-def _turns(move: FanucMotion) -> StatedTurns | None:
-    match = _CONFIG_TURNS.search(move.config) if move.word == "J" else None
-    if match is None:
-        return None
-    turns = [int(number) for number in match.groups()]
-    return turn_ranges(turns, 360.0, -180.0, f"CONFIG turns {', '.join(map(str, turns))}")

@@ -11,8 +11,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.cycle_definitions import define_frame
 from counterflex.integrations.heidenhain.language.cycles import DRILLING, Drilling, drilling
 from counterflex.integrations.heidenhain.language.moves import MoveMaker
-from counterflex.integrations.heidenhain.language.source import Source, Statement
-from counterflex.integrations.heidenhain.language.state import State
+from counterflex.integrations.heidenhain.language.source import KlartextSource, Statement
+from counterflex.integrations.heidenhain.language.state import KlartextState
 from counterflex.integrations.heidenhain.language.table import CYCLES, M_CARRIED, M_READ, M_REFUSED, M_STATE
 from counterflex.integrations.heidenhain.language.tilt import tilt
 from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
@@ -35,11 +35,11 @@ _ENDS: Final = frozenset((2, 30))
 class Control:
     """Effect of a block on the state of the control."""
 
-    def __init__(self, source: Source, machine: MillingMachine) -> None:
+    def __init__(self, source: KlartextSource, machine: MillingMachine) -> None:
         self._source = source
         self._tool_names = machine.tool_names
         vectors = any(tilts(part.code) for part in source.statements)
-        self._state = State(vectors=vectors, inch=source.inch, start_known=machine.known)
+        self._state = KlartextState(vectors=vectors, inch=source.inch, start_known=machine.known)
         self.values = Values()
         self.maker = MoveMaker(self._state, machine.listed)
         self.blocks: list[Block] = []

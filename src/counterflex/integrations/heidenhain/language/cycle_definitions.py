@@ -10,7 +10,7 @@ import numpy as np
 
 from counterflex.integrations.heidenhain.language.frames import FrameFault, spatial
 from counterflex.integrations.heidenhain.language.source import Statement
-from counterflex.integrations.heidenhain.language.state import State
+from counterflex.integrations.heidenhain.language.state import KlartextState
 from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 
@@ -42,7 +42,7 @@ def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float 
     return out
 
 
-def define_frame(part: Statement, number: int, state: State, values: Values, name: str) -> bool:
+def define_frame(part: Statement, number: int, state: KlartextState, values: Values, name: str) -> bool:
     """Execute a cycle that changes coordinates; whether it tilts the working plane.
 
     Raises:
@@ -64,7 +64,7 @@ def define_frame(part: Statement, number: int, state: State, values: Values, nam
         raise part.fault(name, fault.what, None, None, fault.hint) from fault
 
 
-def _define(part: Statement, number: int, state: State, numbers: dict[str, float], name: str) -> bool:
+def _define(part: Statement, number: int, state: KlartextState, numbers: dict[str, float], name: str) -> bool:
     before = state.frames.A
     wrong, hint = _CYCLES[number](state, numbers)
     if wrong:
@@ -72,7 +72,7 @@ def _define(part: Statement, number: int, state: State, numbers: dict[str, float
     return number == 19 and bool(np.any(before != state.frames.A))
 
 
-def _shift(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _shift(state: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     if "#" in numbers:
         hint = "Write the shift itself: CYCL DEF 7.1 X+10"
         return "a datum of the datum table of the control is not known", hint
@@ -83,12 +83,12 @@ def _shift(state: State, numbers: dict[str, float]) -> tuple[str, str]:
     return _DONE
 
 
-def _mirror(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _mirror(state: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     state.frames.set_mirror(frozenset("XYZ".index(word) for word in numbers))
     return _DONE
 
 
-def _rotate(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _rotate(state: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     if len(numbers) != 1:
         return "cycle 10 needs one angle", "CYCL DEF 10.1 ROT+30"
     ((word, angle),) = numbers.items()
@@ -96,13 +96,13 @@ def _rotate(state: State, numbers: dict[str, float]) -> tuple[str, str]:
     return _DONE
 
 
-def _scale(_: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _scale(_: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     if numbers.get("SCL") == 1.0:
         return _DONE
     return "whether cycle 11 scales the tool axis depends on a machine parameter", "Write cycle 26 with X, Y and Z"
 
 
-def _tilt(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _tilt(state: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     angles = [numbers.get(axis, 0.0) for axis in "ABC"]
     if sum(angle != 0.0 for angle in angles) > 1:
         what = "a machine parameter decides whether the angles of cycle 19 are spatial or those of axes"
@@ -111,7 +111,7 @@ def _tilt(state: State, numbers: dict[str, float]) -> tuple[str, str]:
     return _DONE
 
 
-def _scale_axes(state: State, numbers: dict[str, float]) -> tuple[str, str]:
+def _scale_axes(state: KlartextState, numbers: dict[str, float]) -> tuple[str, str]:
     factors = np.array([numbers.get(axis, 1.0) for axis in "XYZ"])
     if not np.all((factors >= _SMALLEST) & (factors < _LARGEST)):
         return "a scale is out of range", "0.000001 to 99.999999"
@@ -120,7 +120,7 @@ def _scale_axes(state: State, numbers: dict[str, float]) -> tuple[str, str]:
 
 
 _DONE: Final = "", ""
-_CYCLES: Final[dict[int, Callable[[State, dict[str, float]], tuple[str, str]]]] = {
+_CYCLES: Final[dict[int, Callable[[KlartextState, dict[str, float]], tuple[str, str]]]] = {
     7: _shift, 8: _mirror, 10: _rotate, 11: _scale, 19: _tilt, 26: _scale_axes,
 }  # fmt: skip
 """By number: executes a cycle; what is wrong with it and what to do, empty where it is done."""

@@ -25,7 +25,7 @@ NEEDED: Final = {
 
 
 @dataclass(frozen=True)
-class Plunge:
+class DrillPlunge:
     """One move along the tool axis."""
 
     kind: str  # ``rapid``, ``feed`` or ``dwell``
@@ -48,30 +48,30 @@ class Drilling:
     above_s: float  # Q210
     bottom_s: float  # Q211
 
-    def moves(self) -> Iterator[Plunge]:
+    def moves(self) -> Iterator[DrillPlunge]:
         """Yield the moves from any height; none where the depth is zero."""
         if self.bottom_m == self.surface_m:
             return
-        yield Plunge("rapid", self.clear_m)
+        yield DrillPlunge("rapid", self.clear_m)
         depth, clearance = self.surface_m, self.clear_m - self.surface_m
         while True:
             depth = max(depth - self.stroke_m, self.bottom_m)
             yield _fed(depth, self.feed)
             if depth <= self.bottom_m:
                 break
-            yield Plunge("rapid", self.clear_m)
+            yield DrillPlunge("rapid", self.clear_m)
             if self.above_s > 0.0:
-                yield Plunge("dwell", self.clear_m, self.above_s)
-            yield Plunge("rapid", min(depth + clearance, self.clear_m))
+                yield DrillPlunge("dwell", self.clear_m, self.above_s)
+            yield DrillPlunge("rapid", min(depth + clearance, self.clear_m))
         if self.bottom_s > 0.0:
-            yield Plunge("dwell", depth, self.bottom_s)
+            yield DrillPlunge("dwell", depth, self.bottom_s)
         if self.number == 201:
             yield _fed(self.clear_m, self.second_feed or self.feed)
-        yield Plunge("rapid", self.retract_m)
+        yield DrillPlunge("rapid", self.retract_m)
 
 
-def _fed(height_m: float, feed: float) -> Plunge:
-    return Plunge("rapid", height_m) if feed >= _RAPID else Plunge("feed", height_m, feed)
+def _fed(height_m: float, feed: float) -> DrillPlunge:
+    return DrillPlunge("rapid", height_m) if feed >= _RAPID else DrillPlunge("feed", height_m, feed)
 
 
 def drilling(

@@ -37,7 +37,7 @@ class FrameFault(ValueError):
 
 
 @dataclass(frozen=True)
-class Step:
+class FrameStep:
     """One transformation: ``p_before = A p_behind + shift``, m."""
 
     kind: Kind
@@ -50,7 +50,7 @@ class Step:
         return bool(np.allclose(self.A, np.eye(3), rtol=0.0, atol=1e-14)) and not np.any(self.shift_m)
 
 
-def composed(steps: list[Step]) -> tuple[Float, Float]:
+def composed(steps: list[FrameStep]) -> tuple[Float, Float]:
     """Matrix (3, 3) and zero (3,) m of programmed coordinates in the part."""
     A, t = np.eye(3), np.zeros(3)
     for step in steps:
@@ -68,7 +68,7 @@ class Frames:
     """
 
     def __init__(self) -> None:
-        self._steps: list[Step] = []
+        self._steps: list[FrameStep] = []
         self.shift: Float = np.zeros(3)  # (3,) m, datum shift of cycle 7
         self.angle_deg = 0.0  # Angle of cycle 10
         self.mirrored: frozenset[int] = frozenset()  # Axes of cycle 8
@@ -89,7 +89,7 @@ class Frames:
         Raises:
             FrameFault: Others were defined behind that one, and it matters which acts first.
         """
-        step = Step(kind, A, shift_m)
+        step = FrameStep(kind, A, shift_m)
         others = [other for other in self._steps if other.kind != kind]
         if step.is_identity:
             self._steps = others

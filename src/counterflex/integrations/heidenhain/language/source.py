@@ -85,7 +85,7 @@ def _statements(lines: tuple[str, ...]) -> Iterator[Statement]:
 
 
 @dataclass
-class Source:
+class KlartextSource:
     """A program: its statements, labels and unit.
 
     Raises:
@@ -133,14 +133,14 @@ class Library:
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
-        self._known: dict[str, Source] = {}
+        self._known: dict[str, KlartextSource] = {}
 
-    def find(self, name: str) -> Source | None:
+    def find(self, name: str) -> KlartextSource | None:
         """Return a program by the name or path that the control knows it by."""
         key = PureWindowsPath(name.strip().strip('"')).name.upper()
         key = key if "." in key else f"{key}.H"
         if key not in self._known and self._folder is not None:
             for file in sorted(self._folder.iterdir()):
                 if file.name.upper() == key:
-                    self._known[key] = Source(file.name, split_lines(read_text(file)[0]))
+                    self._known[key] = KlartextSource(file.name, split_lines(read_text(file)[0]))
         return self._known.get(key)

@@ -18,7 +18,7 @@ Polar = tuple[float, float]
 
 
 @dataclass
-class State:
+class KlartextState:
     """Everything that outlives a statement; positions in the part frame, m."""
 
     # The program tilts the working plane or gives tool vectors: the tool axis is a vector in the part

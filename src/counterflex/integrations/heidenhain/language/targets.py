@@ -13,9 +13,9 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MINUTE, RPM
-from counterflex.integrations.heidenhain.language.state import State
+from counterflex.integrations.heidenhain.language.state import KlartextState
 from counterflex.integrations.heidenhain.language.values import TILT_ANGLES
-from counterflex.integrations.heidenhain.language.words import AXES, ROTARY, Item, PathWords
+from counterflex.integrations.heidenhain.language.words import AXES, ROTARY, PathWords, WordItem
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import Motion, MotionKind, Word
 from counterflex.programs.unknown import Unknown
@@ -35,7 +35,7 @@ class Targets:
         listed: Motions to and from places that are not known are made, and marked.
     """
 
-    def __init__(self, state: State, listed: bool = False) -> None:
+    def __init__(self, state: KlartextState, listed: bool = False) -> None:
         self._state, self._listed = state, listed
         self.motions: list[Motion] = []  # Everything made so far
         self.away = ""  # Where the tool went to a place that is not known (``M91 in line 12``); empty while it is known
@@ -236,7 +236,7 @@ class Targets:
                 raise words.fault("the target is beyond any machine", letter, "At most 1e7 rad")
         return (angles[0], angles[1], angles[2])
 
-    def _of_plane(self, item: Item) -> bool:
+    def _of_plane(self, item: WordItem) -> bool:
         """Return whether a rotary word turns the tool to the plane in force: its angle, or 0 without a tilted plane."""
         if not self._state.frames.has("plane"):
             return item.value == 0.0 and not item.name.startswith("I")

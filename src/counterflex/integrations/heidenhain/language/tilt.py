@@ -15,7 +15,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.frames import FrameFault, by_points, by_vectors, euler, spatial
 from counterflex.integrations.heidenhain.language.source import Statement
-from counterflex.integrations.heidenhain.language.state import State
+from counterflex.integrations.heidenhain.language.state import KlartextState
 from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
 
 _HEAD: Final = re.compile(r"\s*PLANE\s+([A-Z]+)", re.IGNORECASE)
@@ -39,7 +39,7 @@ _REFUSED: Final = {
 _POSITIONING: Final = ("STAY", "TURN", "MOVE")
 
 
-def tilt(part: Statement, state: State, values: Values, name: str) -> bool:
+def tilt(part: Statement, state: KlartextState, values: Values, name: str) -> bool:
     """Execute PLANE; whether the tool stands at right angles to the plane behind it.
 
     Raises:

@@ -29,7 +29,7 @@ _OF_M: Final = frozenset((103, 118, 120, 128, 140))
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class WordItem:
     """A word: its value (1 of a word without one) and its place; ``text`` is what stands behind the name."""
 
     name: str
@@ -39,7 +39,7 @@ class Item:
     literal: bool
 
 
-def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[Item]:
+def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[WordItem]:
     at, code, behind_m = begin, part.code, False
     while (at := at + len(code[at:]) - len(code[at:].lstrip())) < len(code):
         kind, match = _token(part, at, name)
@@ -51,7 +51,7 @@ def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[I
             key = {"sense": "DR", "back": "MB"}.get(kind, key)
             value, literal = -1.0 if kind == "sense" and match[2] == "-" else 1.0, True
         of_m = behind_m and text and key in ("F", "X", "Y", "Z")
-        yield Item(f"{key}|M" if of_m else key, value, at, match.end(), literal)
+        yield WordItem(f"{key}|M" if of_m else key, value, at, match.end(), literal)
         behind_m = behind_m or (key == "M" and text.strip().isdecimal() and int(text) in _OF_M)
         at = match.end()
 
@@ -79,8 +79,8 @@ class PathWords:
 
     def __init__(self, part: Statement, begin: int, values: Values, name: str) -> None:
         self.part, self._name = part, name
-        self.m: list[tuple[int, Item]] = []  # M functions, in order
-        self.items: dict[str, Item] = {}  # All words by name; M functions not
+        self.m: list[tuple[int, WordItem]] = []  # M functions, in order
+        self.items: dict[str, WordItem] = {}  # All words by name; M functions not
         for item in _items(part, begin, values, name):
             if item.name == "M":
                 number = self.number(item)
@@ -93,13 +93,13 @@ class PathWords:
                 self.items[item.name] = item
         self._unused = set(self.items)
 
-    def fault(self, what: str, item: Item | str | None = None, hint: str = "") -> ProgramError:
+    def fault(self, what: str, item: WordItem | str | None = None, hint: str = "") -> ProgramError:
         """Make an error at a word."""
         at = self.items.get(item) if isinstance(item, str) else item
         value = None if at is None else self.part.code[at.start : at.end].strip()
         return self.part.fault(self._name, what, None if at is None else at.start, value, hint)
 
-    def number(self, item: Item) -> float:
+    def number(self, item: WordItem) -> float:
         """Return the value of a word.
 
         Raises:
@@ -130,7 +130,7 @@ class PathWords:
             raise self.fault(f"{name} is given absolutely and incrementally", f"I{name}")
         return (absolute, False) if absolute is not None else None if step is None else (step, True)
 
-    def take_item(self, name: str) -> Item | None:
+    def take_item(self, name: str) -> WordItem | None:
         """Use a word whose value need not be known."""
         if name not in self._unused:
             return None

@@ -106,14 +106,14 @@ def with_correction(text: str, switching: rsi_switching.RsiSwitching, where: str
         *rsi_switching._DECLARED,
         *lines[begin + 1 : first],
         *([] if initialised else rsi_switching._INI),
-        *rsi_switching._output(switching, on=False),
+        *switching.output_of(on=False),
         *lines[first:path],
-        *rsi_switching._on(switching),
-        *rsi_switching._enable(switching, _says(text)),
+        *switching.on_lines(),
+        *switching.enable_lines(_says(text)),
         *lines[path:after],
-        *rsi_switching._off(switching),
+        *switching.off_lines(),
         *lines[after:],
-        *rsi_switching._routines(switching),
+        *switching.routine_lines(),
     ]
     return ("\r\n" if "\r\n" in text else "\n").join([*out, ""])
 
@@ -276,15 +276,15 @@ def link_test(name: str, switching: rsi_switching.RsiSwitching, *, tool: int, ba
         "; stands still with RSI on: try the link, correction is not enabled",
         *rsi_switching._DECLARED,
         *rsi_switching._INI,
-        *rsi_switching._output(switching, on=False),
+        *switching.output_of(on=False),
         f"$TOOL=TOOL_DATA[{tool}]",
         f"$BASE=BASE_DATA[{base}]",
         "PTP $AXIS_ACT_MEAS",
-        *rsi_switching._on(switching),
+        *switching.on_lines(),
         f"WAIT SEC {seconds}.0",
-        *rsi_switching._off(switching),
+        *switching.off_lines(),
     ]
-    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *rsi_switching._routines(switching), ""]
+    lines = ["&ACCESS RVP", "&REL 1", f"DEF {name}( )", *body, "END", *switching.routine_lines(), ""]
     return "\n".join(lines)
 
 

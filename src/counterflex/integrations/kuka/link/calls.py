@@ -23,7 +23,7 @@ _NAMED: Final = re.compile(r"(\w+)\s*\(([^()]*)\)\s*$")
 
 
 @dataclass(frozen=True)
-class Statement:
+class KrlStatement:
     """Something that matters to RSI."""
 
     line: int  # Number in the file, from 1
@@ -41,10 +41,10 @@ class Statement:
 class RsiCalls:
     """The main routine of a KRL program, as RSI sees it."""
 
-    statements: tuple[Statement, ...]  # In the order of the file
+    statements: tuple[KrlStatement, ...]  # In the order of the file
     where: str = ""  # Path, for messages
 
-    def first(self, what: str) -> Statement | None:
+    def first(self, what: str) -> KrlStatement | None:
         """First statement of a kind, or None."""
         return next((item for item in self.statements if item.what == what), None)
 
@@ -62,9 +62,9 @@ class RsiCalls:
         on = self.first("RSI_ON")
         return 12 if on is not None and any(word.upper() == "#IPO" for word in on.arguments) else 4
 
-    def between(self, begin: str, end: str) -> tuple[Statement, ...]:
+    def between(self, begin: str, end: str) -> tuple[KrlStatement, ...]:
         """Statements after the first ``begin`` and before the next ``end`` (or up to the end of the routine)."""
-        statements: list[Statement] = []
+        statements: list[KrlStatement] = []
         inside = False
         for item in self.statements:
             if inside and item.what == end:
@@ -97,7 +97,7 @@ def read_calls(path: str | Path) -> RsiCalls:
 
 def parse_calls(text: str, where: str) -> RsiCalls:
     """Read the first routine of a KRL text. Raises as :func:`read_calls`."""
-    statements: list[Statement] = []
+    statements: list[KrlStatement] = []
     inside, depth = False, 0
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.split(";")[0].strip()
@@ -110,7 +110,7 @@ def parse_calls(text: str, where: str) -> RsiCalls:
             depth = max(0, depth - 1)
             continue
         if "RSIOK" in line.upper():
-            statements.append(Statement(number, "RSIOK"))
+            statements.append(KrlStatement(number, "RSIOK"))
         if re.match(r"SWITCH\b", line, re.IGNORECASE) or (_OPENS.match(line) and line.upper().startswith("IF")):
             depth += 1
         statements += _statements(line, number, depth > 0)
@@ -119,32 +119,32 @@ def parse_calls(text: str, where: str) -> RsiCalls:
     return RsiCalls(tuple(statements), where)
 
 
-def _statements(line: str, number: int, guarded: bool) -> list[Statement]:
+def _statements(line: str, number: int, guarded: bool) -> list[KrlStatement]:
     statements = []
     for call in _CALL.finditer(line):
         arguments = tuple(word.strip() for word in call[2].split(",")) if call[2].strip() else ()
-        statements.append(Statement(number, call[1].upper(), arguments, guarded, _result(line)))
+        statements.append(KrlStatement(number, call[1].upper(), arguments, guarded, _result(line)))
     if statements:
         return statements
     motion = _MOTION.match(line)
     if motion:
-        return [Statement(number, motion[1].upper(), (), guarded)]
+        return [KrlStatement(number, motion[1].upper(), (), guarded)]
     if line.upper() == "HALT":
-        return [Statement(number, "HALT", (), guarded)]
+        return [KrlStatement(number, "HALT", (), guarded)]
     if re.match(r"WAIT\s+FOR\b", line, re.IGNORECASE):
-        return [Statement(number, "WAIT", (_condition(line),), guarded)]
+        return [KrlStatement(number, "WAIT", (_condition(line),), guarded)]
     if re.match(r"(WHILE|REPEAT)\b", line, re.IGNORECASE):
-        return [Statement(number, "WHILE", (_condition(line),), guarded)]
+        return [KrlStatement(number, "WHILE", (_condition(line),), guarded)]
     if _INTERRUPT.match(line):
-        return [Statement(number, "INTERRUPT", (_condition(line),), guarded)]
+        return [KrlStatement(number, "INTERRUPT", (_condition(line),), guarded)]
     written = _WRITTEN.match(line)
     if written:
-        return [Statement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(), written[2].strip()), guarded)]
+        return [KrlStatement(number, "WRITE", (re.sub(r"\s", "", written[1]).upper(), written[2].strip()), guarded)]
     called = _NAMED.match(line)
     if called is None:
         return []
     values = tuple(word.strip() for word in called[2].split(",")) if called[2].strip() else ()
-    return [Statement(number, "CALL", (called[1], *values), guarded)]
+    return [KrlStatement(number, "CALL", (called[1], *values), guarded)]
 
 
 def _condition(line: str) -> str:

@@ -54,7 +54,7 @@ class Tag:
 
 
 @dataclass(frozen=True)
-class Value:
+class ConfigValue:
     """One value of a telegram."""
 
     element: str  # XML element
@@ -80,11 +80,11 @@ class RsiConfig:
     receive: tuple[Tag, ...]  # What it takes in, in order
     where: str = ""  # Path, for messages
 
-    def sent(self) -> tuple[Value, ...]:
+    def sent(self) -> tuple[ConfigValue, ...]:
         """Every value of a ``<Rob>`` telegram in order, without IPOC."""
         return _values(self.send, SENT_KEYWORDS)
 
-    def received(self) -> tuple[Value, ...]:
+    def received(self) -> tuple[ConfigValue, ...]:
         """Every value of a ``<Sen>`` telegram in order, without IPOC."""
         return _values(self.receive, RECEIVED_KEYWORDS)
 
@@ -171,16 +171,16 @@ def _channel(index: str, place: str) -> int | None:
     return int(index)
 
 
-def _values(tags: tuple[Tag, ...], keywords: dict[str, tuple[str, ...]]) -> tuple[Value, ...]:
+def _values(tags: tuple[Tag, ...], keywords: dict[str, tuple[str, ...]]) -> tuple[ConfigValue, ...]:
     values = []
     for tag in tags:
         if tag.tag.startswith("DEF_"):
             word = tag.tag[4:]
             element = word.split(".")[0]
             attributes = keywords[word]
-            kinds = [Value(element, attribute, tag.kind, tag) for attribute in attributes]
-            values += kinds or [Value(element, "", tag.kind, tag)]
+            kinds = [ConfigValue(element, attribute, tag.kind, tag) for attribute in attributes]
+            values += kinds or [ConfigValue(element, "", tag.kind, tag)]
         else:
             element, _, attribute = tag.tag.partition(".")
-            values.append(Value(element, attribute, tag.kind, tag))
+            values.append(ConfigValue(element, attribute, tag.kind, tag))
     return tuple(values)

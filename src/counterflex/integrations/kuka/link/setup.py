@@ -47,6 +47,25 @@ class CheckSettings:
     # Other UDP ports in use on the sensor computer, by what uses them
     ports: dict[str, int] = field(default_factory=dict)
 
+    def check(self) -> tuple[Finding, ...]:
+        """Judge a set-up.
+
+        Returns:
+            Findings, errors first.
+
+        Raises:
+            FileFormatError: A file cannot be read as what it should be.
+        """
+        return judge(
+            Setup(
+                read_config(self.config),
+                None if self.context is None else read_context(self.context),
+                None if self.program is None else read_calls(self.program),
+                None if self.cell is None else _limits(self.cell),
+                self.ports,
+            )
+        )
+
 
 @dataclass(frozen=True)
 class MakeSettings:
@@ -58,25 +77,75 @@ class MakeSettings:
     port: int = 59152  # UDP port on it
     sentype: str = "Counterflex"  # Type of the answers
 
+    def make(self, out: str | Path) -> dict[str, Any]:
+        """Write ETHERNET file, context, KRL program and README of a cell into a folder, all of them or none.
 
-def check(settings: CheckSettings) -> tuple[Finding, ...]:
-    """Judge a set-up.
+        Args:
+            out: Folder; made when missing.
 
-    Returns:
-        Findings, errors first.
+        Returns:
+            The summary: files, limits, findings about what was written.
 
-    Raises:
-        FileFormatError: A file cannot be read as what it should be.
-    """
-    return judge(
-        Setup(
-            read_config(settings.config),
-            None if settings.context is None else read_context(settings.context),
-            None if settings.program is None else read_calls(settings.program),
-            None if settings.cell is None else _limits(settings.cell),
-            settings.ports,
+        Raises:
+            FileFormatError: The cell has no ``[online]`` table, or does not say which RSI the controller has.
+            InputError: Address or limits cannot be used: what would be written has a finding of severity error.
+            ProgramError: The program cannot run under correction.
+        """
+        robot_folder.require_other_folder(out, self.program)
+        cell = read_cell(self.cell)
+        table = _online_of(cell.tables, self.cell)
+        controller = cell.tables.controller
+        files = rsi_files.RsiFiles(
+            NAME,
+            self.host,
+            self.port,
+            self.sentype,
+            limits_of(table, override=cell.tables.override is not None),
+            currents=table.torque_per_current_nm is not None,
+            override=cell.tables.override is not None,
+            generation=controller.rsi_generation(str(self.cell)),
         )
-    )
+        rsi_files.check_files(files)
+        switching = RsiSwitching(
+            context=files.created_as,
+            parameters=files.public_parameters(),
+            cycle_ms=files.limits.period_ms,
+            enable_index=rsi_files.ENABLE_INDEX,
+            feed_hold_index=rsi_files.FEED_HOLD_INDEX,
+            state_index=rsi_files.STATE_INDEX,
+            correction_index=rsi_files.CORRECTION_INDEX,
+            armed_s=_ARMED_S,
+            zero_s=table.correction_mm / table.ramp_mm_s + _ZERO_S,
+            output=controller.correction_output,
+        )
+        programs, main, elsewhere = _programs(self.program, switching, controller)
+        texts = {files.ethernet_name: files.ethernet(), **files.contexts()}
+        findings = judge(
+            Setup(
+                parse_config(texts[files.ethernet_name].encode(), files.ethernet_name),
+                parse_context(texts[files.context_name].encode(), files.context_name),
+                parse_calls(programs[main], main),
+                files.limits,
+            )
+        )
+        robot_folder.refuse_errors(findings)
+        texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching)
+        summary = {
+            "job": "rsi make",
+            "cell": cell.name,
+            "program": main,
+            "job_hash": next(iter(marks(programs[main])), ""),
+            "files": [*programs, *texts],
+            "limits": _limits_said(files, table),
+            "warnings": [
+                *(item.line() for item in findings),
+                *_unmarked(self.program, programs[main]),
+                *robot_folder.unwatched(controller.correction_output, "correction_output"),
+            ],
+            "counterflex": __version__,
+        }
+        robot_folder.write_folder(out, programs, texts, summary)
+        return summary
 
 
 def _limits_said(files: rsi_files.RsiFiles, table: Any) -> dict[str, Any]:
@@ -101,77 +170,6 @@ def limits_of(table: OnlineTable, *, override: bool | None = None) -> OnlineLimi
         orientation=table.orientation,
         override=override,
     )
-
-
-def make(settings: MakeSettings, out: str | Path) -> dict[str, Any]:
-    """Write ETHERNET file, context, KRL program and README of a cell into a folder, all of them or none.
-
-    Args:
-        out: Folder; made when missing.
-
-    Returns:
-        The summary: files, limits, findings about what was written.
-
-    Raises:
-        FileFormatError: The cell has no ``[online]`` table, or does not say which RSI the controller has.
-        InputError: Address or limits cannot be used: what would be written has a finding of severity error.
-        ProgramError: The program cannot run under correction.
-    """
-    robot_folder.require_other_folder(out, settings.program)
-    cell = read_cell(settings.cell)
-    table = _online_of(cell.tables, settings.cell)
-    controller = cell.tables.controller
-    files = rsi_files.RsiFiles(
-        NAME,
-        settings.host,
-        settings.port,
-        settings.sentype,
-        limits_of(table, override=cell.tables.override is not None),
-        currents=table.torque_per_current_nm is not None,
-        override=cell.tables.override is not None,
-        generation=controller.rsi_generation(str(settings.cell)),
-    )
-    rsi_files.check_files(files)
-    switching = RsiSwitching(
-        context=files.created_as,
-        parameters=files.public_parameters(),
-        cycle_ms=files.limits.period_ms,
-        enable_index=rsi_files.ENABLE_INDEX,
-        feed_hold_index=rsi_files.FEED_HOLD_INDEX,
-        state_index=rsi_files.STATE_INDEX,
-        correction_index=rsi_files.CORRECTION_INDEX,
-        armed_s=_ARMED_S,
-        zero_s=table.correction_mm / table.ramp_mm_s + _ZERO_S,
-        output=controller.correction_output,
-    )
-    programs, main, elsewhere = _programs(settings.program, switching, controller)
-    texts = {files.ethernet_name: files.ethernet(), **files.contexts()}
-    findings = judge(
-        Setup(
-            parse_config(texts[files.ethernet_name].encode(), files.ethernet_name),
-            parse_context(texts[files.context_name].encode(), files.context_name),
-            parse_calls(programs[main], main),
-            files.limits,
-        )
-    )
-    robot_folder.refuse_errors(findings)
-    texts["README.txt"] = readme(files, cell.name, main, tuple(programs), elsewhere, switching)
-    summary = {
-        "job": "rsi make",
-        "cell": cell.name,
-        "program": main,
-        "job_hash": next(iter(marks(programs[main])), ""),
-        "files": [*programs, *texts],
-        "limits": _limits_said(files, table),
-        "warnings": [
-            *(item.line() for item in findings),
-            *_unmarked(settings.program, programs[main]),
-            *robot_folder.unwatched(controller.correction_output, "correction_output"),
-        ],
-        "counterflex": __version__,
-    }
-    robot_folder.write_folder(out, programs, texts, summary)
-    return summary
 
 
 def _unmarked(program: Path | None, text: str) -> tuple[str, ...]:
@@ -238,5 +236,5 @@ def _krl(path: Path) -> str:
 
 
 SETUP: Final = robot_folder.RobotSetup(
-    "KUKA RSI", lambda **given: check(CheckSettings(**given)), lambda out, **given: make(MakeSettings(**given), out)
+    "KUKA RSI", lambda **given: CheckSettings(**given).check(), lambda out, **given: MakeSettings(**given).make(out)
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ProtocolError
-from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.config import ConfigValue, RsiConfig
 from counterflex.integrations.kuka.link.kernel import NUMBER, TEXT, compose, scan
 from counterflex.protocols.decimal_kernel import Bytes
 
@@ -26,7 +26,7 @@ class Reader:
         values: What the telegrams hold.
     """
 
-    def __init__(self, root: str, values: Sequence[Value]) -> None:
+    def __init__(self, root: str, values: Sequence[ConfigValue]) -> None:
         self.names = tuple(value.name for value in values)  # Of the values, in order
         text, entries = bytearray(), []
         for value in values:
@@ -78,7 +78,13 @@ class Writer:
     """
 
     def __init__(
-        self, root: str, kind: str, values: Sequence[Value], *, decimals: int = 6, texts: dict[str, str] | None = None
+        self,
+        root: str,
+        kind: str,
+        values: Sequence[ConfigValue],
+        *,
+        decimals: int = 6,
+        texts: dict[str, str] | None = None,
     ) -> None:
         if not 0 <= decimals <= 9:
             raise InputError("decimal places of telegrams", value=decimals, limit="0 .. 9")
@@ -161,8 +167,8 @@ def robot_writer(config: RsiConfig, *, decimals: int = 4) -> Writer:
     return Writer("Rob", "KUKA", config.sent(), decimals=decimals)
 
 
-def _elements(values: Sequence[Value]) -> list[tuple[str, list[tuple[int, Value]]]]:
-    groups: list[tuple[str, list[tuple[int, Value]]]] = []
+def _elements(values: Sequence[ConfigValue]) -> list[tuple[str, list[tuple[int, ConfigValue]]]]:
+    groups: list[tuple[str, list[tuple[int, ConfigValue]]]] = []
     for k, value in enumerate(values):
         if groups and groups[-1][0] == value.element:
             groups[-1][1].append((k, value))
@@ -182,7 +188,7 @@ def _value(
     parts: list[tuple[int, int, int, int]],
     pending: str,
     k: int,
-    value: Value,
+    value: ConfigValue,
     decimals: int,
     texts: dict[str, str] | None,
 ) -> str:

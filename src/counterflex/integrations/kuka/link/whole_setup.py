@@ -8,7 +8,7 @@ from typing import Final
 
 from counterflex.core.units import DEG, MM
 from counterflex.integrations.kuka.link.calls import RsiCalls
-from counterflex.integrations.kuka.link.config import RsiConfig, Value
+from counterflex.integrations.kuka.link.config import ConfigValue, RsiConfig
 from counterflex.integrations.kuka.link.context import ContextObject, RsiContextFile
 from counterflex.protocols.finding import Finding
 
@@ -47,27 +47,27 @@ class Setup:
     ports: dict[str, int] = field(default_factory=dict)
 
     @property
-    def received(self) -> dict[str, Value]:
+    def received(self) -> dict[str, ConfigValue]:
         """Values of the answer by name."""
         return {value.name: value for value in self.config.received()}
 
     @property
-    def sent(self) -> dict[str, Value]:
+    def sent(self) -> dict[str, ConfigValue]:
         """Values of the telegram by name."""
         return {value.name: value for value in self.config.sent()}
 
     @property
-    def pose_values(self) -> tuple[Value, ...]:
+    def pose_values(self) -> tuple[ConfigValue, ...]:
         """``RKorr`` values that are declared."""
         return tuple(value for name, value in self.received.items() if name.split(".")[0] == "RKorr")
 
     @property
-    def axis_values(self) -> tuple[Value, ...]:
+    def axis_values(self) -> tuple[ConfigValue, ...]:
         """``AKorr`` or ``AK`` values that are declared."""
         return tuple(value for name, value in self.received.items() if name.split(".")[0] in AXIS_WORDS)
 
     @property
-    def corrections(self) -> tuple[Value, ...]:
+    def corrections(self) -> tuple[ConfigValue, ...]:
         """Every correction that is declared."""
         return self.pose_values + self.axis_values
 

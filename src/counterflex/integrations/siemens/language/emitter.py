@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 from counterflex.programs.convert.machine_languages import OWN_CODES, GcodeEmitter
 from counterflex.programs.gcode.sinumerik import LIMITS
-from counterflex.programs.gcode.write.spelling import Spelling
+from counterflex.programs.gcode.write.written_line import Spelling
 
 SPELLING: Final = Spelling(
     "CR=", ("A3=", "B3=", "C3="), ("; ", ""), LIMITS.line_characters, re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, cast
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.form import MOTION
 from counterflex.integrations.yaskawa.language.motions import Motions
-from counterflex.integrations.yaskawa.language.source import Folder, Job, Statement
+from counterflex.integrations.yaskawa.language.source import Folder, InformStatement, Job
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, OPENS, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.expression import ExpressionError, Value, is_number
@@ -36,7 +36,7 @@ class Step(NamedTuple):
 
     job: Job
     at: int
-    statement: Statement
+    statement: InformStatement
     code: str
 
 

@@ -13,9 +13,8 @@ from counterflex.integrations.yaskawa.language import LIMITS, program as inform
 from counterflex.integrations.yaskawa.language.spelling import comments, entry_text, numbers_text, speed_text
 from counterflex.programs.compensated import CompensatedPath
 from counterflex.programs.limits import Limits
-from counterflex.programs.robot_text.circle_fit import FittedCircle
+from counterflex.programs.robot_text.circle_fit import FittedCircle, Spans
 from counterflex.programs.robot_text.in_place import PointsInPlace, near_angles
-from counterflex.programs.robot_text.spans import Spans
 
 _DECIMALS: Final = np.array([10.0**-LIMITS.position_decimals] * 3 + [10.0**-LIMITS.angle_decimals] * 3)
 _ADDED: Final = re.compile(r"(?:ACC|DEC|PL=[1-8]|CR)\S*", re.IGNORECASE)

@@ -30,7 +30,7 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     frame_of,
 )
-from counterflex.integrations.yaskawa.language.source import Job, Statement
+from counterflex.integrations.yaskawa.language.source import InformStatement, Job
 from counterflex.integrations.yaskawa.language.values import PositionValue, Values
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Word
@@ -45,7 +45,7 @@ _PULSES: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class _Target:
+class _InformTarget:
     """An end of a motion: its pose in the frame of its header, or axes in deg, or why neither is known."""
 
     header: Header
@@ -83,7 +83,7 @@ class Motions(ExecutionByAxes[InformMotion]):
 
     # ---- targets -------------------------------------------------------------------------------------------
 
-    def motion(self, job: Job, statement: Statement, form: Form) -> None:
+    def motion(self, job: Job, statement: InformStatement, form: Form) -> None:
         """Make a motion.
 
         Raises:
@@ -118,7 +118,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         self._end_header = target.header if not target.axes else self._end_header
         self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
 
-    def _target(self, job: Job, statement: Statement, form: Form) -> _Target:
+    def _target(self, job: Job, statement: InformStatement, form: Form) -> _InformTarget:
         at = statement.start + form.named[0]
         if not form.target:
             raise job.fault(at, "the motion names no position", "MOVL C00000 V=25.0")
@@ -129,25 +129,27 @@ class Motions(ExecutionByAxes[InformMotion]):
             self._refuse_other_frame(job, position)
             if position.header.postype == PULSE:
                 return self._of_pulses(position.header, position.values, position, job.place(at))
-            return _Target(position.header, frame_of(position.values), position=position)
+            return _InformTarget(position.header, frame_of(position.values), position=position)
         value = self.values.get(form.target)
         name = form.target.upper()
         if isinstance(value, PositionValue) and value.unknown is None:
             numbers = [float(cast("float", one)) for one in value.values]
             if value.header.postype == PULSE:
                 return replace(self._of_pulses(value.header, numbers, None, job.place(at)), computed=name)
-            return _Target(value.header, frame_of(numbers), computed=name)
+            return _InformTarget(value.header, frame_of(numbers), computed=name)
         why = value.unknown if isinstance(value, PositionValue) else value
         why = why if isinstance(why, Unknown) else Unknown(f"{name} is no position", job.place(at))
-        return _Target(Header(), computed=name, unknown=why)
+        return _InformTarget(Header(), computed=name, unknown=why)
 
-    def _of_pulses(self, header: Header, values: Sequence[float], position: Position | None, where: str) -> _Target:
+    def _of_pulses(
+        self, header: Header, values: Sequence[float], position: Position | None, where: str
+    ) -> _InformTarget:
         ratio = () if self.cell is None else self.cell.pulses_per_deg
         if not ratio:
             why = Unknown("it is given in pulses, and the pulses of a degree are not", where)
-            return _Target(header, position=position, computed="pulses", unknown=why)
+            return _InformTarget(header, position=position, computed="pulses", unknown=why)
         axes = tuple(float(pulses) / one for pulses, one in zip(values[:AXES], ratio, strict=True))
-        return _Target(header, axes=axes, position=position, computed="pulses")
+        return _InformTarget(header, axes=axes, position=position, computed="pulses")
 
     def _refuse_other_frame(self, job: Job, position: Position) -> None:
         """Refuse a position of a relative job in another frame than that of the job."""
@@ -157,7 +159,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             raise job.fault(position.start, "a position is in another frame than its relative job",
                             f"////FRAME {job.frame}", "Post the job again")  # fmt: skip
 
-    def _increment(self, job: Job, statement: Statement, form: Form) -> _Target:
+    def _increment(self, job: Job, statement: InformStatement, form: Form) -> _InformTarget:
         """Target of IMOV."""
         where, at = job.place(statement.start), statement.start + form.named[0]
         if not form.frame:
@@ -176,7 +178,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         T = here.copy()
         T[:3, 3] += R @ step
         T_part_frame = self.frames.of(self._end_header, where)
-        return _Target(self._end_header, pose.inverse(T_part_frame) @ T, computed="IMOV")
+        return _InformTarget(self._end_header, pose.inverse(T_part_frame) @ T, computed="IMOV")
 
     def _translation(self, value: object, job: Job, at: int) -> Float:
         """(3,) m of a position variable that displaces."""
@@ -190,7 +192,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         out: Float = frame_of(numbers)[:3, 3]
         return out
 
-    def begin_shift(self, job: Job, statement: Statement, target: str, frame: str) -> None:
+    def begin_shift(self, job: Job, statement: InformStatement, target: str, frame: str) -> None:
         """SFTON: add a displacement to the positions that follow.
 
         Raises:
@@ -207,7 +209,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         step = self._translation(value, job, statement.start)
         self.shift = self.frames.rotation(frame, where) @ step
 
-    def _place(self, job: Job, statement: Statement, form: Form, target: _Target) -> Float | None:
+    def _place(self, job: Job, statement: InformStatement, form: Form, target: _InformTarget) -> Float | None:
         """(4, 4) m of a target in the part; None of MOVJ to one that is not known."""
         where = job.place(statement.start)
         if target.unknown is not None:
@@ -225,7 +227,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             return None
         return self.cell.tip_of_axes(target.axes, {})
 
-    def _point(self, job: Job, statement: Statement, form: Form, target: _Target) -> Point:
+    def _point(self, job: Job, statement: InformStatement, form: Form, target: _InformTarget) -> Point:
         where, base = job.place(statement.start), statement.start
         T_part_frame = np.eye(4)
         if target.T_frame_tool is not None:
@@ -240,7 +242,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             words=form.words, number=(base + form.number[0], base + form.number[1]), tail=form.tail,
         )  # fmt: skip
 
-    def _refuse_others(self, job: Job, statement: Statement, form: Form) -> None:
+    def _refuse_others(self, job: Job, statement: InformStatement, form: Form) -> None:
         """Refuse external axes that move."""
         if not form.words:
             return
@@ -258,7 +260,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             raise job.fault(statement.start, "an external axis moves", self._others,
                             "Moving stations and base axes are not read: post the path with them at rest")  # fmt: skip
 
-    def _refuse_away(self, away: Away[InformMotion], job: Job, statement: Statement) -> ProgramError:
+    def _refuse_away(self, away: Away[InformMotion], job: Job, statement: InformStatement) -> ProgramError:
         why = f": {away.unknown}" if away.unknown is not None else ""
         return job.fault(
             statement.start, f"the robot comes from a place that is not known, by axes "
@@ -268,7 +270,7 @@ class Motions(ExecutionByAxes[InformMotion]):
 
     # ---- speeds --------------------------------------------------------------------------------------------
 
-    def _feed_m_s(self, job: Job, statement: Statement, form: Form) -> float:
+    def _feed_m_s(self, job: Job, statement: InformStatement, form: Form) -> float:
         """Speed along the path, m/s; 0 of MOVJ."""
         if form.word == "MOVJ":
             return 0.0

@@ -36,7 +36,7 @@ _IGNORED: Final = frozenset({"DATE", "COMM", "ATTR", "LVARS", "LVARSNAME", "ENDV
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class InformStatement:
     """An instruction."""
 
     head: int  # Index at which its line begins
@@ -62,7 +62,7 @@ class Job:
         self.text, self.name, self.encoding = text, name, encoding
         self._begins = [0, *(match.end() for match in re.finditer(r"\r\n|\n|\r", text))]
         self.positions: dict[tuple[str, int], inform.Position] = {}  # Entries by kind and number
-        self.statements: list[Statement] = []  # Instructions behind NOP, comments and empty lines included
+        self.statements: list[InformStatement] = []  # Instructions behind NOP, comments and empty lines included
         self.frame = ""  # Frame of a relative job (``////FRAME``): ``USER 2``, ``ROBOT``; empty of others
         self._npos: Span = (0, 0)
         self._first = 0
@@ -120,7 +120,7 @@ class Job:
                 raise self.fault(at, "something follows END", "one job in a file", "Give one job in a file")
             elif self._part == "//INST":
                 code = _REMARK.sub("", code) if not code.startswith(_REMARKS) else code
-                self._instruction(Statement(begin, at, at + len(code), code, line))
+                self._instruction(InformStatement(begin, at, at + len(code), code, line))
             else:
                 self._pseudo(code, at)
         for word, stands in (("//INST", self._part == "//INST"), ("NOP", self._first > 0),
@@ -213,7 +213,7 @@ class Job:
         if not pulses and any(abs(value) > _LARGEST_MM for value in values):
             raise self.fault(at, "a position is beyond every robot", f"{_LARGEST_MM:g} mm")
 
-    def _instruction(self, statement: Statement) -> None:
+    def _instruction(self, statement: InformStatement) -> None:
         code, at = statement.code, statement.start
         if self._first == 0:
             match = _HEADER.fullmatch(code)

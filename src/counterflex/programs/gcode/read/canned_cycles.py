@@ -27,7 +27,7 @@ _SAME_HEIGHT_M: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Step:
+class CycleStep:
     """One move of a cycle along its axis, or a dwell."""
 
     kind: str  # ``rapid``, ``feed`` or ``dwell``
@@ -36,7 +36,7 @@ class Step:
     spindle: bool = True  # The spindle runs (G86 stops it for the way out)
 
 
-def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s: float) -> Iterator[Step]:
+def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s: float) -> Iterator[CycleStep]:
     """Yield the moves of one hole, from the R height to the clear height.
 
     Args:
@@ -50,24 +50,24 @@ def hole(code: int, r: float, bottom: float, clear: float, peck: float, dwell_s:
     if code in (730, 830):
         depth = r - peck
         while depth > bottom + 1e-12:
-            yield Step("feed", depth)
+            yield CycleStep("feed", depth)
             if code == 730:
-                yield Step("rapid", depth + _CLEARANCE_M)
+                yield CycleStep("rapid", depth + _CLEARANCE_M)
             else:
-                yield Step("rapid", r)
-                yield Step("rapid", depth + _CLEARANCE_M)
+                yield CycleStep("rapid", r)
+                yield CycleStep("rapid", depth + _CLEARANCE_M)
             depth -= peck
-    yield Step("feed", bottom)
+    yield CycleStep("feed", bottom)
     if code in (820, 860, 890):
-        yield Step("dwell", bottom, dwell_s)
+        yield CycleStep("dwell", bottom, dwell_s)
     if code == 850:
-        yield Step("feed", r)
+        yield CycleStep("feed", r)
         if clear > r:
-            yield Step("rapid", clear)
+            yield CycleStep("rapid", clear)
     elif code == 890:
-        yield Step("feed", clear)
+        yield CycleStep("feed", clear)
     else:
-        yield Step("rapid", clear, spindle=code != 860)
+        yield CycleStep("rapid", clear, spindle=code != 860)
 
 
 class CycleMaker(MotionMaker):
@@ -168,7 +168,7 @@ class CycleMaker(MotionMaker):
         target[axis] = height
         self.straight(block, six(target), rapid)
 
-    def _step(self, block: BlockWords, axis: int, step: Step) -> None:
+    def _step(self, block: BlockWords, axis: int, step: CycleStep) -> None:
         if step.kind == "dwell":
             self.dwell(block, step.dwell_s, step.spindle)
             return

@@ -103,7 +103,7 @@ class Negative:
 
 
 @dataclass(frozen=True)
-class Call:
+class FunctionCall:
     """A function of one bracket, ``SIN[...]``."""
 
     name: str
@@ -134,7 +134,7 @@ class Arctangent:
 
 
 @dataclass(frozen=True)
-class Operation:
+class BinaryOperation:
     """Two values and the operator between them."""
 
     operator: str
@@ -360,7 +360,7 @@ class Cursor:
             if not self.take("/"):
                 raise self.error("ATAN needs two brackets", repr(self.peek(8)), "Write ATAN[y]/[x]")
             return Arctangent(argument, self._bracket())
-        return Call(name, argument, column)
+        return FunctionCall(name, argument, column)
 
     def _bracket(self) -> Expression:
         if not self.take("["):
@@ -385,7 +385,7 @@ class Cursor:
                 return left
             column = self.column
             self.place += len(operator)
-            left = Operation(operator, left, self._operation(_PRECEDENCE[operator] + 1), column)
+            left = BinaryOperation(operator, left, self._operation(_PRECEDENCE[operator] + 1), column)
 
     def _operator(self) -> str | None:
         for length in (3, 2, 1):

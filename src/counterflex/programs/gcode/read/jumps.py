@@ -31,7 +31,7 @@ MACRO_ARGUMENTS: Final = {
 
 
 @dataclass
-class Frame:
+class CallFrame:
     """A running subroutine: where to go back to, what M98 and G65 still have to repeat, whether it has parameters."""
 
     source: Source
@@ -68,7 +68,7 @@ class FlowRunner:
         self._parameters = Parameters(parameters, state, self._fault)
         self._includes = includes
         self._included: dict[str, Source | None] = {}
-        self._frames: list[Frame] = []
+        self._frames: list[CallFrame] = []
         self._counters: dict[int, int] = {}
 
     def _fault(self, what: str, column: int, value: object = None, hint: str | None = None) -> ProgramError:
@@ -178,7 +178,7 @@ class FlowRunner:
     ) -> Place:
         self._refuse_depth(column)
         target, entry = self._find(source, label, modern, column)
-        self._frames.append(Frame(source, index + 1, entry, modern, repeats, scope=arguments is not None))
+        self._frames.append(CallFrame(source, index + 1, entry, modern, repeats, scope=arguments is not None))
         if arguments is not None:
             self._parameters.enter(arguments)
         return Place(target, entry)
@@ -274,7 +274,7 @@ class FlowRunner:
         entry = source.jump(number, -1)
         if entry is None:
             raise self._fault("M97 names a block that is not there", 0, f"N{number}", "Write the block number")
-        self._frames.append(Frame(source, index + 1, entry, False, repeats))
+        self._frames.append(CallFrame(source, index + 1, entry, False, repeats))
         return Place(source, entry)
 
     def _refuse_depth(self, column: int) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.core.similar import close_to
-from counterflex.programs.gcode.sinumerik.scanner import Address, Line, Name
+from counterflex.programs.gcode.sinumerik.scanner import Address, Line, ScannedName
 from counterflex.programs.gcode.sinumerik.words import (
     AXES,
     REFUSED_CALL,
@@ -55,7 +55,7 @@ class Block:
         self.groups: dict[str, str] = {}  # Code of each modal group named
         self.m: list[int] = []  # M codes
         self.given: dict[str, Address] = {}  # Addresses by name
-        self.calls: list[Name] = []  # Subprograms that the block calls, as written
+        self.calls: list[ScannedName] = []  # Subprograms that the block calls, as written
         self.cycle, self.modal_call = "", False
         self._codes: list[Word] = []
         self._columns: dict[str, int] = {}
@@ -68,7 +68,7 @@ class Block:
     def _shown(self, start: int, end: int) -> str:
         return self._text[start:end].strip()[:40]
 
-    def _name(self, name: Name) -> None:
+    def _name(self, name: ScannedName) -> None:
         table, word = self._table, name.name
         if word in table.drilling and name.called and not self.cycle:
             self.cycle = self._text[name.start : name.end]
@@ -90,7 +90,7 @@ class Block:
                 raise self._unknown(name)
             self.calls.append(name)
 
-    def _neutral(self, name: Name) -> bool:
+    def _neutral(self, name: ScannedName) -> bool:
         """Return whether a name with its arguments changes nothing that is read."""
         arguments = name.arguments
         if name.name == "FGROUP":
@@ -102,7 +102,7 @@ class Block:
             return True
         return arguments.strip("() ") in _NEUTRAL_WITH.get(name.name, ()) and (name.called or name.name == "SETMS")
 
-    def _unknown(self, name: Name) -> ProgramError:
+    def _unknown(self, name: ScannedName) -> ProgramError:
         what, hint = REFUSED_CALL
         if not name.called:
             close = close_to(name.name, [*self._table.group, *self._table.carried], 1)
@@ -131,7 +131,7 @@ class Block:
         elif name == "L":
             if not table.subprograms or value is None:
                 raise self._fault(REFUSED_CALL[0], address.start, shown, REFUSED_CALL[1])
-            self.calls.append(Name(shown.replace(" ", "").upper(), False, address.start, address.end))
+            self.calls.append(ScannedName(shown.replace(" ", "").upper(), False, address.start, address.end))
         elif name not in _TAKEN and name not in table.carried_values:
             declare = f"If it is a variable of the program, declare it: DEF REAL {name}"
             raise self._fault(f"an unknown word of the {table.dialect} dialect", address.start, shown,
@@ -170,7 +170,7 @@ class Block:
         """Make an error at a column."""
         return self._fault(what, column, value, hint)
 
-    def named_fault(self, call: Name, name: str, meant: str) -> ProgramError:
+    def named_fault(self, call: ScannedName, name: str, meant: str) -> ProgramError:
         """Make the error of a name that is neither a word of the language nor a subprogram."""
         shown = self._shown(call.start, call.end)
         if call.called or call.name.endswith("CALL") or (call.name[:1] == "L" and call.name[1:].isdecimal()):

@@ -111,7 +111,7 @@ _CONVERSIONS: Final[Mapping[str, Callable[[float], object]]] = {
 """What a number becomes in a variable of a type (Job Planning, "Type conversion": from 0.5 upwards, INT rounds up)."""
 
 
-class Cells(dict[tuple[int, ...], object]):
+class ArrayCells(dict[tuple[int, ...], object]):
     """Values of a variable by index; ``()`` is that of every element without one of its own.
 
     Args:
@@ -141,7 +141,7 @@ class Variables:
         self.where = ""  # ``file:line`` of the statement that is executed
         self._shared: dict[tuple[str, tuple[int, ...]], object] = {}
         # Variables of the main program and of each subprogram that runs, innermost last, by name in capitals
-        self.levels: list[dict[str, Cells]] = [{}]
+        self.levels: list[dict[str, ArrayCells]] = [{}]
 
     def defines(self, name: str) -> bool:
         """Return whether DEF or PROC of the running program declares a variable."""
@@ -149,7 +149,7 @@ class Variables:
 
     def define(self, name: str, kind: str, value: object) -> None:
         """Declare a variable of the running program; ``kind`` is its type in capitals."""
-        self.levels[-1][name.upper()] = Cells(kind, value)
+        self.levels[-1][name.upper()] = ArrayCells(kind, value)
 
     def assign(self, name: str, index: Sequence[object], value: object) -> None:
         """Set a variable; an index that is not known makes all its elements unknown."""

@@ -8,9 +8,15 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.scanner import error_at
-from counterflex.programs.gcode.sinumerik.expressions import Cells, Variables, number
+from counterflex.programs.gcode.sinumerik.expressions import ArrayCells, Variables, number
 from counterflex.programs.gcode.sinumerik.scanner import value_at
-from counterflex.programs.gcode.sinumerik.source import Construct, Head, Library, Source, code_of
+from counterflex.programs.gcode.sinumerik.source import (
+    Library,
+    SinumerikConstruct,
+    SinumerikHead,
+    SinumerikSource,
+    code_of,
+)
 from counterflex.programs.unknown import Unknown, known
 
 _DEEPEST: Final = 16
@@ -30,7 +36,7 @@ _PARAMETERS: Final = re.compile(
 
 
 @dataclass
-class Section:
+class ProgramSection:
     """A part of a program that runs again: from ``first`` to before ``end``, then on at ``back``."""
 
     depth: int
@@ -41,10 +47,10 @@ class Section:
 
 
 @dataclass
-class Frame:
+class CallFrame:
     """A subprogram that runs."""
 
-    source: Source  # Its caller
+    source: SinumerikSource  # Its caller
     back: int  # Index of the caller's line to go on at
     entry: int  # Its own first line
     repeats: int  # How often it still begins again
@@ -56,13 +62,13 @@ class Frame:
 class Flow:
     """Place of a running program."""
 
-    def __init__(self, source: Source, library: Library) -> None:
+    def __init__(self, source: SinumerikSource, library: Library) -> None:
         self.source, self.index = source, source.first
         self.variables = Variables()
-        self.frames: list[Frame] = []
+        self.frames: list[CallFrame] = []
         self._library = library
         self._loops: dict[int, float] = {}
-        self._sections: list[Section] = []
+        self._sections: list[ProgramSection] = []
 
     def fault(self, what: str, column: int = 0, value: object = None, hint: str | None = None) -> ProgramError:
         """Make an error on the line that is executed."""
@@ -86,7 +92,7 @@ class Flow:
 
     # Flow -----------------------------------------------------------------------------------------------------------
 
-    def control(self, text: str, head: Head) -> None:
+    def control(self, text: str, head: SinumerikHead) -> None:
         """Execute a line of the flow of the program; :attr:`index` is where it goes on.
 
         Raises:
@@ -130,7 +136,7 @@ class Flow:
         if times < 1.0:
             self.index += 1
             return
-        self._sections.append(Section(len(self.frames), first, end, round(times), self.index + 1))
+        self._sections.append(ProgramSection(len(self.frames), first, end, round(times), self.index + 1))
         self.index = first
 
     def settle(self) -> None:
@@ -145,7 +151,7 @@ class Flow:
                 return
             self._sections.pop()
 
-    def _enter(self, code: str, at: int, word: str, construct: Construct) -> int:
+    def _enter(self, code: str, at: int, word: str, construct: SinumerikConstruct) -> int:
         """Index of the line behind a line of a loop or condition."""
         on = self.index + 1
         if word in ("ELSE", "ENDIF", "LOOP", "REPEAT"):
@@ -164,7 +170,7 @@ class Flow:
             return on
         return construct.middle + 1 if word == "IF" and construct.middle >= 0 else construct.end + 1
 
-    def _counts(self, code: str, at: int, construct: Construct) -> bool:
+    def _counts(self, code: str, at: int, construct: SinumerikConstruct) -> bool:
         match = _FOR.match(code, at)
         if match is None:
             raise self.fault("FOR needs a variable and its limits", at, code.strip()[:40], "FOR R1=1 TO 5")
@@ -242,16 +248,16 @@ class Flow:
             raise self.fault("subprograms call each other too deeply", 0, f"more than {_DEEPEST} levels",
                              "Look for a subprogram that calls itself")  # fmt: skip
         level, returns = self._bound(source, arguments)
-        self.frames.append(Frame(self.source, self.index + 1, source.first, repeats, returns, self._loops))
+        self.frames.append(CallFrame(self.source, self.index + 1, source.first, repeats, returns, self._loops))
         self.variables.levels.append(level)
         self.source, self.index, self._loops = source, source.first, {}
         return True
 
-    def _bound(self, source: Source, arguments: str) -> tuple[dict[str, Cells], dict[str, str]]:
+    def _bound(self, source: SinumerikSource, arguments: str) -> tuple[dict[str, ArrayCells], dict[str, str]]:
         """Values of the parameters of a subprogram."""
         head = next((code_of(line) for line in source.lines[source.first : source.last] if re.match(
             r"\s*(N\d+\s*)?PROC\b", line, re.IGNORECASE)), "")  # fmt: skip
-        level: dict[str, Cells] = {}
+        level: dict[str, ArrayCells] = {}
         returns: dict[str, str] = {}
         texts, at = [], 0
         while at < len(arguments):
@@ -269,7 +275,7 @@ class Flow:
             value: object = _ZERO.get(kind)
             if text:
                 value, _ = self.value(text, 0)
-            level[parameter[3].upper()] = Cells(kind, value)
+            level[parameter[3].upper()] = ArrayCells(kind, value)
             if parameter[1] and text:
                 returns[parameter[3].upper()] = text
         return level, returns

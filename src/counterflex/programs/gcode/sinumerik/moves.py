@@ -15,7 +15,7 @@ from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_rad
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.gcode.sinumerik.block import MIDDLE, Block
 from counterflex.programs.gcode.sinumerik.cycles import Cycle
-from counterflex.programs.gcode.sinumerik.state import PLANE_AXES, State
+from counterflex.programs.gcode.sinumerik.state import PLANE_AXES, SinumerikState
 from counterflex.programs.gcode.sinumerik.words import AXES, ROTARY, VECTOR
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
 
@@ -33,7 +33,7 @@ class MoveMaker:
         listed: Motions to and from places that are not known are made, and marked.
     """
 
-    def __init__(self, state: State, listed: bool = False) -> None:
+    def __init__(self, state: SinumerikState, listed: bool = False) -> None:
         self._state = state
         self._listed = listed
         self.motions: list[Motion] = []  # Everything made so far
@@ -366,7 +366,7 @@ def _turned(a: tuple[float, float], centre: tuple[float, float], turn_rad: float
     return centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos
 
 
-def frame_of(block: Block, name: str, state: State) -> tuple[Float, Float]:
+def frame_of(block: Block, name: str, state: SinumerikState) -> tuple[Float, Float]:
     """Shift (3,) m and rotation vector (3,) rad of a TRANS, ATRANS, ROT or AROT; MIRROR and AMIRROR have neither.
 
     Raises:

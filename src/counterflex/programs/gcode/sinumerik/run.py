@@ -18,9 +18,9 @@ from counterflex.programs.gcode.sinumerik.block import Block
 from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
 from counterflex.programs.gcode.sinumerik.jumps import Flow
 from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
-from counterflex.programs.gcode.sinumerik.scanner import Line, Name, scan
-from counterflex.programs.gcode.sinumerik.source import Library, Source, head_of, no_library
-from counterflex.programs.gcode.sinumerik.state import State
+from counterflex.programs.gcode.sinumerik.scanner import Line, ScannedName, scan
+from counterflex.programs.gcode.sinumerik.source import Library, SinumerikSource, head_of, no_library
+from counterflex.programs.gcode.sinumerik.state import SinumerikState
 from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, SINUMERIK, VECTOR, WordTable
 from counterflex.programs.program import Block as ReadBlock, Modal, Program
 from counterflex.programs.unknown import known
@@ -38,18 +38,18 @@ class Run:
 
     table: ClassVar[WordTable] = SINUMERIK
 
-    def __init__(self, source: Source, machine: MillingMachine, library: Library = no_library) -> None:
+    def __init__(self, source: SinumerikSource, machine: MillingMachine, library: Library = no_library) -> None:
         self._main, self._tool_names = source, machine.tool_names
         self.flow = Flow(source, library)
         vectors = any(_VECTOR_WORD.match(line) for line in source.lines)
-        self._state = State(
+        self._state = SinumerikState(
             vectors=vectors,
             start_known=machine.known,
             zeros={offset: np.array(zero[:3]) for offset, zero in machine.part_offsets.items()},
         )
         self._watch = LoopWatch(self._everything)
         self._modals: dict[Modal, Modal] = {}
-        self._modal: Cycle | Name | None = None
+        self._modal: Cycle | ScannedName | None = None
         self._modal_depth = 0
         self._counts: dict[int, int] = {}
         self.maker = MoveMaker(self._state, machine.listed)
@@ -75,7 +75,7 @@ class Run:
                 return True
             self._watch_jump(*before)
 
-    def _watch_jump(self, source: Source, index: int) -> None:
+    def _watch_jump(self, source: SinumerikSource, index: int) -> None:
         """Refuse a jump back that will be made for ever."""
         flow = self.flow
         if flow.source is source and flow.index > index:
@@ -144,7 +144,7 @@ class Run:
         self._assign(block, line)
         return self._go_on(block, call)
 
-    def _go_on(self, block: Block, call: tuple[Name, int] | None) -> bool:
+    def _go_on(self, block: Block, call: tuple[ScannedName, int] | None) -> bool:
         """Go to the next line, into a subprogram, or back; whether the program ends."""
         flow = self.flow
         ends = [code for code in block.m if code in M_END]
@@ -160,7 +160,7 @@ class Run:
             flow.index += 1
         return False
 
-    def _called(self, block: Block, moves: bool) -> tuple[Name, int] | None:
+    def _called(self, block: Block, moves: bool) -> tuple[ScannedName, int] | None:
         """The subprogram that a block calls, and how often; MCALL: after each block that moves."""
         if len(block.calls) > 1:
             raise block.fault(
@@ -173,11 +173,11 @@ class Run:
             return None
         if block.calls:
             return block.calls[0], repeats
-        if isinstance(self._modal, Name) and moves and len(self.flow.frames) == self._modal_depth:
+        if isinstance(self._modal, ScannedName) and moves and len(self.flow.frames) == self._modal_depth:
             return self._modal, 1
         return None
 
-    def _enter(self, block: Block, call: Name, repeats: int) -> None:
+    def _enter(self, block: Block, call: ScannedName, repeats: int) -> None:
         """Enter a subprogram."""
         name, arguments = call.name, call.arguments
         if name in ("CALL", "PCALL", "EXTCALL"):

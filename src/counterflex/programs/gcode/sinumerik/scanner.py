@@ -42,7 +42,7 @@ class Address:
 
 
 @dataclass(frozen=True, slots=True)
-class Name:
+class ScannedName:
     """A word without a value, perhaps with arguments in brackets: ``TRAORI``, ``MSG("...")``; ``called`` with them."""
 
     name: str
@@ -72,7 +72,7 @@ class Line:
     """Words of a line, each in order of appearance."""
 
     addresses: tuple[Address, ...] = ()
-    names: tuple[Name, ...] = ()
+    names: tuple[ScannedName, ...] = ()
     assigned: tuple[Assigned, ...] = ()
 
 
@@ -93,7 +93,7 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
             name, line, "the block is longer than Sinumerik takes", LIMITS.line_characters, f"{len(text)} characters"
         )
     addresses: list[Address] = []
-    names: list[Name] = []
+    names: list[ScannedName] = []
     assigned: list[Assigned] = []
     variables.where = f"{name}:{line}"
     skip = _SKIP.match(text)
@@ -125,7 +125,7 @@ def scan(text: str, name: str, line: int, variables: Variables) -> Line:
             word = called[0].upper()
             if word in _WITH_NAME and not bracket:
                 at = len(code_part(text, at))
-            names.append(Name(word, bracket, called.start(), at, text[called.end() : at]))
+            names.append(ScannedName(word, bracket, called.start(), at, text[called.end() : at]))
             if names[-1].name in REFUSED:  # what follows is not of this subset either
                 break
         else:

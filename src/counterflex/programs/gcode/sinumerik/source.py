@@ -26,7 +26,7 @@ _CLOSES: Final = {"ENDIF": "IF", "ENDFOR": "FOR", "ENDWHILE": "WHILE", "ENDLOOP"
 
 
 @dataclass
-class Construct:
+class SinumerikConstruct:
     """A loop or condition: its lines by index, ``middle`` that of ELSE."""
 
     keyword: str
@@ -36,7 +36,7 @@ class Construct:
 
 
 @dataclass(frozen=True)
-class Head:
+class SinumerikHead:
     """Part of a line before its words."""
 
     keyword: str  # Word of the flow of the program, in capitals; empty where there is none
@@ -55,18 +55,18 @@ def code_of(line: str) -> str:
     return line
 
 
-def head_of(line: str) -> Head:
+def head_of(line: str) -> SinumerikHead:
     """Return what stands before the words of a line."""
     match = _HEAD.match(line)
     assert match is not None
     keyword = _KEYWORD.match(line, match.end())
     start, end = match.span("label") if match["label"] else (match.end(), match.end())
-    return Head("" if keyword is None else keyword[1].upper(), start, end, match.end() if keyword is None else
+    return SinumerikHead("" if keyword is None else keyword[1].upper(), start, end, match.end() if keyword is None else
                 keyword.end())  # fmt: skip
 
 
 @dataclass
-class Source:
+class SinumerikSource:
     """A program: lines of a file from ``first`` to before ``last``.
 
     Raises:
@@ -79,11 +79,11 @@ class Source:
     last: int
     flow: bool = True
     labels: dict[str, list[int]] = field(default_factory=dict)
-    at: dict[int, Construct] = field(default_factory=dict)
+    at: dict[int, SinumerikConstruct] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Find labels, loops and conditions."""
-        opened: list[Construct] = []
+        opened: list[SinumerikConstruct] = []
         for index in range(self.first, self.last if self.flow else self.first):
             code = code_of(self.lines[index])
             match = _HEAD.match(code)
@@ -97,12 +97,12 @@ class Source:
         if opened:
             raise self._fault(opened[-1].start, f"{opened[-1].keyword} is never closed")
 
-    def _place(self, index: int, code: str, opened: list[Construct]) -> None:
+    def _place(self, index: int, code: str, opened: list[SinumerikConstruct]) -> None:
         head = head_of(code)
         word, rest = head.keyword, code[head.rest :].strip()
         if word in ("FOR", "WHILE", "LOOP") or (word == "IF" and not _JUMP.search(rest)) or (
             word == "REPEAT" and not rest):  # fmt: skip
-            construct = Construct(word, index)
+            construct = SinumerikConstruct(word, index)
             opened.append(construct)
             self.at[index] = construct
         elif word == "ELSE":
@@ -134,7 +134,7 @@ class Source:
         return later[0] if later else earlier[0] if earlier else None
 
 
-def programs_of(name: str, text: str, flow: bool = True) -> dict[str, Source]:
+def programs_of(name: str, text: str, flow: bool = True) -> dict[str, SinumerikSource]:
     """Return the programs of a file by name; one without headers ``%_N_NAME_MPF`` has the name of the file.
 
     The first one is the main program; it begins with the file.
@@ -142,25 +142,25 @@ def programs_of(name: str, text: str, flow: bool = True) -> dict[str, Source]:
     lines = split_lines(text)
     heads = [(i, m[1].upper()) for i, line in enumerate(lines) if flow and (m := _PROGRAM.match(line)) is not None]
     if not heads:
-        return {Path(name).stem.upper(): Source(name, lines, 0, len(lines), flow)}
+        return {Path(name).stem.upper(): SinumerikSource(name, lines, 0, len(lines), flow)}
     if any(code_of(line).strip() for line in lines[: heads[0][0]]):
         heads.insert(0, (0, Path(name).stem.upper()))
     starts = [0, *(index for index, _ in heads[1:]), len(lines)]
     return {
-        program: Source(name, lines, first, last)
+        program: SinumerikSource(name, lines, first, last)
         for (_, program), first, last in zip(heads, starts, starts[1:], strict=False)
     }
 
 
-Library = Callable[[str], Source | None]
+Library = Callable[[str], SinumerikSource | None]
 """Returns a subprogram by its name in capitals, or None."""
 
 
-def library_of(programs: dict[str, Source], folder: Path | None) -> Library:
+def library_of(programs: dict[str, SinumerikSource], folder: Path | None) -> Library:
     """Return what finds subprograms: in the file of the program, then in its folder (``.spf``, then ``.mpf``)."""
     known = dict(programs)
 
-    def find(name: str) -> Source | None:
+    def find(name: str) -> SinumerikSource | None:
         name = re.sub(r"^.*[/\\]", "", name.upper())
         name = re.sub(r"_(SPF|MPF)$|\.(SPF|MPF)$", "", re.sub(r"^_N_", "", name))
         if name not in known and folder is not None:
@@ -174,6 +174,6 @@ def library_of(programs: dict[str, Source], folder: Path | None) -> Library:
     return find
 
 
-def no_library(name: str) -> Source | None:  # noqa: ARG001
+def no_library(name: str) -> SinumerikSource | None:  # noqa: ARG001
     """Find nothing: a dialect without subprograms."""
     return None

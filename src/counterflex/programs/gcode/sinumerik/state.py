@@ -19,7 +19,7 @@ PLANE_AXES: Final[dict[int, tuple[int, int, int]]] = {17: (0, 1, 2), 18: (2, 0, 
 
 
 @dataclass
-class State:
+class SinumerikState:
     """Everything that outlives a block; positions in the part frame, m."""
 
     vectors: bool = False  # The program gives the tool axis as A3 B3 C3 somewhere: TRAORI means that, else rotary words

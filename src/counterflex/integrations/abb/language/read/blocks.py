@@ -48,7 +48,7 @@ class Branch:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class TestBlock:
     """IF, or TEST with the value that is compared."""
 
     statement: Statement
@@ -57,7 +57,7 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class LoopBlock:
     """WHILE with its condition, or FOR with its variable, first, last and step."""
 
     statement: Statement
@@ -66,7 +66,7 @@ class Loop:
     body: list[Tree] = field(default_factory=list)
 
 
-Tree = Simple | Label | Choice | Loop
+Tree = Simple | Label | TestBlock | LoopBlock
 
 
 def tree_of(source: Source, statements: Sequence[Statement]) -> list[Tree]:
@@ -132,7 +132,7 @@ class _Builder:
             word="" if match is None else match[0].upper(),
             line=self.source.line(at) - self.source.part(at).first_line,
         )
-        return Choice(statement, [Branch(statement, (condition,), [Simple(inner, self.at, statement)])])
+        return TestBlock(statement, [Branch(statement, (condition,), [Simple(inner, self.at, statement)])])
 
     def _opened(self, statement: Statement) -> Tree:
         word = statement.word
@@ -141,16 +141,16 @@ class _Builder:
             if match is None:
                 raise self._fault("no FOR that is read", statement, "FOR i FROM 1 TO 10 STEP 2 DO")
             values = tuple(self._parsed(text, statement) for text in match.groups()[1:] if text is not None)
-            loop = Loop(statement, match[1].upper(), values)
+            loop = LoopBlock(statement, match[1].upper(), values)
         elif word == "WHILE":
-            loop = Loop(statement, "", (self._condition(statement),))
+            loop = LoopBlock(statement, "", (self._condition(statement),))
         else:
             return self._choice(statement)
         loop.body.extend(self.body(_OPENS[word], statement))
         self._close(_OPENS[word])
         return loop
 
-    def _choice(self, statement: Statement) -> Choice:
+    def _choice(self, statement: Statement) -> TestBlock:
         closing = _OPENS[statement.word]
         value = self._condition(statement) if statement.word == "TEST" else None
         branches, head = [], statement
@@ -171,7 +171,7 @@ class _Builder:
             head = self.statements[self.at]
             self.at += head.word != closing
         self._close(closing)
-        return Choice(statement, branches, value)
+        return TestBlock(statement, branches, value)
 
     def _close(self, closing: str) -> None:
         statement = self.statements[self.at]

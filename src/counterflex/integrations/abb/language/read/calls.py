@@ -12,8 +12,8 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.arithmetic import FUNCTIONS, GRAMMAR, WITH_OPTIONS, pose_product
 from counterflex.integrations.abb.language.read.literals import arguments
-from counterflex.integrations.abb.language.read.memory import Memory, Reference, Variable
-from counterflex.integrations.abb.language.read.routines import Modules, Parameter, Routine
+from counterflex.integrations.abb.language.read.memory import Memory, RapidVariable, Reference
+from counterflex.integrations.abb.language.read.routines import Modules, Routine, RoutineParameter
 from counterflex.integrations.abb.language.read.scanner import Source, Statement
 from counterflex.integrations.abb.language.read.types import copy_of
 from counterflex.integrations.abb.language.table import FUNCTION_OUTPUTS, TABLE
@@ -117,17 +117,17 @@ class Calls:
             )  # fmt: skip
         for name in absent:
             lost = Unknown(f"the argument {name.lower()} is left out", self._here())
-            names[name] = Reference(Variable(name, "", (), lost), (), "")
+            names[name] = Reference(RapidVariable(name, "", (), lost), (), "")
         return self.execute(routine, names, absent, place)
 
-    def _switch(self, parameter: Parameter) -> Reference:
-        return Reference(Variable(parameter.name, "switch", (), True), (), "switch")
+    def _switch(self, parameter: RoutineParameter) -> Reference:
+        return Reference(RapidVariable(parameter.name, "switch", (), True), (), "switch")
 
-    def _lost(self, parameter: Parameter) -> Reference:
+    def _lost(self, parameter: RoutineParameter) -> Reference:
         lost = Unknown(f"the argument {parameter.name.lower()} is not known", self._here())
-        return Reference(Variable(parameter.name, parameter.kind, (), lost), (), parameter.kind)
+        return Reference(RapidVariable(parameter.name, parameter.kind, (), lost), (), parameter.kind)
 
-    def _argument(self, parameter: Parameter, item: tuple[str, int] | Node) -> Reference | None:
+    def _argument(self, parameter: RoutineParameter, item: tuple[str, int] | Node) -> Reference | None:
         """Data or value that an argument stands for; None of an optional one that the caller was not given either."""
         memory = self.memory
         text, at = (item[0], item[1]) if isinstance(item, tuple) else ("", self.now.start)
@@ -209,10 +209,10 @@ class Calls:
         return self.source.where(self.now.start)
 
 
-def _copied(parameter: Parameter, reference: Reference | None, value: object) -> Reference:
+def _copied(parameter: RoutineParameter, reference: Reference | None, value: object) -> Reference:
     """A value that the routine may change for itself; of a robtarget with the data that it came from."""
     dims = () if reference is None else reference.dims
-    copy = Variable(parameter.name, parameter.kind, dims, copy_of(value))
+    copy = RapidVariable(parameter.name, parameter.kind, dims, copy_of(value))
     if reference is not None and not reference.variable.assigned and parameter.kind == "robtarget":
         copy.copied = reference
     return Reference(copy, (), parameter.kind, dims)

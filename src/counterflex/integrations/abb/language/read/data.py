@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
-from counterflex.integrations.abb.language.read.literals import Aggregate
+from counterflex.integrations.abb.language.read.literals import AggregateLiteral
 
 DECLARATION: Final = re.compile(
     r"(?:(?:LOCAL|TASK|GLOBAL)\s+)*(CONST|PERS|VAR)\s+(\w+)\s+(\w+)\s*(\{[^}]*\})?\s*(:=)?\s*", re.IGNORECASE
@@ -22,7 +22,7 @@ _LARGEST_MM: Final = 100_000.0
 
 def position(item: object) -> tuple[float, float, float] | None:
     """x, y, z of ``[x,y,z]``, mm; None where it is none, or beyond every robot."""
-    numbers = item.numbers((3,)) if isinstance(item, Aggregate) else None
+    numbers = item.numbers((3,)) if isinstance(item, AggregateLiteral) else None
     if numbers is None or not all(abs(number.value) <= _LARGEST_MM for number in numbers):
         return None
     x, y, z = (number.value for number in numbers)
@@ -31,7 +31,7 @@ def position(item: object) -> tuple[float, float, float] | None:
 
 def quaternion(item: object) -> tuple[float, float, float, float] | None:
     """q1 to q4 of ``[q1,q2,q3,q4]``; None where it is none, or not of length 1."""
-    numbers = item.numbers((4,)) if isinstance(item, Aggregate) else None
+    numbers = item.numbers((4,)) if isinstance(item, AggregateLiteral) else None
     if numbers is None:
         return None
     q1, q2, q3, q4 = (number.value for number in numbers)
@@ -41,7 +41,7 @@ def quaternion(item: object) -> tuple[float, float, float, float] | None:
 
 def frame(item: object) -> Float | None:
     """(4, 4) of a pose ``[[x,y,z],[q1,q2,q3,q4]]``, m; None where it is none."""
-    if not isinstance(item, Aggregate) or len(item.items) != 2:
+    if not isinstance(item, AggregateLiteral) or len(item.items) != 2:
         return None
     p, q = position(item.items[0]), quaternion(item.items[1])
     return None if p is None or q is None else pose.make(rotation_of(q), np.array(p) * MM)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from counterflex.integrations.abb.language.read.blocks import Choice, Label, Loop, Simple, Tree
+from counterflex.integrations.abb.language.read.blocks import Label, LoopBlock, Simple, TestBlock, Tree
 from counterflex.integrations.abb.language.read.literals import arguments
 from counterflex.integrations.abb.language.read.routines import Modules, Routine
 from counterflex.integrations.abb.language.read.scanner import Statement
@@ -67,10 +67,10 @@ class EffectsOf:
         for tree in trees:
             if isinstance(tree, Simple):
                 self._simple(tree, routine, out)
-            elif isinstance(tree, Loop):
+            elif isinstance(tree, LoopBlock):
                 self._nodes(tree.values, routine, out, tree.statement)
                 self._add(out, self.of(tree.body, routine))
-            elif isinstance(tree, Choice):
+            elif isinstance(tree, TestBlock):
                 self._nodes([tree.value] if tree.value is not None else [], routine, out, tree.statement)
                 for branch in tree.branches:
                     self._nodes(branch.conditions, routine, out, tree.statement)

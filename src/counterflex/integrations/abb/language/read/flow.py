@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.abb.language.read.blocks import Choice, Label, Loop, Simple, Tree
+from counterflex.integrations.abb.language.read.blocks import Label, LoopBlock, Simple, TestBlock, Tree
 from counterflex.integrations.abb.language.read.effects import Effects, EffectsOf
-from counterflex.integrations.abb.language.read.memory import Memory, Reference, Variable
+from counterflex.integrations.abb.language.read.memory import Memory, RapidVariable, Reference
 from counterflex.integrations.abb.language.read.routines import Modules, Routine
 from counterflex.integrations.abb.language.read.scanner import Source, Statement
 from counterflex.integrations.abb.language.table import FORMS
@@ -46,7 +46,7 @@ class MayReturn(Exception):
         self.statement, self.unknown = statement, unknown
 
 
-class End(Exception):
+class BlockEnd(Exception):
     """The program ends."""
 
 
@@ -88,9 +88,9 @@ class Flow(ABC):
                     skipped = self._executed(tree)
                     while at + 1 < total and skipped > 1 and _index(trees[at + 1]) < tree.index + skipped:
                         at += 1
-                elif isinstance(tree, Choice):
+                elif isinstance(tree, TestBlock):
                     self._choice(tree)
-                elif isinstance(tree, Loop):
+                elif isinstance(tree, LoopBlock):
                     self._loop(tree)
                 at += 1
             except Jump as jump:
@@ -126,7 +126,7 @@ class Flow(ABC):
             hint="Give the routine that makes one part as a program of its own",
         )  # fmt: skip
 
-    def _choice(self, tree: Choice) -> None:
+    def _choice(self, tree: TestBlock) -> None:
         self.tick(tree.statement)
         value: object = None
         if tree.value is not None:
@@ -222,7 +222,7 @@ class Flow(ABC):
 
     # ---- loops -----------------------------------------------------------------------------------------------
 
-    def _loop(self, tree: Loop) -> None:
+    def _loop(self, tree: LoopBlock) -> None:
         self.tick(tree.statement)
         if tree.variable:
             self._counted(tree)
@@ -246,7 +246,7 @@ class Flow(ABC):
             if stamp == self.memory.stamp:
                 raise self._endless(tree.statement)
 
-    def _range_of(self, tree: Loop) -> tuple[float, float, float] | None:
+    def _range_of(self, tree: LoopBlock) -> tuple[float, float, float] | None:
         """First and last value of a FOR and its step; None where they are not known."""
         values = [self._decided(node, tree.statement) for node in tree.values]
         unknown = next((value for value in values if isinstance(value, Unknown)), None)
@@ -261,7 +261,7 @@ class Flow(ABC):
             raise self._endless(tree.statement)
         return first, last, step
 
-    def _counted(self, tree: Loop) -> None:
+    def _counted(self, tree: LoopBlock) -> None:
         counting = self._range_of(tree)
         if counting is None:
             return
@@ -277,7 +277,7 @@ class Flow(ABC):
                 break
             if (value > last) if step > 0 else (value < last):
                 break
-            names[tree.variable] = Reference(Variable(tree.variable, "num", (), value), (), "num")
+            names[tree.variable] = Reference(RapidVariable(tree.variable, "num", (), value), (), "num")
             self.memory.stamp += 1
             self.tick(tree.statement)
             self.body(tree.body)

@@ -13,7 +13,7 @@ from counterflex.integrations.abb.language.program import RoutineCall
 from counterflex.integrations.abb.language.read.blocks import Simple
 from counterflex.integrations.abb.language.read.calls import Calls, Given
 from counterflex.integrations.abb.language.read.effects import EffectsOf, is_output, names_given
-from counterflex.integrations.abb.language.read.flow import WITHOUT, End, Flow, Jump, MayReturn, Return
+from counterflex.integrations.abb.language.read.flow import WITHOUT, BlockEnd, Flow, Jump, MayReturn, Return
 from counterflex.integrations.abb.language.read.frames import Frames, RapidCell
 from counterflex.integrations.abb.language.read.instructions import HANDLERS, Instructions
 from counterflex.integrations.abb.language.read.literals import arguments
@@ -63,7 +63,7 @@ class Interpreter(Flow, Instructions, Calls):
         Raises:
             ProgramError: See :func:`~counterflex.integrations.abb.language.read.reader.read_rapid`.
         """
-        with contextlib.suppress(End):
+        with contextlib.suppress(BlockEnd):
             self.execute(self.modules.first(), {}, set(), (0, 0))
         self.finish()
 
@@ -262,7 +262,7 @@ class Interpreter(Flow, Instructions, Calls):
         if word == "GOTO":
             raise Jump(statement.code[len("GOTO") :].strip().upper(), statement)
         if word in ("EXIT", "EXITCYCLE"):
-            raise End
+            raise BlockEnd
         if word == "STOP":
             self._words.append(Word("M", 0.0, 0, 0))
         elif word != "BREAK":

@@ -15,7 +15,7 @@ _OPTION: Final = re.compile(r"\\\s*([A-Za-z]\w*)\s*(:=|\?)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class LiteralItem:
     """A number of an aggregate: its value and where it stands in the text."""
 
     value: float
@@ -24,24 +24,24 @@ class Item:
 
 
 @dataclass(frozen=True, slots=True)
-class Aggregate:
+class AggregateLiteral:
     """Values in brackets."""
 
-    items: tuple[Item | str | Aggregate, ...]  # Numbers, words (TRUE, names, strings) and aggregates
+    items: tuple[LiteralItem | str | AggregateLiteral, ...]  # Numbers, words (TRUE, names, strings) and aggregates
     start: int  # Index of the opening bracket
     end: int  # Index behind the closing one
 
-    def numbers(self, counts: Sequence[int] = ()) -> list[Item] | None:
+    def numbers(self, counts: Sequence[int] = ()) -> list[LiteralItem] | None:
         """Its numbers, all of them; None where there is anything else, or another count."""
-        out = [item for item in self.items if isinstance(item, Item)]
+        out = [item for item in self.items if isinstance(item, LiteralItem)]
         return out if len(out) == len(self.items) and (not counts or len(out) in counts) else None
 
 
-def aggregate(text: str, start: int, end: int) -> Aggregate | None:
+def aggregate(text: str, start: int, end: int) -> AggregateLiteral | None:
     """The aggregate that begins at an index and ends before another one; None where there is none that is read."""
     if start >= end or text[start] != "[":
         return None
-    items: list[Item | str | Aggregate] = []
+    items: list[LiteralItem | str | AggregateLiteral] = []
     at = start + 1
     while at < end:
         item = _item(text, _behind_blanks(text, at, end), end)
@@ -50,20 +50,20 @@ def aggregate(text: str, start: int, end: int) -> Aggregate | None:
         items.append(item[0])
         at = _behind_blanks(text, item[1], end)
         if at < end and text[at] == "]":
-            return Aggregate(tuple(items), start, at + 1)
+            return AggregateLiteral(tuple(items), start, at + 1)
         if at >= end or text[at] != ",":
             return None
         at += 1
     return None
 
 
-def _item(text: str, at: int, end: int) -> tuple[Item | str | Aggregate, int] | None:
+def _item(text: str, at: int, end: int) -> tuple[LiteralItem | str | AggregateLiteral, int] | None:
     """An item of an aggregate and the index behind it; None where there is none that is read."""
     if at < end and text[at] == "[":
         inner = aggregate(text, at, end)
         return None if inner is None else (inner, inner.end)
     if (match := _NUMBER.match(text, at, end)) is not None:
-        return Item(float(match[1]), match.start(1), match.end(1)), match.end()
+        return LiteralItem(float(match[1]), match.start(1), match.end(1)), match.end()
     match = _WORD.match(text, at, end)
     return None if match is None else (match[1], match.end())
 
@@ -117,7 +117,7 @@ def numbers_of(text: str) -> list[object] | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Argument:
+class CallArgument:
     """An argument of an instruction."""
 
     text: str  # As written, without blanks around it
@@ -128,12 +128,12 @@ class Argument:
     behind: int  # Index behind its options
 
 
-def arguments(code: str, start: int, end: int) -> list[Argument]:
+def arguments(code: str, start: int, end: int) -> list[CallArgument]:
     """Arguments between two indices of a text: divided by commas outside of brackets, each with its options."""
     return [_argument(code, a, b) for a, b in _divided(code, start, end, ",")]
 
 
-def _argument(code: str, start: int, end: int) -> Argument:
+def _argument(code: str, start: int, end: int) -> CallArgument:
     pieces = list(_divided(code, start, end, "\\"))
     first, options = pieces[0], {}
     behind = _trimmed(code, *first)[1]
@@ -144,7 +144,7 @@ def _argument(code: str, start: int, end: int) -> Argument:
         options[key] = (code[place[0] : place[1]], *place)
         behind = max(behind, place[1], 0 if match is None else match.end(1))
     a, b = _trimmed(code, *first)
-    return Argument(code[a:b], a, b, options, behind)
+    return CallArgument(code[a:b], a, b, options, behind)
 
 
 def _trimmed(code: str, start: int, end: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.arithmetic import GRAMMAR
 from counterflex.integrations.abb.language.read.literals import robtarget_literal
-from counterflex.integrations.abb.language.read.routines import Declared, Module, Modules, Routine
+from counterflex.integrations.abb.language.read.routines import Declared, Modules, RapidModule, Routine
 from counterflex.integrations.abb.language.read.scanner import Source
 from counterflex.integrations.abb.language.read.types import PREDEFINED, Types, copy_of
 from counterflex.programs.expression import (
@@ -34,7 +34,7 @@ _LARGEST_ARRAY: Final = 1_000_000
 
 
 @dataclass(eq=False)
-class Variable:
+class RapidVariable:
     """Data with a name."""
 
     name: str  # As declared
@@ -42,7 +42,7 @@ class Variable:
     dims: tuple[int, ...]  # Dimensions of an array
     value: object  # A number, truth value, string, list of components or elements, or Unknown
     declared: Declared | None = None  # Where it is declared; None of arguments, loop variables and predefined data
-    module: Module | None = None  # The module that it belongs to
+    module: RapidModule | None = None  # The module that it belongs to
     persistent: bool = False  # It keeps its value from run to run (PERS)
     assigned: bool = False  # The program has given it a value
     volatile: Unknown | None = None  # An interrupt may change it at any time
@@ -55,7 +55,7 @@ class Variable:
 class Reference:
     """Data, or a part of it: indices from 0 into its nested lists, and the type and dimensions of the part."""
 
-    variable: Variable
+    variable: RapidVariable
     path: tuple[int, ...]
     kind: str
     dims: tuple[int, ...] = ()
@@ -71,7 +71,7 @@ class Reference:
 
 
 @dataclass
-class Frame:
+class RoutineFrame:
     """Names of a routine that is executed, its optional arguments that are left out, and its number."""
 
     routine: Routine
@@ -86,7 +86,7 @@ class Memory:
     def __init__(self, source: Source, modules: Modules) -> None:
         self.source, self.modules = source, modules
         self.types = Types()  # Data types
-        self.frames: list[Frame] = []  # Routines that are executed, the innermost last
+        self.frames: list[RoutineFrame] = []  # Routines that are executed, the innermost last
         self.stamp = 0  # Number of changes of data so far
         # A condition is evaluated: persistent data that a person or another task may have set is unknown
         self.deciding = False
@@ -95,16 +95,16 @@ class Memory:
         self.kept_from: Mapping[int, object] | None = None
         self.evaluator: ScopeOfReferences | None = None
         self._nodes: dict[str, Node] = {}
-        self._own: dict[int, dict[str, Variable]] = {}
-        self._global: dict[str, Variable] = {}
-        self._predefined: dict[str, Variable] = {}
+        self._own: dict[int, dict[str, RapidVariable]] = {}
+        self._global: dict[str, RapidVariable] = {}
+        self._predefined: dict[str, RapidVariable] = {}
         for module in modules.modules:
             self.types.records |= module.records
             self.types.aliases |= module.aliases
         for module in modules.modules:
             own = self._own[id(module)] = {}
             for key, declared in module.data.items():
-                variable = Variable(
+                variable = RapidVariable(
                     declared.name, declared.kind, (), _PENDING, declared, module, declared.storage == "PERS"
                 )
                 own[key] = variable
@@ -135,16 +135,16 @@ class Memory:
         known = PREDEFINED.get(key)
         if known is None:
             return None
-        variable = self._predefined.setdefault(key, Variable(key.lower(), known[0], (), copy_of(known[1])))
+        variable = self._predefined.setdefault(key, RapidVariable(key.lower(), known[0], (), copy_of(known[1])))
         return Reference(variable, (), variable.kind)
 
-    def _begin(self, variable: Variable) -> None:
+    def _begin(self, variable: RapidVariable) -> None:
         """Give data its declared value."""
         declared, module = variable.declared, variable.module
         if declared is None or module is None:
             raise ValueError("a variable without declaration")
         variable.value = Unknown("it is declared by itself", self.source.where(declared.start))
-        frame = Frame(next(iter(module.routines.values()), _NOWHERE(module)))
+        frame = RoutineFrame(next(iter(module.routines.values()), _NOWHERE(module)))
         self.frames.append(frame)
         try:
             variable.dims = self._dims(declared)
@@ -154,7 +154,7 @@ class Memory:
         if variable.persistent:
             self._forget_kept(variable, declared)
 
-    def _forget_kept(self, variable: Variable, declared: Declared) -> None:
+    def _forget_kept(self, variable: RapidVariable, declared: Declared) -> None:
         """Make the parts of persistent data unknown that the program changes: they keep what the last run left."""
         if self.kept_from is not None:
             variable.value = copy_of(self.kept_from.get(declared.start, variable.value))
@@ -207,17 +207,17 @@ class Memory:
 
     def enter(self, routine: Routine, names: Mapping[str, Reference], absent: set[str]) -> None:
         """Begin a routine with its arguments, and those that are left out."""
-        frame = Frame(routine, dict(names), absent)
+        frame = RoutineFrame(routine, dict(names), absent)
         self.frames.append(frame)
         for key, declared in routine.declared.items():
             dims = self._dims(declared)
-            variable = Variable(declared.name, declared.kind, dims, None, declared, routine.module)
+            variable = RapidVariable(declared.name, declared.kind, dims, None, declared, routine.module)
             variable.value = self.declared_value(declared, dims)
             frame.names[key] = Reference(variable, (), declared.kind, dims)
 
-    def bare(self, routine: Routine) -> Frame:
+    def bare(self, routine: Routine) -> RoutineFrame:
         """Return a frame that sees what the module of a routine sees, and nothing else."""
-        return Frame(routine)
+        return RoutineFrame(routine)
 
     def leave(self) -> None:
         """End the innermost routine."""
@@ -304,7 +304,7 @@ class Memory:
         path = reference.path
         for index, size in zip(indices, dims, strict=True):
             if isinstance(index, Unknown):
-                lost = Variable(name, reference.kind, (), index, element_of=reference)
+                lost = RapidVariable(name, reference.kind, (), index, element_of=reference)
                 return Reference(lost, (), reference.kind)
             if not is_number(index) or not 1 <= index <= size or index != int(index):
                 raise ExpressionError(f"{name} has elements 1 to {size}, {index} is none of them")
@@ -359,7 +359,7 @@ class Memory:
         if isinstance(holder, list):
             holder[path[-1]] = value
 
-    def _spread_at(self, variable: Variable, path: Sequence[int], unknown: Unknown) -> object:
+    def _spread_at(self, variable: RapidVariable, path: Sequence[int], unknown: Unknown) -> object:
         whole: object = self.types.spread(variable.kind, variable.dims, unknown)
         for index in path:
             whole = whole[index] if isinstance(whole, list) else whole
@@ -392,6 +392,6 @@ def _assignments(routine: Routine) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield match[1].upper(), names
 
 
-def _NOWHERE(module: Module) -> Routine:
+def _NOWHERE(module: RapidModule) -> Routine:
     """Return an empty routine of a module that has none."""
     return Routine("", "PROC", 0, 0, (0, 0), module, (), False, Source("", ""))

@@ -19,12 +19,12 @@ from counterflex.integrations.abb.language.program import RapidMotion, RapidTarg
 from counterflex.integrations.abb.language.read.arithmetic import matrix
 from counterflex.integrations.abb.language.read.effects import EffectsOf
 from counterflex.integrations.abb.language.read.frames import Frames, RapidCell
-from counterflex.integrations.abb.language.read.literals import Argument, arguments
+from counterflex.integrations.abb.language.read.literals import CallArgument, arguments
 from counterflex.integrations.abb.language.read.memory import Memory
 from counterflex.integrations.abb.language.read.routines import Modules, Routine
 from counterflex.integrations.abb.language.read.scanner import Source, Statement
 from counterflex.integrations.abb.language.read.targets import Speed, Targets
-from counterflex.integrations.abb.language.table import FORMS, Form
+from counterflex.integrations.abb.language.table import FORMS, RapidForm
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Modal, Word
 from counterflex.programs.robot_text.execution import Execution
@@ -140,13 +140,15 @@ class Motions(Execution):
             )
         )  # fmt: skip
 
-    def _arguments(self, statement: Statement, form: Form) -> tuple[list[Argument], Argument, Argument, Argument]:
+    def _arguments(
+        self, statement: Statement, form: RapidForm
+    ) -> tuple[list[CallArgument], CallArgument, CallArgument, CallArgument]:
         """Points, speed, zone and tool of an instruction."""
         match = _PLAIN.fullmatch(statement.code) if form.plain else None
         if match is not None:
             start = statement.start
             target, speed, zone, tool = (
-                Argument(match[i], start + match.start(i), start + match.end(i), {}, start + match.end(i))
+                CallArgument(match[i], start + match.start(i), start + match.end(i), {}, start + match.end(i))
                 for i in (1, 2, 4, 5)
             )
             if match[3] is not None:
@@ -176,7 +178,7 @@ class Motions(Execution):
             self._check_routine(rest[-1], statement)
         return points, speed, zone, tool
 
-    def _without_absent(self, given: list[Argument]) -> list[Argument]:
+    def _without_absent(self, given: list[CallArgument]) -> list[CallArgument]:
         r"""Arguments without options that the caller of the routine left out (``\WObj?wobj``)."""
         absent = self.memory.frames[-1].absent
         if not absent:
@@ -186,7 +188,7 @@ class Motions(Execution):
             for one in given
         ]
 
-    def _check_options(self, given: Sequence[Argument], known_options: frozenset[str]) -> None:
+    def _check_options(self, given: Sequence[CallArgument], known_options: frozenset[str]) -> None:
         """Refuse what options of targets, speed, zone and tool would change."""
         for argument in given:
             for key, (_, start, _) in argument.options.items():
@@ -197,7 +199,7 @@ class Motions(Execution):
                         hint="Post the path without it",
                     )  # fmt: skip
 
-    def _check_routine(self, argument: Argument, statement: Statement) -> None:
+    def _check_routine(self, argument: CallArgument, statement: Statement) -> None:
         """Refuse a routine that runs in the middle of a motion and matters to it (MoveLSync)."""
         name = known(
             self.memory.evaluated(argument.text, argument.start), "the routine", self.source.place(argument.start)

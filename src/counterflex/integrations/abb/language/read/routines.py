@@ -24,7 +24,7 @@ _WORDS: Final = re.compile(r"[A-Za-z]\w*")
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class RoutineParameter:
     """A parameter of a routine."""
 
     name: str  # In capitals
@@ -56,8 +56,8 @@ class Routine:
     start: int  # Index of its first character
     end: int  # Index behind ENDPROC
     place: tuple[int, int]  # Where its name stands
-    module: Module  # The module that it stands in
-    parameters: tuple[Parameter, ...]  # In order
+    module: RapidModule  # The module that it stands in
+    parameters: tuple[RoutineParameter, ...]  # In order
     local: bool  # It is seen in its module alone
     source: Source
     statements: list[Statement] = field(default_factory=list)  # Between its head and ENDPROC, declarations left out
@@ -75,7 +75,7 @@ class Routine:
 
 
 @dataclass(eq=False)
-class Module:
+class RapidModule:
     """A module."""
 
     name: str  # As declared
@@ -96,7 +96,7 @@ class Modules:
 
     def __init__(self, source: Source, *, complete: bool) -> None:
         self.source = source
-        self.modules: list[Module] = []
+        self.modules: list[RapidModule] = []
         self._opened: tuple[str, Statement] | None = None
         self._current: Routine | None = None
         self._record: list[tuple[str, str]] = []
@@ -136,7 +136,7 @@ class Modules:
             )  # fmt: skip
         if match is None or not begins:
             raise self._fault("the module has ended before this", statement, hint="Give one module in a file")
-        self.modules.append(Module(match[1], statement.end))
+        self.modules.append(RapidModule(match[1], statement.end))
         self._ended = False
 
     def _between(self, statement: Statement) -> bool:
@@ -215,7 +215,7 @@ class Modules:
         module.routines[name.upper()] = routine
         return routine
 
-    def _parameters(self, text: str, statement: Statement) -> list[Parameter]:
+    def _parameters(self, text: str, statement: Statement) -> list[RoutineParameter]:
         out, optional = [], False
         for piece in re.split(r"([,\\|])", text):
             if piece in (",", "\\", "|"):
@@ -227,7 +227,7 @@ class Modules:
             if match is None:
                 raise self._fault("a parameter that is not read", statement, hint="docs/rapid.md lists what is read")
             kind, name = (match[5] or match[2]).lower(), match[6] or match[3]
-            out.append(Parameter(name.upper(), kind, match[1] is not None, optional))
+            out.append(RoutineParameter(name.upper(), kind, match[1] is not None, optional))
         return out
 
     # ---- names -----------------------------------------------------------------------------------------------
@@ -238,7 +238,7 @@ class Modules:
             name: routine for module in self.modules for name, routine in module.routines.items() if not routine.local
         }
 
-    def find(self, name: str, module: Module) -> Routine | None:
+    def find(self, name: str, module: RapidModule) -> Routine | None:
         """A routine by name, as a module sees it."""
         return module.routines.get(name.upper()) or self._global.get(name.upper())
 
@@ -261,7 +261,7 @@ class Modules:
             waiting += [other for name in names & by_name.keys() for other in by_name[name]]
         return reached
 
-    def find_late(self, name: str, module: Module) -> Routine | None:
+    def find_late(self, name: str, module: RapidModule) -> Routine | None:
         """A routine by a name at run time, which may name its module too: ``part_1:main``."""
         where, _, routine = name.rpartition(":")
         if not where:

@@ -66,14 +66,14 @@ class Targets:
         self._uses: dict[tuple[int, tuple[int, ...]], int] = {}
         self._spans: dict[int, set[int]] = {}
         self._names: dict[int, str] = {}
-        self._arrays: dict[int, literals.Aggregate | None] = {}
+        self._arrays: dict[int, literals.AggregateLiteral | None] = {}
         self._speeds: dict[tuple[str, int], Speed] = {}
         self._zones: dict[str, Zone] = {}
         self._stamp = -1
 
     # ---- targets ---------------------------------------------------------------------------------------------
 
-    def target(self, argument: literals.Argument) -> RapidTarget:
+    def target(self, argument: literals.CallArgument) -> RapidTarget:
         """Return the robtarget of an argument.
 
         Raises:
@@ -105,7 +105,7 @@ class Targets:
             return self._named(reference, argument)
         return self._computed(self.memory.value(node, argument.text, argument.start), argument)
 
-    def _displaced(self, parts: list[literals.Argument], argument: literals.Argument) -> RapidTarget:
+    def _displaced(self, parts: list[literals.CallArgument], argument: literals.CallArgument) -> RapidTarget:
         """``Offs``: its numbers are changed themselves where they are numbers."""
         base = self.target(parts[0])
         shift = [self._number(part, "a displacement of Offs") for part in parts[1:]]
@@ -117,7 +117,7 @@ class Targets:
             offsets_mm=(shift[0], shift[1], shift[2]) if plain else (0.0, 0.0, 0.0), place=None,
         )  # fmt: skip
 
-    def _named(self, reference: Reference, argument: literals.Argument) -> RapidTarget:
+    def _named(self, reference: Reference, argument: literals.CallArgument) -> RapidTarget:
         argument_copy = reference.variable.copied if not reference.variable.assigned else None
         reference = argument_copy or reference
         variable = reference.variable
@@ -150,8 +150,10 @@ class Targets:
             self._arrays[start] = literals.aggregate(code, start, end)
         part: object = self._arrays[start]
         for index in path:
-            part = part.items[index] if isinstance(part, literals.Aggregate) and index < len(part.items) else None
-        return literals.robtarget_literal(code, part.start) if isinstance(part, literals.Aggregate) else None
+            part = (
+                part.items[index] if isinstance(part, literals.AggregateLiteral) and index < len(part.items) else None
+            )
+        return literals.robtarget_literal(code, part.start) if isinstance(part, literals.AggregateLiteral) else None
 
     def shared(self, target: RapidTarget) -> bool:
         """Return whether other places of the program use the data of a target too."""
@@ -167,7 +169,7 @@ class Targets:
         """Return the number of mentions of each name in the code, without its size (Dim)."""
         return Counter(word.upper() for word in re.findall(r"[A-Za-z]\w*", _SIZE.sub(" ", self.source.code)))
 
-    def _written(self, literal: literals.RobtargetLiteral, argument: literals.Argument) -> RapidTarget:
+    def _written(self, literal: literals.RobtargetLiteral, argument: literals.CallArgument) -> RapidTarget:
         x, y, z, *q = literal.values
         if not max(abs(x), abs(y), abs(z)) <= _LARGEST_MM or not abs(math.hypot(*q) - 1.0) <= _UNIT:
             self._refuse([x, y, z], q, argument)
@@ -177,7 +179,7 @@ class Targets:
             (q[0], q[1], q[2], q[3]), **_configuration(literals.numbers_of(literal.rest[0])),
         )  # fmt: skip
 
-    def _computed(self, value: object, argument: literals.Argument) -> RapidTarget:
+    def _computed(self, value: object, argument: literals.CallArgument) -> RapidTarget:
         """A target by its value."""
         place = self.source.place(argument.start)
         if isinstance(value, Unknown) or (isinstance(value, list) and first_unknown(value[:2]) is not None):
@@ -201,7 +203,7 @@ class Targets:
             **_configuration(conf),
         )  # fmt: skip
 
-    def _refuse(self, p: list[float], q: list[float], argument: literals.Argument) -> None:
+    def _refuse(self, p: list[float], q: list[float], argument: literals.CallArgument) -> None:
         if not all(map(is_number, [*p, *q])):
             raise self._fault("a robtarget has seven numbers and two groups", argument, hint="Write the numbers")
         if not max(map(abs, p)) <= _LARGEST_MM:
@@ -241,7 +243,7 @@ class Targets:
             self._stamp = self.memory.stamp
             self._speeds, self._zones = {}, {}
 
-    def speed(self, argument: literals.Argument) -> Speed:
+    def speed(self, argument: literals.CallArgument) -> Speed:
         """Return the speed of an argument with its options V and T.
 
         Raises:
@@ -272,7 +274,7 @@ class Targets:
             speed = self._speeds[key] = Speed(self._in_range(float(first), argument))
         return speed
 
-    def _in_range(self, value: float, argument: literals.Argument) -> float:
+    def _in_range(self, value: float, argument: literals.CallArgument) -> float:
         if not 0.0 < value <= _LARGEST_MM_S:
             raise self._fault(
                 "the speed is out of range", argument, limit=f"above 0, at most {_LARGEST_MM_S:g} mm/s",
@@ -280,7 +282,7 @@ class Targets:
             )  # fmt: skip
         return value * MM_PER_S
 
-    def zone(self, argument: literals.Argument) -> Zone:
+    def zone(self, argument: literals.CallArgument) -> Zone:
         """Return the zone of an argument.
 
         Raises:
@@ -295,7 +297,7 @@ class Targets:
             return Zone(exact, 0.0 if exact or not is_number(distance) else float(distance) * MM)  # type: ignore[arg-type]
         return self._plain_zone(argument)
 
-    def _plain_zone(self, argument: literals.Argument) -> Zone:
+    def _plain_zone(self, argument: literals.CallArgument) -> Zone:
         self._forget_old()
         zone = self._zones.get(argument.text)
         if zone is None:
@@ -316,14 +318,14 @@ class Targets:
 
     # ---- numbers, faults -------------------------------------------------------------------------------------
 
-    def _number(self, argument: literals.Argument, what: str) -> float:
+    def _number(self, argument: literals.CallArgument, what: str) -> float:
         place = self.source.place(argument.start)
         value = known(self.memory.evaluated(argument.text, argument.start), what, place, text=argument.text)
         if not is_number(value) or not abs(value) <= _LARGEST_MM:  # type: ignore[arg-type]
             raise self._fault(f"{what} is no number", argument, limit=f"{_LARGEST_MM:g} mm", hint="Write the number")
         return float(value)  # type: ignore[arg-type]
 
-    def _fault(self, what: str, argument: literals.Argument, **more: str) -> ProgramError:
+    def _fault(self, what: str, argument: literals.CallArgument, **more: str) -> ProgramError:
         return ProgramError(
             what, where=self.source.place(argument.start), value=" ".join(argument.text.split())[:60], **more
         )

@@ -6,7 +6,7 @@ import re
 from typing import Final, NamedTuple
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.fanuc.language.read.listing import Statement
+from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
 from counterflex.integrations.fanuc.language.read.motions import MotionExecution
 from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault
@@ -32,7 +32,7 @@ class Step(NamedTuple):
 
     routine: Routine  # Its listing
     at: int  # Its index there
-    statement: Statement  # Itself
+    statement: TpStatement  # Itself
     text: str  # Its code, or what stands behind the condition
 
     @property

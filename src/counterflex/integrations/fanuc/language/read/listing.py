@@ -28,7 +28,7 @@ _LARGEST: Final = 100_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class TpStatement:
     """A statement of ``/MN``."""
 
     head: int  # Index at which its line begins, or behind the statement before it on that line
@@ -100,7 +100,7 @@ class Listing:
         before = self.text.rfind("\n", 0, at) + 1
         return f"{self.name}:{line}:{at - before + 1}"
 
-    def statements(self) -> Iterator[Statement]:
+    def statements(self) -> Iterator[TpStatement]:
         """Statements in order.
 
         Raises:
@@ -123,7 +123,7 @@ class Listing:
                     value=self.text[at:stop].strip().splitlines()[0][:60], hint="Post the program again",
                 )  # fmt: skip
             code = _CONTINUED.sub(r"\1 ", self.text[start:end])
-            yield Statement(head, start, end, code, self.line(start))
+            yield TpStatement(head, start, end, code, self.line(start))
             at = end + 1
 
     def positions(self) -> dict[int, FanucPosition]:

@@ -18,10 +18,10 @@ from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.fanuc.language.program import FanucMotion
 from counterflex.integrations.fanuc.language.read.frames import Frames, position_of
-from counterflex.integrations.fanuc.language.read.listing import Statement
+from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, motion_form
 from counterflex.integrations.fanuc.language.read.routine import Routine, fault
-from counterflex.integrations.fanuc.language.read.targets import Target, Targets
+from counterflex.integrations.fanuc.language.read.targets import Targets, TpTarget
 from counterflex.integrations.fanuc.language.read.values import CONFIG, Values
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Motion, Word
@@ -108,7 +108,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
 
     # ---- motions -------------------------------------------------------------------------------------------
 
-    def motion(self, routine: Routine, statement: Statement, word: str) -> str:
+    def motion(self, routine: Routine, statement: TpStatement, word: str) -> str:
         """Make a motion; returns the statement that runs before or behind its end.
 
         Raises:
@@ -147,7 +147,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             self._end_tool = -2
         return form.at_time
 
-    def _place(self, target: Target, word: str, where: str, routine: Routine, statement: Statement) -> Float | None:
+    def _place(self, target: TpTarget, word: str, where: str, routine: Routine, statement: TpStatement) -> Float | None:
         """(4, 4) m of a target in the part frame; None of one by axes without a cell, or of J to one not known."""
         if target.T_user_tool is not None:
             self.frames.settle(where)
@@ -164,7 +164,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
                         limit="X Y Z W P R", hint="Give that place by X Y Z W P R, or give the cell")  # fmt: skip
         return T
 
-    def _refuse_away(self, away: Away[FanucMotion], routine: Routine, statement: Statement) -> ProgramError:
+    def _refuse_away(self, away: Away[FanucMotion], routine: Routine, statement: TpStatement) -> ProgramError:
         why = f": {away.unknown}" if away.unknown is not None else ""
         return fault(
             routine.listing, statement,
@@ -174,7 +174,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         )  # fmt: skip
 
     def _make(
-        self, form: MotionForm, T: Float, R: Float, through: list[Target], routine: Routine, statement: Statement
+        self, form: MotionForm, T: Float, R: Float, through: list[TpTarget], routine: Routine, statement: TpStatement
     ) -> None:
         before = self.motions[-1].p_end if self.motions else T[:3, 3]
         way = float(np.linalg.norm(T[:3, 3] - before))
@@ -193,7 +193,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             self.motions[-1] = replace(motion, feed_m_s=feed if motion.kind != "rapid" else 0.0)
 
     def _record(
-        self, form: MotionForm, target: Target, through: list[Target], routine: Routine, statement: Statement
+        self, form: MotionForm, target: TpTarget, through: list[TpTarget], routine: Routine, statement: TpStatement
     ) -> FanucMotion:
         code, base = statement.code, statement.start
         unit = form.unit if form.unit in UNITS else "mm/sec"

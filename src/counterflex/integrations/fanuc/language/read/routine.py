@@ -12,7 +12,7 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
 from counterflex.integrations.fanuc.language.program import FanucListing
-from counterflex.integrations.fanuc.language.read.listing import Listing, Statement
+from counterflex.integrations.fanuc.language.read.listing import Listing, TpStatement
 from counterflex.integrations.fanuc.language.read.table import row_of
 from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.source_text import read_text
@@ -25,7 +25,7 @@ _OPENS: Final = re.compile(r"(IF)\b.*\bTHEN|(FOR)\b.*", re.IGNORECASE | re.DOTAL
 _CLOSED_BY: Final = {"IF": "ENDIF", "FOR": "ENDFOR"}
 
 
-def fault(listing: Listing, statement: Statement, what: str, *, limit: str | None = None, hint: str | None = None
+def fault(listing: Listing, statement: TpStatement, what: str, *, limit: str | None = None, hint: str | None = None
           ) -> ProgramError:  # fmt: skip
     """Return the error of a statement."""
     value = re.sub(r"\s+", " ", statement.code).strip()[:60]

@@ -14,7 +14,7 @@ from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.fanuc.language.program import LETTERS, FanucPosition, frame_of
 from counterflex.integrations.fanuc.language.read.frames import Frames, matrix_of, position_of
-from counterflex.integrations.fanuc.language.read.listing import Statement
+from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, TargetForm
 from counterflex.integrations.fanuc.language.read.routine import Routine, fault
 from counterflex.integrations.fanuc.language.read.values import CONFIG, Values, plain_code
@@ -28,7 +28,7 @@ _AXES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class TpTarget:
     """An end of a motion."""
 
     T_user_tool: Float | None  # (4, 4) m in the active user frame; None of one by axes, or of one that is not known
@@ -64,7 +64,7 @@ class Targets:
 
     # ---- targets -------------------------------------------------------------------------------------------
 
-    def target(self, form: TargetForm, routine: Routine, statement: Statement) -> Target:
+    def target(self, form: TargetForm, routine: Routine, statement: TpStatement) -> TpTarget:
         """Return a target as written, without the options of its motion.
 
         Raises:
@@ -84,7 +84,7 @@ class Targets:
                 return replace(_by_axes(values, "", name, where), others=literal.others)
             self._frames_of(literal, routine)
             computed = "" if form.index.isdigit() else f"{name} by a register"
-            return Target(
+            return TpTarget(
                 frame_of(literal.values), literal, computed, literal.config, external_axes=literal.external,
                 others=literal.others,
             )  # fmt: skip
@@ -92,13 +92,13 @@ class Targets:
             value = self.values.value_of(form.word, [(index,)])
         if isinstance(value, Unknown) or not isinstance(value, Mapping):
             why = value if isinstance(value, Unknown) else Unknown(f"{name} is no position", where)
-            return Target(None, computed=name, unknown=why)
+            return TpTarget(None, computed=name, unknown=why)
         return self._of_register(value, name, where)
 
-    def _of_register(self, value: Mapping[str, Value], name: str, where: str) -> Target:
+    def _of_register(self, value: Mapping[str, Value], name: str, where: str) -> TpTarget:
         unknown = first_unknown(dict(value))
         if unknown is not None:
-            return Target(None, computed=name, unknown=unknown)
+            return TpTarget(None, computed=name, unknown=unknown)
         if "J1" in value:
             return _by_axes(value, name, name, where)
         if (self.frames.user_frame < 0 or self.frames.user_tool < 0) and self.cell is not None:
@@ -108,11 +108,11 @@ class Targets:
                 hint="Write the numbers into the program: the controller's are not known",
             )  # fmt: skip
         external = {n: float(cast("float", value[f"E{n}"])) for n in (1, 2, 3) if f"E{n}" in value}
-        return Target(matrix_of(value, name, where), None, name, str(value.get(CONFIG, "")), external_axes=external)
+        return TpTarget(matrix_of(value, name, where), None, name, str(value.get(CONFIG, "")), external_axes=external)
 
     def displaced(
-        self, target: Target, form: MotionForm, here: Value, routine: Routine, statement: Statement
-    ) -> Target:
+        self, target: TpTarget, form: MotionForm, here: Value, routine: Routine, statement: TpStatement
+    ) -> TpTarget:
         """Return a target with the options of its motion.
 
         Args:
@@ -146,7 +146,7 @@ class Targets:
             target, T_user_tool=T, literal=None, computed=f"{target.computed}, {computed}".removeprefix(", ")
         )
 
-    def _displacement(self, option: str, register: str, routine: Routine, statement: Statement
+    def _displacement(self, option: str, register: str, routine: Routine, statement: TpStatement
                       ) -> tuple[Value, int | None]:  # fmt: skip
         if register:
             return self._value(register, routine, statement), None
@@ -182,7 +182,7 @@ class Targets:
         out[:3, 3] += turn @ offset[:3, 3]
         return out
 
-    def _incremented(self, T: Float, here: Value, routine: Routine, statement: Statement) -> Float:
+    def _incremented(self, T: Float, here: Value, routine: Routine, statement: TpStatement) -> Float:
         where = routine.listing.place(statement.start)
         known(here, "where INC counts from", where, text=statement.code, hint="Write the target itself")
         if float(np.abs(T[:3, :3] - np.eye(3)).max()) > _TURN_DEG:
@@ -234,7 +234,7 @@ class Targets:
 
     # ---- speeds --------------------------------------------------------------------------------------------
 
-    def unit_m_s(self, form: MotionForm, routine: Routine, statement: Statement) -> float:
+    def unit_m_s(self, form: MotionForm, routine: Routine, statement: TpStatement) -> float:
         """Speed along the path of one unit of a motion's number, m/s; 0 where the number is none of the path."""
         if form.word == "J" or form.unit not in UNITS:
             return 0.0
@@ -242,7 +242,7 @@ class Targets:
                          hint="Write OVERRIDE=100%")  # fmt: skip
         return UNITS[form.unit] * float(cast("float", override))
 
-    def feed_m_s(self, form: MotionForm, way_m: float, routine: Routine, statement: Statement) -> float:
+    def feed_m_s(self, form: MotionForm, way_m: float, routine: Routine, statement: TpStatement) -> float:
         """Speed along the path of a motion, m/s; 0 of J, and of max_speed.
 
         Args:
@@ -273,7 +273,7 @@ class Targets:
 
     # ---- values --------------------------------------------------------------------------------------------
 
-    def _value(self, text: str, routine: Routine, statement: Statement) -> Value:
+    def _value(self, text: str, routine: Routine, statement: TpStatement) -> Value:
         try:
             return float(text)
         except ValueError:
@@ -283,7 +283,7 @@ class Targets:
         except ExpressionError as error:
             raise fault(routine.listing, statement, str(error), hint="Post the program again") from error
 
-    def _number(self, text: str, routine: Routine, statement: Statement) -> int:
+    def _number(self, text: str, routine: Routine, statement: TpStatement) -> int:
         where = routine.listing.place(statement.start)
         value = known(self._value(text, routine, statement), "the number of a position", where, text=statement.code,
                       hint="Write the number itself")  # fmt: skip
@@ -292,15 +292,15 @@ class Targets:
         return int(value)  # type: ignore[call-overload, no-any-return]
 
 
-def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) -> Target:
+def _by_axes(values: Mapping[str, Value], computed: str, name: str, where: str) -> TpTarget:
     """Target of J1 to J6 and external axes; not known where one of the six is missing."""
     axes = tuple(float(cast("float", values[f"J{n}"])) for n in range(1, 7) if f"J{n}" in values)
     if len(axes) < _AXES:
-        return Target(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
+        return TpTarget(None, computed=computed, unknown=Unknown(f"{name} has no J1 to J6", where))
     external = {
         n: float(cast("float", values[key])) for n in (1, 2, 3) for key in (f"E{n}", f"J{_AXES + n}") if key in values
     }
-    return Target(None, computed=computed, axes=axes, external_axes=external)
+    return TpTarget(None, computed=computed, axes=axes, external_axes=external)
 
 
 def _added(T: Float, value: Value, name: str, where: str) -> Float:

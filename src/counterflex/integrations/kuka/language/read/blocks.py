@@ -16,7 +16,7 @@ Fault = Callable[[str, int, str], ProgramError]
 
 
 @dataclass
-class Block:
+class StatementBlock:
     """A block."""
 
     word: str  # ``IF`` and so on
@@ -30,7 +30,7 @@ class Blocks:
     """The blocks of a routine."""
 
     # The block of each line that begins, divides or ends one, and of EXIT the loop that it leaves
-    of: dict[int, Block] = field(default_factory=dict)
+    of: dict[int, StatementBlock] = field(default_factory=dict)
     labels: dict[str, int] = field(default_factory=dict)  # Line of each label, in capitals
     # Lines of the loops that an EXIT, RETURN or GOTO within them may leave
     leaves: set[int] = field(default_factory=set)
@@ -50,11 +50,11 @@ def blocks_of(words: Sequence[str], codes: Sequence[str], first: int, end: int, 
         ProgramError: Blocks are not closed, or closed by another word.
     """
     out = Blocks()
-    open_: list[Block] = []
+    open_: list[StatementBlock] = []
     for line in range(first, end):
         word = words[line - 1]
         if word in form.OPENS:
-            block = out.of[line] = Block(word, line)
+            block = out.of[line] = StatementBlock(word, line)
             open_.append(block)
         elif word in _CLOSES:
             if _innermost(open_) != _CLOSES[word]:
@@ -78,11 +78,11 @@ def blocks_of(words: Sequence[str], codes: Sequence[str], first: int, end: int, 
     return out
 
 
-def _innermost(blocks: Sequence[Block]) -> str:
+def _innermost(blocks: Sequence[StatementBlock]) -> str:
     return blocks[-1].word if blocks else ""
 
 
-def _left_loops(word: str, line: int, blocks: Sequence[Block], fault: Fault) -> list[Block]:
+def _left_loops(word: str, line: int, blocks: Sequence[StatementBlock], fault: Fault) -> list[StatementBlock]:
     """Loops that EXIT, RETURN or GOTO may leave: EXIT the innermost one, the others all."""
     loops = [block for block in blocks if block.word in form.LOOPS]
     if word != "EXIT":

@@ -54,6 +54,32 @@ class DataList:
     public_names: set[str] = field(default_factory=set)  # Names that every program may use
     imports: dict[str, tuple[str, str]] = field(default_factory=dict)  # Module and name in it of each imported name
 
+    def declare(self, code: str, line: str, number: int, *, public: bool) -> None:
+        """Take in a line that declares."""
+        match = DECLARED.fullmatch(code)
+        if match is None:
+            return
+        name, kind, rest = match["name"].upper(), (match["type"] or "").upper(), match["rest"] or ""
+        words = match["words"].upper()
+        names = [name]
+        if rest.startswith(","):
+            names += [key_of(part).split("[")[0] for part in rest[1:].split(",") if re.match(r"\s*[A-Za-z$]", part)]
+        for one in names:
+            if kind:
+                self.types[one] = kind
+            if public and (self.stem == "$CONFIG" or "GLOBAL" in words):
+                self.public_names.add(one)
+        if not rest.startswith("="):
+            return
+        key = name + key_of(match["index"] or "")
+        if key in self.initial:
+            raise ProgramError(
+                f"{match['name']} is given twice", where=f"{self.file.name}:{number}:{match.start('name') + 1}",
+                value=line.strip()[:60], limit=f"once; first in line {self.initial[key].line}",
+            )  # fmt: skip
+        start = match.start("rest") + 1
+        self.initial[key] = Named(self.file.name, number, line, start + len(line[start:]) - len(line[start:].lstrip()))
+
 
 def key_of(name: str) -> str:
     """A name as KRL compares it: capitals, no blanks."""
@@ -83,7 +109,7 @@ def data_list(file: KrlFile) -> DataList:
             if public:
                 out.public_names.add(signal[1].upper())
         elif code.strip() and not _NO_VALUE.match(code) and code.lstrip()[:1] != "&":
-            _declare(out, code, line, number, public=public)
+            out.declare(code, line, number, public=public)
     if not begun or not ended:
         raise ProgramError(
             f"the data list has no {'DEFDAT' if not begun else 'ENDDAT'}: it may be cut off",
@@ -91,29 +117,3 @@ def data_list(file: KrlFile) -> DataList:
             hint="Post the program again, .src and .dat together",
         )
     return out
-
-
-def _declare(out: DataList, code: str, line: str, number: int, *, public: bool) -> None:
-    match = DECLARED.fullmatch(code)
-    if match is None:
-        return
-    name, kind, rest = match["name"].upper(), (match["type"] or "").upper(), match["rest"] or ""
-    words = match["words"].upper()
-    names = [name]
-    if rest.startswith(","):
-        names += [key_of(part).split("[")[0] for part in rest[1:].split(",") if re.match(r"\s*[A-Za-z$]", part)]
-    for one in names:
-        if kind:
-            out.types[one] = kind
-        if public and (out.stem == "$CONFIG" or "GLOBAL" in words):
-            out.public_names.add(one)
-    if not rest.startswith("="):
-        return
-    key = name + key_of(match["index"] or "")
-    if key in out.initial:
-        raise ProgramError(
-            f"{match['name']} is given twice", where=f"{out.file.name}:{number}:{match.start('name') + 1}",
-            value=line.strip()[:60], limit=f"once; first in line {out.initial[key].line}",
-        )  # fmt: skip
-    start = match.start("rest") + 1
-    out.initial[key] = Named(out.file.name, number, line, start + len(line[start:]) - len(line[start:].lstrip()))

@@ -11,7 +11,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
-from counterflex.integrations.kuka.language.read.blocks import Block, Blocks
+from counterflex.integrations.kuka.language.read.blocks import Blocks, StatementBlock
 from counterflex.integrations.kuka.language.read.job import Routine
 from counterflex.integrations.kuka.language.read.routines import FLOW, Routines
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, Value
@@ -134,7 +134,7 @@ class Flow(Routines):
         del code, routine
         self._passes(blocks, blocks.of[self.line])
 
-    def _passes(self, blocks: Blocks, block: Block) -> None:
+    def _passes(self, blocks: Blocks, block: StatementBlock) -> None:
         """Begin a pass; refuse a loop that nothing leaves, or whose last pass changed no value."""
         constant = (
             block.word == "LOOP"
@@ -212,13 +212,13 @@ class Flow(Routines):
 
     # ---- doubt -----------------------------------------------------------------------------------------------
 
-    def _branch_in_doubt(self, blocks: Blocks, block: Block, cause: Unknown, routine: Routine) -> None:
+    def _branch_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: Routine) -> None:
         left = self._sweep(blocks, block.start + 1, block.end, self._doubt(cause, block), routine)
         self.acting += [self._main_line] if left else []
         self._next = block.end + 1
         self._left(blocks, left, block.end, self._doubt(cause, block), routine)
 
-    def _loop_in_doubt(self, blocks: Blocks, block: Block, cause: Unknown, routine: Routine) -> None:
+    def _loop_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: Routine) -> None:
         self.acting.append(self._main_line)
         if block.word == "FOR" and (head := form.FOR.fullmatch(self._code)) is not None:
             self.memory.forget(head[1], (), cause)
@@ -227,7 +227,7 @@ class Flow(Routines):
         self._left(blocks, {line for line in left if self._word(line) != "EXIT"}, block.end, cause, routine)
 
     @staticmethod
-    def _doubt(cause: Unknown, block: Block) -> Unknown:
+    def _doubt(cause: Unknown, block: StatementBlock) -> Unknown:
         return replace(
             cause, why=f"{block.word} in line {block.start} depends on a value that is not known: {cause.why}"
         )

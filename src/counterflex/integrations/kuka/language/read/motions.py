@@ -15,7 +15,7 @@ from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Job
 from counterflex.integrations.kuka.language.read.modes import Modes
-from counterflex.integrations.kuka.language.read.targets import Place, Targets
+from counterflex.integrations.kuka.language.read.targets import TargetPlace, Targets
 from counterflex.integrations.kuka.language.read.values import AXES, Value, record_of
 from counterflex.integrations.kuka.language.with_clause import WithClause
 from counterflex.programs.expression import is_number
@@ -198,7 +198,7 @@ class Motions(Modes):
         value = distances.get("CDIS") if isinstance(distances, dict) else None
         return float(value) * MM if is_number(value) else float("nan")  # type: ignore[arg-type]
 
-    def _relative(self, code: str, start: int, at: int, word: str) -> tuple[KrlMotion, Place]:
+    def _relative(self, code: str, start: int, at: int, word: str) -> tuple[KrlMotion, TargetPlace]:
         here = self._position("$POS_ACT")
         if not self.motions or isinstance(here, Unknown):
             raise self._fault(
@@ -213,7 +213,7 @@ class Motions(Modes):
 
     # ---- places that are not Cartesian -----------------------------------------------------------------------
 
-    def _elsewhere(self, place: Place, read: KrlMotion) -> None:
+    def _elsewhere(self, place: TargetPlace, read: KrlMotion) -> None:
         """A motion by axes, or to a place that only the controller knows."""
         where = f"{self.module.file.name}:{self.line}"
         self.by_axes.append(len(self._blocks))

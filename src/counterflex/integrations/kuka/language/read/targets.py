@@ -37,7 +37,7 @@ _STAYS: Final = re.compile(r"\$(?:AXIS|POS)_ACT", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class Place:
+class TargetPlace:
     """Target of a motion."""
 
     target: Target | None = None  # A Cartesian target; None otherwise
@@ -75,7 +75,7 @@ class Targets:
         """``,E1 0.0`` and so on."""
         return "".join(f",{name} {component.value:g}" for name, component in sorted(self._external.items()))
 
-    def read(self, code: str, start: int, at: int, word: str) -> tuple[KrlMotion, Place]:
+    def read(self, code: str, start: int, at: int, word: str) -> tuple[KrlMotion, TargetPlace]:
         """The targets of a motion and what follows them.
 
         Args:
@@ -121,7 +121,7 @@ class Targets:
             clause=clause,
         ), place  # fmt: skip
 
-    def relative(self, code: str, start: int, at: int, word: str, T_base_tool: Float) -> tuple[KrlMotion, Place]:
+    def relative(self, code: str, start: int, at: int, word: str, T_base_tool: Float) -> tuple[KrlMotion, TargetPlace]:
         """A motion by an amount: ``LIN_REL {Z 10} #BASE``.
 
         Args:
@@ -139,7 +139,7 @@ class Targets:
         behind = code[end if approximation is None else approximation.end() :]
         frame = form.IN_TOOL.match(behind)
         if is_axes(value):
-            return self._blank(word, start), Place(unknown=Unknown("it is given by axes", self._where(at)))
+            return self._blank(word, start), TargetPlace(unknown=Unknown("it is given by axes", self._where(at)))
         if not is_frame(value) or not isinstance(value, dict):
             raise self._fault("the amount of a relative motion is no frame", code, at, limit="{X 10.0,Y 0.0}")
         if behind[0 if frame is None else frame.end() :].strip():
@@ -158,7 +158,7 @@ class Targets:
         target = self._computed(parts, "", start, end, code)
         words = "" if approximation is None else approximation[1].strip()
         read = replace(self._blank(word, start), target=target, approximation=words, end=end, relative=True)
-        return read, Place(target=target)
+        return read, TargetPlace(target=target)
 
     def _blank(self, word: str, start: int) -> KrlMotion:
         return KrlMotion(self.module.file.name, self.line, word, start=start)
@@ -178,7 +178,7 @@ class Targets:
         except WithFault as fault:
             raise self._fault(fault.what, code, fault.at, hint=fault.hint) from fault
 
-    def _place_at(self, code: str, at: int, word: str) -> tuple[Place, int]:
+    def _place_at(self, code: str, at: int, word: str) -> tuple[TargetPlace, int]:
         start = _BLANKS.match(code, at).end()  # type: ignore[union-attr]
         if code[start : start + 1] == "{":
             try:
@@ -196,7 +196,7 @@ class Targets:
         if isinstance(value, StoredFrame):
             value = value.record()
         if isinstance(value, Unknown) and word.endswith("PTP"):
-            return Place(unknown=value), end
+            return TargetPlace(unknown=value), end
         value = known(value, "the target", self._where(start), text=code, hint="Write the target itself")
         if is_axes(value):
             return self._axes(value, code, start, word), end
@@ -205,28 +205,28 @@ class Targets:
         parts = {key: Component(float(part), 0, 0) for key, part in value.items()}
         require_cartesian(parts, code[start:end], f"{self._place_name}:{start + 1}")
         name = "" if code[start] == "{" else code[start:end].strip()
-        return Place(target=self._computed(parts, name, start, end, code)), end
+        return TargetPlace(target=self._computed(parts, name, start, end, code)), end
 
-    def _literal(self, code: str, parts: dict[str, Component], start: int, close: int, word: str) -> Place:
+    def _literal(self, code: str, parts: dict[str, Component], start: int, close: int, word: str) -> TargetPlace:
         if any(name in parts for name in ("A1", "A2", "A3", "A4", "A5", "A6")):
             return self._axes({name: part.value for name, part in parts.items()}, code, start, word)
         require_cartesian(parts, code[start : close + 1], f"{self._place_name}:{start + 1}")
         name = self.module.file.name
-        return Place(target=Target(
+        return TargetPlace(target=Target(
             False, name, self.line, parts, close, "", start, close + 1, code[start : close + 1]
         ))  # fmt: skip
 
-    def _by_name(self, node: Name, value: Value, code: str, word: str) -> Place | None:
+    def _by_name(self, node: Name, value: Value, code: str, word: str) -> TargetPlace | None:
         """A target by a name whose literal stands in a data list; None where it is another."""
         if word.endswith("PTP") and _STAYS.fullmatch(node.text):
-            return Place(stays=True)
+            return TargetPlace(stays=True)
         if (
             isinstance(value, Unknown)
             and not node.path
             and word.endswith("PTP")
             and _OF_CONTROLLER.fullmatch(node.text)
         ):
-            return Place(unknown=value)
+            return TargetPlace(unknown=value)
         if isinstance(value, Unknown) and not self.memory.declared(node.text):
             raise self._fault(
                 f"where {node.text} is, is not known", code, node.start,
@@ -248,7 +248,7 @@ class Targets:
             return tuple(value for value in values if isinstance(value, int))
         return None
 
-    def _of_data_list(self, named: Named, node: Name, code: str, word: str) -> Place | None:
+    def _of_data_list(self, named: Named, node: Name, code: str, word: str) -> TargetPlace | None:
         try:
             parts, close = named.components()
         except NoNumber:
@@ -258,7 +258,7 @@ class Targets:
         require_cartesian(parts, named.text.strip(), named.where)
         literal = named.text[named.start : close + 1]
         name = code[node.start : node.end]
-        return Place(target=Target(
+        return TargetPlace(target=Target(
             True, named.file, named.line, parts, close, name, node.start, node.end, literal
         ))  # fmt: skip
 
@@ -267,11 +267,11 @@ class Targets:
             False, self.module.file.name, self.line, parts, -1, name, start, end, code[start:end].strip(), computed=True
         )
 
-    def _axes(self, value: Value, code: str, start: int, word: str) -> Place:
+    def _axes(self, value: Value, code: str, start: int, word: str) -> TargetPlace:
         if not word.endswith("PTP"):
             raise self._fault("axis angles are no target of a path", code, start, limit="X Y Z A B C")
         assert isinstance(value, Mapping)
-        return Place(axes={str(key): float(part) for key, part in value.items() if isinstance(part, int | float)})
+        return TargetPlace(axes={str(key): float(part) for key, part in value.items() if isinstance(part, int | float)})
 
     def _parsed(self, code: str, at: int) -> tuple[Node, int]:
         try:

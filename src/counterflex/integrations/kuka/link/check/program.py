@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from counterflex.integrations.kuka.link.calls import RsiCalls, Statement
+from counterflex.integrations.kuka.link.calls import KrlStatement, RsiCalls
 from counterflex.integrations.kuka.link.context import decimal
 from counterflex.integrations.kuka.link.whole_setup import Rule, Setup, message_variables
 from counterflex.protocols.finding import Finding
@@ -145,7 +145,7 @@ def corrected_motions(setup: Setup) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _writes(setup: Setup) -> list[Statement]:
+def _writes(setup: Setup) -> list[KrlStatement]:
     """Statements that set the variable that Enable is wired to."""
     name = _enable_variable(setup)
     items = () if setup.program is None or name is None else setup.program.statements
@@ -199,7 +199,7 @@ def _path_behind(program: RsiCalls, line: int) -> int | None:
     return next((item.line for item in program.statements if item.line > line and item.what in _PATH), None)
 
 
-def _sets(item: Statement) -> bool:
+def _sets(item: KrlStatement) -> bool:
     """Return whether it enables: 1, or the number of a job."""
     return decimal(item.arguments[1]) != 0.0 and item.arguments[1].upper() != "FALSE"
 

@@ -29,6 +29,14 @@ class ParameterType:
     most: int | None = None  # Largest value, or None
     runtime: bool = True  # It may be changed while the context runs
 
+    def ordinal(self, value: float | str) -> str:
+        """A value as the controller reads it: choices as numbers."""
+        if self.kind == "stop":
+            return str(STOP_MODES.index(str(value)))
+        if self.kind == "frame":
+            return str(FRAMES.index(str(value)))
+        return spelled(value)
+
 
 @dataclass(frozen=True)
 class BlockType:
@@ -135,7 +143,7 @@ TYPES: Final[dict[str, BlockType]] = {
 
 
 @dataclass(frozen=True)
-class Block:
+class ContextBlock:
     """One object of a context that is written."""
 
     kind: str  # Key of :data:`TYPES`
@@ -155,21 +163,12 @@ class Block:
         return [(item, self.values[item.name]) for item in self.type.parameters if item.name in self.values]
 
 
-def ordinal(parameter: ParameterType, value: float | str) -> str:
-    """A value as the controller reads it: choices as numbers."""
-    if parameter.kind == "stop":
-        return str(STOP_MODES.index(str(value)))
-    if parameter.kind == "frame":
-        return str(FRAMES.index(str(value)))
-    return spelled(value)
-
-
 def spelled(value: float | str) -> str:
     """A value as editors read it: choices as words."""
     return value if isinstance(value, str) else f"{value:g}"
 
 
-def used_ports(blocks: tuple[Block, ...], block: Block) -> tuple[int, int]:
+def used_ports(blocks: tuple[ContextBlock, ...], block: ContextBlock) -> tuple[int, int]:
     """Number of inputs and outputs of an object that are drawn: all, those of ETHERNET up to the last one in use."""
     kind = block.type
     if block.kind != "ETHERNET":

@@ -21,7 +21,7 @@ _LIBRARY: Final = {4: "2.0.2", 5: "2.1.3"}
 _COLUMN, _WIDTH, _PITCH = 400.0, 169.0, 30.0
 
 
-def context_file(blocks: tuple[rsi_blocks.Block, ...], major: int) -> str:
+def context_file(blocks: tuple[rsi_blocks.ContextBlock, ...], major: int) -> str:
     """Text of ``NAME.rsix``.
 
     Args:
@@ -52,7 +52,7 @@ def context_file(blocks: tuple[rsi_blocks.Block, ...], major: int) -> str:
     return "\n".join([*lines, "   </Constructs>", "</RsiContext>", ""])
 
 
-def _object(block: rsi_blocks.Block) -> list[str]:
+def _object(block: rsi_blocks.ContextBlock) -> list[str]:
     kind = block.type
     lines = [f'      <RsiObject ObjTypeId="{kind.number}" ObjType="{kind.mixed}" ObjId="{block.name}">']
     if block.wires:
@@ -67,7 +67,7 @@ def _object(block: rsi_blocks.Block) -> list[str]:
         for item, value in block.given():
             more = 'IsPublic="true" ' if item.name in block.public else ""
             more += "" if item.runtime else 'IsRuntime="false" '
-            text = quoteattr(rsi_blocks.ordinal(item, value))
+            text = quoteattr(item.ordinal(value))
             lines.append(
                 f'            <Parameter {more}Name="{item.name}" ParamId="{item.second}" ParamValue={text} />'
             )
@@ -121,7 +121,7 @@ def _blueprint_parameter(item: rsi_blocks.ParameterType) -> list[str]:
     return [f'                  <{element} Name="{item.name}" Index="{item.second}"{more} />']
 
 
-def _drawing(blocks: tuple[rsi_blocks.Block, ...]) -> list[str]:
+def _drawing(blocks: tuple[rsi_blocks.ContextBlock, ...]) -> list[str]:
     named = {block.name: block for block in blocks}
     below: dict[float, float] = {}
     place: dict[str, tuple[float, float]] = {}

@@ -6,7 +6,7 @@ import uuid
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from counterflex.integrations.kuka.link.make.blocks import Block, ordinal, spelled, used_ports
+from counterflex.integrations.kuka.link.make.blocks import ContextBlock, spelled, used_ports
 
 _HEAD: Final = '<?xml version="1.0" encoding="utf-8"?>'
 _WHOLE_RANGE: Final = (-2147483648, 2147483647)
@@ -21,7 +21,7 @@ _CONNECTOR: Final = "e3f2b7da-330d-4daf-bd29-4d4ed734c0af"
 _WIDTH, _PITCH, _PORT_X, _PORT_Y = 1.5, 0.4, 0.4, 0.075
 
 
-def controller_file(blocks: tuple[Block, ...]) -> str:
+def controller_file(blocks: tuple[ContextBlock, ...]) -> str:
     """Text of ``NAME.rsi.xml``."""
     lines = [
         '<?xml version="1.0" encoding="UTF-8" standalone="yes"?>',
@@ -42,14 +42,14 @@ def controller_file(blocks: tuple[Block, ...]) -> str:
             for item, value in block.given():
                 more = "" if item.runtime else ' IsRuntime="false"'
                 more += ' IsPublic="true"' if item.name in block.public else ""
-                text = quoteattr(ordinal(item, value))
+                text = quoteattr(item.ordinal(value))
                 lines.append(f'      <Parameter Name="{item.name}" ParamID="{item.first}" ParamValue={text}{more} />')
             lines.append("    </Parameters>")
         lines.append("  </RSIObject>")
     return "\n".join([*lines, "</RSIObjects>", ""])
 
 
-def model_file(blocks: tuple[Block, ...]) -> str:
+def model_file(blocks: tuple[ContextBlock, ...]) -> str:
     """Text of ``NAME.rsi``."""
     named = {block.name: block for block in blocks}
     lines = [
@@ -79,7 +79,7 @@ def model_file(blocks: tuple[Block, ...]) -> str:
     return "\n".join([*lines, "  </rSIObjects>", "</rSIModel>", ""])
 
 
-def _in_ports(block: Block, blocks: tuple[Block, ...], named: dict[str, Block]) -> list[str]:
+def _in_ports(block: ContextBlock, blocks: tuple[ContextBlock, ...], named: dict[str, ContextBlock]) -> list[str]:
     inputs = block.type.inputs[: used_ports(blocks, block)[0]]
     if not inputs:
         return []
@@ -102,7 +102,7 @@ def _in_ports(block: Block, blocks: tuple[Block, ...], named: dict[str, Block]) 
     return [*lines, "      </rSIInPorts>"]
 
 
-def _parameters(block: Block) -> list[str]:
+def _parameters(block: ContextBlock) -> list[str]:
     lines = []
     for item, value in block.given():
         low, high = (item.least, item.most) if item.kind == "int" else (item.least, None)
@@ -118,7 +118,7 @@ def _parameters(block: Block) -> list[str]:
     return lines
 
 
-def diagram_file(blocks: tuple[Block, ...], name: str) -> str:
+def diagram_file(blocks: tuple[ContextBlock, ...], name: str) -> str:
     """Text of ``NAME.rsi.diagram``: objects in columns, sources left of what they feed."""
     place = _places(blocks)
     wide = max(x for x, _ in place.values()) + 3.0
@@ -138,7 +138,7 @@ def diagram_file(blocks: tuple[Block, ...], name: str) -> str:
     return "\n".join([*lines, "  </nestedChildShapes>", "</rSIObjectDiagram>", ""])
 
 
-def _places(blocks: tuple[Block, ...]) -> dict[str, tuple[float, float]]:
+def _places(blocks: tuple[ContextBlock, ...]) -> dict[str, tuple[float, float]]:
     below: dict[float, float] = {}
     place = {}
     for block in blocks:
@@ -149,7 +149,7 @@ def _places(blocks: tuple[Block, ...]) -> dict[str, tuple[float, float]]:
     return place
 
 
-def _height(blocks: tuple[Block, ...], block: Block) -> float:
+def _height(blocks: tuple[ContextBlock, ...], block: ContextBlock) -> float:
     return 0.5 + _PITCH * max(1, *used_ports(blocks, block)) + 0.25 * len(block.values)
 
 
@@ -162,7 +162,7 @@ def _port_at(place: tuple[float, float], index: int, *, out: bool) -> tuple[floa
     return x, place[1] + 0.25 + _PITCH * (index - 1)
 
 
-def _shape(blocks: tuple[Block, ...], block: Block, place: tuple[float, float]) -> list[str]:
+def _shape(blocks: tuple[ContextBlock, ...], block: ContextBlock, place: tuple[float, float]) -> list[str]:
     x, y = place
     height = _height(blocks, block)
     lines = [
@@ -196,7 +196,7 @@ def _shape(blocks: tuple[Block, ...], block: Block, place: tuple[float, float]) 
 
 
 def _connector(
-    block: Block, index: int, source: Block, output: int, place: dict[str, tuple[float, float]]
+    block: ContextBlock, index: int, source: ContextBlock, output: int, place: dict[str, tuple[float, float]]
 ) -> list[str]:
     x1, y1 = _port_at(place[block.name], index, out=False)
     x2, y2 = _port_at(place[source.name], output, out=True)

@@ -12,7 +12,7 @@ from typing import Final
 from xml.sax.saxutils import escape
 
 from counterflex.core.errors import InputError
-from counterflex.integrations.kuka.link.make.blocks import Block
+from counterflex.integrations.kuka.link.make.blocks import ContextBlock
 from counterflex.integrations.kuka.link.make.context_file import context_file
 from counterflex.integrations.kuka.link.make.editor_files import controller_file, diagram_file, model_file
 from counterflex.integrations.kuka.link.whole_setup import OnlineLimits
@@ -128,7 +128,7 @@ class RsiFiles:
             f"{self.name}.rsi.diagram": diagram_file(blocks, self.name),
         }
 
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[ContextBlock, ...]:
         """The objects: correction, monitor, stop, what the program is told and tells, ETHERNET."""
         axes = self.limits.axes
         kind = "AXISCORR" if axes else "POSCORR"
@@ -140,24 +140,24 @@ class RsiFiles:
             most = {"MaxTrans": _up(self.clamp_mm * _MARGIN), "MaxRotAngle": _up(self.clamp_deg * _MARGIN)}
         links = [("ETHERNET1", 8, FEED_HOLD_INDEX), ("ETHERNET1", 9, STATE_INDEX)]
         links += [(monitor, i, CORRECTION_INDEX + i - 1) for i in range(1, 7)]
-        override = [Block("MAP2OV_PRO", "MAP2OV_PRO1", {1: ("ETHERNET1", 10)})] if self.override else []
+        override = [ContextBlock("MAP2OV_PRO", "MAP2OV_PRO1", {1: ("ETHERNET1", 10)})] if self.override else []
         return (
-            Block(
+            ContextBlock(
                 kind,
                 name,
                 {i: ("ETHERNET1", i) for i in range(1, 7)},
                 limits if axes else {**limits, "RefCorrSys": "Base"},
                 frozenset(limits),
             ),
-            Block(f"{kind}MON", monitor, {}, most),
-            Block("STOP", "STOP1", {1: ("ETHERNET1", 7)}, {"Mode": "PathNormal", "Channel": 0}),
+            ContextBlock(f"{kind}MON", monitor, {}, most),
+            ContextBlock("STOP", "STOP1", {1: ("ETHERNET1", 7)}, {"Mode": "PathNormal", "Channel": 0}),
             *(
-                Block("MAP2SEN_PREA", f"MAP2SEN_PREA{k}", {1: (source, output)}, {"Index": index})
+                ContextBlock("MAP2SEN_PREA", f"MAP2SEN_PREA{k}", {1: (source, output)}, {"Index": index})
                 for k, (source, output, index) in enumerate(links, start=1)
             ),
             *override,
-            Block("SEN_PREA", "SEN_PREA1", {}, {"Index": ENABLE_INDEX}),
-            Block(
+            ContextBlock("SEN_PREA", "SEN_PREA1", {}, {"Index": ENABLE_INDEX}),
+            ContextBlock(
                 "ETHERNET",
                 "ETHERNET1",
                 {1: (name, 1), 2: ("SEN_PREA1", 1)},

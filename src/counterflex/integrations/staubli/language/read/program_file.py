@@ -24,7 +24,7 @@ CLOSED_BY: Final = {"if": "endIf", "while": "endWhile", "for": "endFor", "switch
 
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class Val3Variable:
     """A parameter or local variable."""
 
     name: str  # Its name
@@ -133,11 +133,11 @@ class Routine:
             raise ProgramError(f"{word} is not closed", where=f"{self.name}:{at + 1}", hint="The file may be cut off")
 
 
-def _variable(attributes: str) -> Variable:
+def _variable(attributes: str) -> Val3Variable:
     about = {part[1]: part[2] for part in _ATTRIBUTE.finditer(attributes)}
     size = about.get("size", "1")
     reference = about.get("use", "") == "reference" or about.get("byReference", "") == "true"
-    return Variable(about.get("name", ""), about.get("type", ""), int(size) if size.isdecimal() else 1, reference)
+    return Val3Variable(about.get("name", ""), about.get("type", ""), int(size) if size.isdecimal() else 1, reference)
 
 
 def code_of(line: str) -> str:

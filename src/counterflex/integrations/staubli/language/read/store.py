@@ -13,7 +13,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Key
 from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.data_file import DataFile
-from counterflex.integrations.staubli.language.read.program_file import Routine, Variable
+from counterflex.integrations.staubli.language.read.program_file import Routine, Val3Variable
 from counterflex.integrations.staubli.language.read.table import TABLE
 from counterflex.programs.expression import ExpressionError, Name, Node, Value, evaluate, is_number, parse_whole
 from counterflex.programs.unknown import Unknown, known
@@ -29,7 +29,7 @@ ROOTS: Final = ("world", "flange")
 
 
 @dataclass
-class Cells:
+class StoredCells:
     """A variable."""
 
     name: str  # As the data file has it; empty of local variables
@@ -50,7 +50,7 @@ class Cells:
         return self.values[index]
 
 
-Bound = tuple[Cells, int]
+Bound = tuple[StoredCells, int]
 """A variable, and the element that index 0 stands for."""
 
 
@@ -60,7 +60,7 @@ class Store:
 
     where: str = ""  # ``file:line`` of the statement that runs
     # Variables of the data file, and of libraries as ``alias:name``
-    globals: dict[str, Cells] = field(default_factory=dict)
+    globals: dict[str, StoredCells] = field(default_factory=dict)
     # Parameters and local variables of the programs that run, the innermost last
     scopes: list[dict[str, Bound]] = field(default_factory=list)
     prefix: str = ""  # Alias of the library that the program belongs to, with its colon
@@ -72,7 +72,7 @@ class Store:
     def load(self, data: DataFile, prefix: str = "") -> None:
         """Take the variables of a data file."""
         for name, variable in data.variables.items():
-            self.globals[f"{prefix}{name}"] = Cells(f"{prefix}{name}", variable.kind, variable.size, data=data)
+            self.globals[f"{prefix}{name}"] = StoredCells(f"{prefix}{name}", variable.kind, variable.size, data=data)
 
     # ---- names ---------------------------------------------------------------------------------------------
 
@@ -88,7 +88,7 @@ class Store:
         variable = self.bound(name)
         if variable is None:
             unknown = Unknown(f"{name} is in no data file of the application")
-            self.globals[name] = Cells(name, "?", 1, {0: unknown})
+            self.globals[name] = StoredCells(name, "?", 1, {0: unknown})
             variable = self.globals[name], 0
         return variable
 
@@ -281,7 +281,7 @@ class Store:
                 (_, index), variable = literal
                 scope[parameter.name] = (variable[0], index)
                 continue
-            scope[parameter.name] = (Cells("", parameter.kind, 1, {0: val3.as_stored(
+            scope[parameter.name] = (StoredCells("", parameter.kind, 1, {0: val3.as_stored(
                 val3.default_of(parameter.kind), self.evaluate(text)
             )}), 0)  # fmt: skip
         return scope | self.locals_of(routine)
@@ -289,12 +289,12 @@ class Store:
     @staticmethod
     def locals_of(routine: Routine) -> dict[str, Bound]:
         """Return the local variables of a program."""
-        return {local.name: (Cells("", local.kind, local.size), 0) for local in routine.locals}
+        return {local.name: (StoredCells("", local.kind, local.size), 0) for local in routine.locals}
 
-    def unknown_parameter(self, parameter: Variable) -> Bound:
+    def unknown_parameter(self, parameter: Val3Variable) -> Bound:
         """Return the variable of a parameter of the main program, which nobody calls."""
         why = Unknown(f"{parameter.name} is a parameter, and nothing calls the program")
-        return Cells("", parameter.kind, 1, {0: why}), 0
+        return StoredCells("", parameter.kind, 1, {0: why}), 0
 
 
 def _index(indices: tuple[object, ...], name: str) -> int | Unknown:

@@ -10,8 +10,8 @@ import numpy as np
 
 from counterflex.report.data import Head
 from counterflex.report.figure_data import numbers
-from counterflex.report.groove_page import COLOURS
 from counterflex.report.page import render
+from counterflex_lab.reproduce.groove_page import COLOURS
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class WrongPlansData(Head):
 
 def wrong_plans_page(data: WrongPlansData) -> str:
     """The page, as HTML text."""
-    return render("wrong_plans.html.j2", {"marks": _marks(data)}, [], data=data)
+    return render("wrong_plans.html.j2", {"marks": _marks(data)}, [], package="counterflex_lab.reproduce", data=data)
 
 
 def _marks(data: WrongPlansData) -> dict[str, Any]:

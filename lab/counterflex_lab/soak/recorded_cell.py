@@ -4,7 +4,7 @@ Every millisecond a force record and a pose, every 4 ms a telegram; the answers 
 Halfway between two telegrams a datagram of the same length can go to a program that only sends it back: how long that
 takes says what the machine and its network stack need by themselves, at the same time and under the same load. The
 robot program obeys a feed hold, and is started again when it was stopped
-(:mod:`counterflex.twin.devices.played_program`).
+(:mod:`counterflex_lab.soak.played_program`).
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from counterflex.core.units import MM, MS
 from counterflex.protocols.tracker.telegram import DATAGRAM, MAGIC
 from counterflex.twin.devices.force_device import ForceDevice
 from counterflex.twin.devices.path_answer import AnswerState, PathAnswer
-from counterflex.twin.devices.played_program import Phase, PlayedProgram
 from counterflex.twin.devices.robot_controller import PlayedController
 from counterflex.twin.live.live_cell import Report
-from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
-from counterflex.twin.live.timed_block import NOT_REPORTED, Block, Times
+from counterflex_lab.soak.played_program import Phase, PlayedProgram
+from counterflex_lab.soak.recorded_pass import SAMPLES, RecordedPass
+from counterflex_lab.soak.timed_block import NOT_REPORTED, Block, Times
 
 _ECHO_AT: Final = 2
 """Millisecond of the cycle at which the echo is asked."""

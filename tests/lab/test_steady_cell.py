@@ -15,11 +15,11 @@ from counterflex.integrations.kuka.link.telegram import answer_writer, robot_rea
 from counterflex.integrations.kuka.simulated import FakeRsi, RsiContext
 from counterflex.protocols.tracker.telegram import DATAGRAM
 from counterflex.twin.devices.path_answer import PathAnswer
-from counterflex.twin.devices.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
-from counterflex.twin.live import replayed_cell
-from counterflex.twin.live.recorded_pass import SAMPLES, RecordedPass
-from counterflex.twin.live.replayed_cell import ReplayedCell
-from counterflex.twin.live.timed_block import NOT_REPORTED, Block
+from counterflex_lab.soak import recorded_cell
+from counterflex_lab.soak.played_program import ACTIVE, ARMED, NO_TAG, PlayedProgram
+from counterflex_lab.soak.recorded_cell import ReplayedCell
+from counterflex_lab.soak.recorded_pass import SAMPLES, RecordedPass
+from counterflex_lab.soak.timed_block import NOT_REPORTED, Block
 
 READY, HOLD, FAULT = 1, 4, 6
 PERIOD = 4e-3
@@ -177,7 +177,7 @@ class Answered(ReplayedCell):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     out = Clock()
-    monkeypatch.setattr(replayed_cell, "time", out)
+    monkeypatch.setattr(recorded_cell, "time", out)
     return out
 
 
@@ -284,7 +284,7 @@ def test_no_reading_comes_twice_while_the_robot_stands(clock: Clock, monkeypatch
             """Nothing is open."""
 
     monkeypatch.setattr(
-        replayed_cell, "_send", lambda _, data, peer: poses.append(data[24:48]) if peer == ("127.0.0.1", 7) else None
+        recorded_cell, "_send", lambda _, data, peer: poses.append(data[24:48]) if peer == ("127.0.0.1", 7) else None
     )
     cell = Answered(clock, program=PlayedProgram(10**6), sensor=Net())
     played(cell, 200, tracker=("127.0.0.1", 7))
@@ -351,7 +351,7 @@ def test_a_pose_is_stamped_with_the_time_of_its_measurement(clock: Clock, monkey
         if len(data) == DATAGRAM.size:
             stamps.append(DATAGRAM.unpack(data)[2])
 
-    monkeypatch.setattr(replayed_cell, "_send", sent)
+    monkeypatch.setattr(recorded_cell, "_send", sent)
     cell = Answered(clock, program=PlayedProgram(GATE))
     clock.stalls[4 * 10 + 1] = 2.6e-3  # within a cycle
     played(cell, 20, tracker=("127.0.0.1", 9))

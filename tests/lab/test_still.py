@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from counterflex.core.errors import InputError
-from counterflex.report.still import HEIGHT, WIDTH, Curve, Level, Still, svg
+from counterflex_lab.reproduce.papers.still import HEIGHT, WIDTH, Curve, Level, Still, svg
 
 NAME = "{http://www.w3.org/2000/svg}"
 

@@ -24,7 +24,16 @@ def printed_page(summary: Mapping[str, Any], titles: Mapping[str, str]) -> str:
     counts = summary["counts"]
     verdict = f"{len(summary['figures'])} figures: " + ", ".join(f"{n} {name}" for name, n in counts.items()) + "."
     head = Head("Figures of the papers beside ours", ", ".join(summary["by_paper"]))
-    return render("printed.html.j2", figures, [], data=head, papers=papers, verdict=verdict, colours=_COLOURS)
+    return render(
+        "printed.html.j2",
+        figures,
+        [],
+        package="counterflex_lab.reproduce",
+        data=head,
+        papers=papers,
+        verdict=verdict,
+        colours=_COLOURS,
+    )
 
 
 def _share(row: Mapping[str, Any]) -> float | None:

@@ -69,7 +69,7 @@ class GrooveData(Head):
 def groove_page(data: GrooveData) -> str:
     """The page, as HTML text."""
     figures = {"dots": _dots(data)} | {f"along_{edge}": _along(data, edge) for edge in data.edges}
-    return render("groove.html.j2", figures, [], data=data)
+    return render("groove.html.j2", figures, [], package="counterflex_lab.reproduce", data=data)
 
 
 def _variants(data: GrooveData) -> list[str]:

@@ -48,13 +48,7 @@ class PlayedProgram:
     """
 
     def __init__(
-        self,
-        gate: int = 1500,
-        *,
-        again: int = 250,
-        pause: int = 250,
-        unanswered: int = 125,
-        uncorrected: int = 50,
+        self, gate: int = 1500, *, again: int = 250, pause: int = 250, unanswered: int = 125, uncorrected: int = 50
     ) -> None:
         self._gate, self._again, self._pause = gate, again, pause
         self._unanswered, self._uncorrected = unanswered, uncorrected

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
-from counterflex.evaluate.tracking import (
+from counterflex_lab.reproduce.tracking import (
     Tracked,
     corner_zones,
     nearest_on_circle,

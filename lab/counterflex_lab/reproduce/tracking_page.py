@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from counterflex.core.arrays import Float
 from counterflex.report.data import Head
 from counterflex.report.page import render
-from counterflex.report.tracking_figures import FINELY, MAGNIFIED, OpenLoop, TrackedRun, figures
+from counterflex_lab.reproduce.tracking_figures import FINELY, MAGNIFIED, OpenLoop, TrackedRun, figures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,4 +32,12 @@ class TrackingData(Head):
 def tracking_page(data: TrackingData) -> str:
     """The page, as HTML text."""
     drawn = figures(data.circle, data.square, data.loops, data.p_part, data.reach_m)
-    return render("tracking.html.j2", drawn, [], data=data, magnified=f"{MAGNIFIED:g}", finely=f"{FINELY:g}")
+    return render(
+        "tracking.html.j2",
+        drawn,
+        [],
+        package="counterflex_lab.reproduce",
+        data=data,
+        magnified=f"{MAGNIFIED:g}",
+        finely=f"{FINELY:g}",
+    )
