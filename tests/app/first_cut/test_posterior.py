@@ -48,7 +48,7 @@ def test_derivatives_are_those_of_the_coordinates(seed: int) -> None:
 @given(seeds)
 def test_faces_as_planned_change_nothing(seed: int) -> None:
     one = patterns(seed)
-    fit = estimated(NAMES, one, measured(one.predicted), CELL)
+    fit = estimated(NAMES, one, measured(one.predicted_m), CELL)
     np.testing.assert_allclose(fit.value, 0.0, atol=1e-9)
     np.testing.assert_allclose(fit.left_m, 0.0, atol=1e-12)
 
@@ -72,7 +72,7 @@ def test_a_softer_cell_and_a_larger_force_are_found_together(seed: int, force: f
 @given(seeds, st.integers(0, PLACES - 1), st.sampled_from([-2.0, 2.0]))
 def test_a_slip_of_the_pen_leaves_the_others_right(seed: int, place: int, slip_mm: float) -> None:
     one = patterns(seed)
-    off = one.predicted.copy()
+    off = one.predicted_m.copy()
     off[place] += slip_mm * MM
     fit = estimated(NAMES, one, measured(off), CELL)
     others = np.arange(PLACES) != place
@@ -84,7 +84,7 @@ def test_a_slip_of_the_pen_leaves_the_others_right(seed: int, place: int, slip_m
 @given(seeds)
 def test_more_faces_leave_less_doubt_and_never_more_than_before(seed: int) -> None:
     one = patterns(seed)
-    every = measured(one.predicted)
+    every = measured(one.predicted_m)
     shares = []
     for count in (9, 18, 36):
         rows = np.arange(count)
@@ -101,4 +101,4 @@ def test_faces_left_out_are_foretold_by_the_others(seed: int) -> None:
     theta[:3] = np.log(1.4)
     off, _ = one.at(theta)
     foretold = left_out(NAMES, one, measured(off), CELL)
-    assert np.sqrt(np.mean(foretold**2)) < 0.5 * np.sqrt(np.mean((off - one.predicted) ** 2))
+    assert np.sqrt(np.mean(foretold**2)) < 0.5 * np.sqrt(np.mean((off - one.predicted_m) ** 2))

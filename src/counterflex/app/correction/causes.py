@@ -175,8 +175,8 @@ def scaled(law: ForceLaw, factors: tuple[float, float, float]) -> ForceLaw:
     c, r, a = factors
     if isinstance(law, KienzleLaw):
         edge = (c * law.edge_n_m[0], r * law.edge_n_m[1], a * law.edge_n_m[2])
-        pressures = {"kc_ref_pa": c * law.kc_ref_pa, "kr_ref_pa": r * law.kr_ref_pa, "ka_ref_pa": a * law.ka_ref_pa}
-        return replace(law, **pressures, edge_n_m=edge)
+        kc, kr, ka = c * law.kc_ref_pa, r * law.kr_ref_pa, a * law.ka_ref_pa
+        return replace(law, kc_ref_pa=kc, kr_ref_pa=kr, ka_ref_pa=ka, edge_n_m=edge)
     if isinstance(law, LinearEdgeLaw):
         keys = {"ktc_pa": c, "krc_pa": r, "kac_pa": a, "kte_n_m": c, "kre_n_m": r, "kae_n_m": a}
         return replace(law, **{key: factor * getattr(law, key) for key, factor in keys.items()})

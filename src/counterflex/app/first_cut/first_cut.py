@@ -101,7 +101,7 @@ def run(
     names, patterns = posterior.patterns_of(plan, cell, places)
     parts["identifying"](0.5)
     unseen = posterior.left_out(names, patterns, places, cell)
-    planned = places.off_m - patterns.predicted
+    planned = places.off_m - patterns.predicted_m
     with atomic.atomic_folder(out) as staging:
         for turn in range(_ROUNDS):
             fit = posterior.estimated(names, patterns, places, cell)
@@ -168,18 +168,18 @@ def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:
     tip = path.p_part_tcp
     radius = np.array([cell.cutter(int(tool)).radius_m if tool > 0 else 0.0 for tool in path.tool])
     if axis == 2:
-        off, beside = np.abs(tip[:, 2] - p[2]), np.hypot(*(tip[:, :2] - p[:2]).T)
+        off, distance = np.abs(tip[:, 2] - p[2]), np.hypot(*(tip[:, :2] - p[:2]).T)
     else:
         off = np.abs(np.abs(tip[:, axis] - p[axis]) - radius)
-        beside = np.where(tip[:, 2] <= p[2], np.abs(tip[:, 1 - axis] - p[1 - axis]), np.inf)
+        distance = np.where(tip[:, 2] <= p[2], np.abs(tip[:, 1 - axis] - p[1 - axis]), np.inf)
     made = plan.cutting & (off < _ON_FACE_M)
-    if not np.any(made) or np.min(beside[made]) > _NEAR_M:
+    if not np.any(made) or np.min(distance[made]) > _NEAR_M:
         raise InputError(
             "no cut of the program makes this face", where=where,
             value=f"{'xyz'[axis]} at X{p[0] / MM:g} Y{p[1] / MM:g} Z{p[2] / MM:g}",
             limit=f"within {_NEAR_M / MM:g} mm along the feed",
         )  # fmt: skip
-    return int(np.flatnonzero(made)[np.argmin(beside[made])])
+    return int(np.flatnonzero(made)[np.argmin(distance[made])])
 
 
 def _of_part(

@@ -72,38 +72,38 @@ class Measured:
 class Patterns:
     """What each constant does to the coordinates of m places, m."""
 
-    predicted: Float  # (m,)
-    elements: Float  # (3, k, m) deflection of each element by each direction of force
-    drives: Float  # (3, m)
-    play: Float  # (i, m)
-    offset: Float  # (3, m)
+    predicted_m: Float  # (m,)
+    elements_m: Float  # (3, k, m) deflection of each element by each direction of force
+    drives_m: Float  # (3, m)
+    play_m: Float  # (i, m)
+    offset_m: Float  # (3, m)
 
-    def at(self, theta: Float) -> tuple[Float, Float]:
+    def at(self, values: Float) -> tuple[Float, Float]:
         """Coordinates (m,) and their derivatives (m, p) at logarithms of the factors and the offset (p,)."""
-        k, i = self.elements.shape[1], len(self.play)
-        force, drive = np.exp(theta[:3]), np.exp(theta[3])
-        soft, play = np.exp(theta[4 : 4 + k]), np.exp(theta[4 + k : 4 + k + i])
-        by_force = np.einsum("k,jkm->jm", soft, self.elements) + drive * self.drives
-        still = self.elements.sum(axis=(0, 1)) + self.drives.sum(axis=0) + self.play.sum(axis=0)
-        y = self.predicted - still + force @ by_force + play @ self.play + theta[4 + k + i :] @ self.offset
+        k, i = self.elements_m.shape[1], len(self.play_m)
+        force, drive = np.exp(values[:3]), np.exp(values[3])
+        soft, play = np.exp(values[4 : 4 + k]), np.exp(values[4 + k : 4 + k + i])
+        by_force = np.einsum("k,jkm->jm", soft, self.elements_m) + drive * self.drives_m
+        still = self.elements_m.sum(axis=(0, 1)) + self.drives_m.sum(axis=0) + self.play_m.sum(axis=0)
+        y = self.predicted_m - still + force @ by_force + play @ self.play_m + values[4 + k + i :] @ self.offset_m
         columns = [
             force[:, None] * by_force,
-            (force @ (drive * self.drives))[None],
-            soft[:, None] * np.einsum("j,jkm->km", force, self.elements),
-            play[:, None] * self.play,
-            self.offset,
+            (force @ (drive * self.drives_m))[None],
+            soft[:, None] * np.einsum("j,jkm->km", force, self.elements_m),
+            play[:, None] * self.play_m,
+            self.offset_m,
         ]
         return y, np.concatenate(columns).T
 
-    def through(self, predicted: Float, fit: Posterior) -> Patterns:
+    def through(self, predicted_m: Float, fit: Posterior) -> Patterns:
         """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them.
 
         The cell has its compliances and forces; drives, play and offset it has as before.
         """
-        k, theta = self.elements.shape[1], np.zeros(len(fit.value))
+        k, theta = self.elements_m.shape[1], np.zeros(len(fit.value))
         constants = [*range(3), *range(4, 4 + k)]
         theta[constants] = fit.value[constants]
-        return replace(self, predicted=self.predicted + predicted - self.at(theta)[0])
+        return replace(self, predicted_m=self.predicted_m + predicted_m - self.at(theta)[0])
 
     def only(self, rows: Int) -> Patterns:
         """Some of the places."""
@@ -129,7 +129,7 @@ class Posterior:
     @property
     def compliance(self) -> Float:
         """(k,) factors of the compliance of the elements."""
-        out: Float = np.exp(self.value[4 : 4 + len(self.elements)])
+        out: Float = np.exp(self.value[4 : 4 + len(self.elements_m)])
         return out
 
 
@@ -167,8 +167,8 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
 
 def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Posterior:
     """The likeliest constants with their covariance."""
-    P = _before(names, cell, len(patterns.play))
-    bend = np.abs(patterns.elements.sum(axis=(0, 1)))
+    P = _before(names, cell, len(patterns.play_m))
+    bend = np.abs(patterns.elements_m.sum(axis=(0, 1)))
     common = STRUCTURE * bend + _LEAST_M
     C = (measured.face[:, None] == measured.face[None, :]) * np.outer(common, common)
     own = measured.sigma_m**2 + (LOCAL * bend) ** 2

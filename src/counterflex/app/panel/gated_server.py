@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from nicegui import app, ui
 from starlette.routing import BaseRoute
 
-from counterflex.app.panel.access import BODY, COOKIE, LOOPBACK, Gate, Served, Session, Sessions
+from counterflex.app.panel.access import BODY, COOKIE, LOOPBACK, Gate, PanelSession, Served, Sessions
 from counterflex.app.panel.door import AT_A_TIME, Door
 from counterflex.core.errors import OutputError
 from counterflex.files.panel_users import Role
@@ -63,7 +63,7 @@ class GatedServer:
 
     def _run(
         self, routes: Iterable[BaseRoute], *, title: str, dark: bool | None = True,
-        opened: Callable[[Session], None] = lambda _: None, full: Callable[[], bool] = lambda: False, body: int = BODY,
+        opened: Callable[[PanelSession], None] = lambda _: None, full: Callable[[], bool] = lambda: False, body: int = BODY,
     ) -> None:  # fmt: skip
         """Serve the pages of the page library until the process is asked to end.
 
