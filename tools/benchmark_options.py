@@ -43,7 +43,10 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
     ),
     "ledger": (("--quick", "--predict", "--reveal", "--seeds", "1-1", "--out", f"{FOLDER}/out"), ("--store",)),
     "monitoring": (("--quick", "--grid", "--others"), ("--seeds", "1", "--first", "0")),
-    "online_reply": (("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"), ("--quick", "--stages")),
+    "online_reply": (
+        ("--quick", "--seconds", "2", "--json", f"{FOLDER}/figures.json"),
+        ("--quick", "--stages", "--spin-us", "300"),
+    ),
     "panel": (("--quick", "--minutes", "1", "--block", "1", "--json", f"{FOLDER}/figures.json"),),
     "panel_stop": (("--quick", "--logins", "100", "--stops", "2", "--json", f"{FOLDER}/figures.json"),),
     "placement": (

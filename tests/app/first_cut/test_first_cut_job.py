@@ -135,7 +135,9 @@ def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], tmp
     assert "bad.csv:5" in refused({4: ",".join([*cells[:7], f"{float(cells[6]) + 10.0}"])}, "farther from its nominal")
     assert "bad.csv:5" in refused({4: ",".join([*cells[:2], "w", *cells[3:]])}, "no axis")
     assert "bad.csv:5" in refused({4: ",".join([*cells[:7], "3,1,1"])}, "cells")
-    assert "bad.csv:5" in refused({4: ",".join([*cells[:3], "30", "30", *cells[5:]])}, "no cut of the program")
+    elsewhere = [*cells[:3], "30", "30", *cells[5:6], "30", "30.1"]
+    assert "bad.csv:5" in refused({4: ",".join(elsewhere)}, "no cut of the program")
+    assert "nominal_mm" in refused({4: ",".join([*cells[:6], "30", "30.1"])}, "not that of the place")
     assert "measured_mm" in refused({0: rows[0].replace("measured_mm", "measured")}, "other columns")
     refused({k: ",".join([*row.split(",")[:7], ""]) for k, row in enumerate(rows) if k > 8}, "too few")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -134,32 +135,43 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
             "other columns than those of measured faces", where=str(file),
             value=",".join(rows[0][1]) if rows else "none", limit=",".join(COLUMNS),
         )  # fmt: skip
-    names, faces = rows[0][1], dict[str, int]()
-    row, axis, face, ordinal, off = [], [], [], [], []
+    faces: dict[str, int] = {}
+    read: list[tuple[int, int, int, int, float]] = []
     for line, cells in rows[1:]:
-        where, by = f"{file}:{line}", dict(zip(names, cells, strict=False))
-        if len(cells) != len(names):
-            raise FileFormatError("a row of another length", where=where, value=len(cells), limit=len(names))
+        where, by = f"{file}:{line}", dict(zip(rows[0][1], cells, strict=False))
+        if len(cells) != len(COLUMNS):
+            raise FileFormatError("a row of another length", where=where, value=len(cells), limit=len(COLUMNS))
         if filled and not by["measured_mm"]:
             continue
-        if by["axis"] not in ("x", "y", "z"):
-            raise FileFormatError("no axis of the part", where=where, value=by["axis"], limit="x, y or z")
-        p = np.array([number(by[f"{a}_mm"], f"{where} {a}_mm") for a in "xyz"]) * MM
-        nominal = number(by["nominal_mm"], f"{where} nominal_mm") * MM
-        value = number(by["measured_mm"], f"{where} measured_mm") * MM if filled else nominal
-        if abs(value - nominal) > LARGEST_M:
-            raise FileFormatError(
-                "a face is farther from its nominal place than any cut", where=f"{where} measured_mm",
-                value=f"{value / MM:g} mm, nominal {nominal / MM:g} mm", limit=f"within {LARGEST_M / MM:g} mm",
-            )  # fmt: skip
-        axis.append("xyz".index(by["axis"]))
-        row.append(_row_at(plan, cell, p, axis[-1], where))
-        face.append(faces.setdefault(f"{by['face']} {int(plan.line[row[-1]])}", len(faces)))
-        ordinal.append(int(number(by["number"], f"{where} number")))
-        off.append(value - nominal)
-    if len(row) < LEAST:
-        raise FileFormatError("too few measured places", where=str(file), value=len(row), limit=f">= {LEAST}")
-    return posterior.Measured(np.array(row), np.array(axis), np.array(face), np.array(ordinal), np.array(off), sigma_m)
+        axis, p, off_m = _place(by, where, filled=filled)
+        row = _row_at(plan, cell, p, axis, where)
+        face = faces.setdefault(f"{by['face']} {int(plan.line[row])}", len(faces))
+        read.append((row, axis, face, int(number(by["number"], f"{where} number")), off_m))
+    if len(read) < LEAST:
+        raise FileFormatError("too few measured places", where=str(file), value=len(read), limit=f">= {LEAST}")
+    *index, off = (np.array(column) for column in zip(*read, strict=True))
+    return posterior.Measured(*index, off, sigma_m)
+
+
+def _place(by: Mapping[str, str], where: str, *, filled: bool) -> tuple[int, Float, float]:
+    """Axis, place (3,) m and measured minus nominal coordinate, m, of a row."""
+    if by["axis"] not in ("x", "y", "z"):
+        raise FileFormatError("no axis of the part", where=where, value=by["axis"], limit="x, y or z")
+    axis = "xyz".index(by["axis"])
+    p = np.array([number(by[f"{a}_mm"], f"{where} {a}_mm") for a in "xyz"]) * MM
+    nominal = number(by["nominal_mm"], f"{where} nominal_mm") * MM
+    if abs(nominal - p[axis]) > UM:
+        raise FileFormatError(
+            "the nominal coordinate is not that of the place", where=f"{where} nominal_mm",
+            value=f"{nominal / MM:g} mm", limit=f"{by['axis']}_mm = {p[axis] / MM:g}",
+        )  # fmt: skip
+    value = number(by["measured_mm"], f"{where} measured_mm") * MM if filled else nominal
+    if abs(value - nominal) > LARGEST_M:
+        raise FileFormatError(
+            "a face is farther from its nominal place than any cut", where=f"{where} measured_mm",
+            value=f"{value / MM:g} mm, nominal {nominal / MM:g} mm", limit=f"within {LARGEST_M / MM:g} mm",
+        )  # fmt: skip
+    return axis, p, float(value - nominal)
 
 
 def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:

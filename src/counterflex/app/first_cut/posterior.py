@@ -62,6 +62,11 @@ class Measured:
     off_m: Float  # (m,) measured minus nominal coordinate
     sigma_m: float  # standard deviation of a reading
 
+    def along(self, displacement: Float) -> Float:
+        """Component (..., m) m of displacements (..., m, 3) m along the measured axis."""
+        out: Float = displacement[..., np.arange(len(self.axis)), self.axis]
+        return out
+
     def only(self, rows: Int) -> Measured:
         """Some of the places."""
         values = {name: getattr(self, name)[rows] for name in ("row", "axis", "face", "number", "off_m")}
@@ -129,7 +134,7 @@ class Posterior:
     @property
     def compliance(self) -> Float:
         """(k,) factors of the compliance of the elements."""
-        out: Float = np.exp(self.value[4 : 4 + len(self.elements_m)])
+        out: Float = np.exp(self.value[4 : 4 + len(self.elements)])
         return out
 
 
@@ -139,29 +144,18 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
     Args:
         plan: Of the program that made the part, as the cell file predicts it.
     """
-    row, axis, m = measured.row, measured.axis, np.arange(len(measured.row))
-    R, chain = cell.T_base_part[:3, :3], cell.chain
-
-    def along(d: Float) -> Float:
-        """Component (..., m) of displacements (..., m, 3) m along the measured axis."""
-        out: Float = d[..., m, axis]
-        return out
-
+    row, R, chain = measured.row, cell.T_base_part[:3, :3], cell.chain
     w = _by_direction(plan, cell)
     turned = [np.concatenate([v[row, :3] @ R.T, v[row, 3:] @ R.T], axis=1) for v in w]
     bends = np.stack([shares(chain, plan.q[row], one)[..., :3] @ R for one in turned])  # (3, m, elements, 3)
-    elements = np.stack([[along(bends[j, :, i]) for i in range(chain.n)] for j in range(3)])
+    elements = measured.along(np.moveaxis(bends, 2, 1))
     size = np.sum(bends.sum(axis=0) ** 2, axis=(0, 2))
     seen = np.flatnonzero(size > _SEEN * np.sum(bends.sum(axis=(0, 2)) ** 2))
-    yields = np.stack([along(drives_yield(replace(plan, w_tcp_part=v), cell)[row]) for v in w])
-    play = [along(one[row]) for one in _play_by_axis(plan, cell)]
-    patterns = Patterns(
-        along(plan.deviation_nominal_part[row]),
-        elements[:, seen],
-        yields,
-        np.reshape(play, (len(play), len(row))),
-        np.eye(3)[:, axis],
-    )
+    yields = np.stack([drives_yield(replace(plan, w_tcp_part=v), cell)[row] for v in w])
+    play = np.reshape([one[row] for one in _play_by_axis(plan, cell)], (-1, len(row), 3))
+    predicted, offset = plan.deviation_nominal_part[row], np.tile(np.eye(3)[:, None], (1, len(row), 1))
+    along = (measured.along(d) for d in (yields, play, offset))
+    patterns = Patterns(measured.along(predicted), elements[:, seen], *along)
     return tuple(chain.names[i] for i in seen), patterns
 
 
@@ -209,16 +203,13 @@ def share_left(fit: Posterior, patterns: Patterns) -> float:
 
 def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     """(n, 6) N, N m, the mean wrench by tangential, radial and axial force; forces are linear in each."""
-    setting = setting_of(cell, part_may_be_held=True)
-
-    def cut(factors: tuple[float, float, float]) -> Float:
+    setting, wrenches = setting_of(cell, part_may_be_held=True), []
+    for factors in ((1.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)):
         changed = replace(setting, law=scaled(cell.force_law, factors))
         inputs = Inputs(plan.path, plan.line, cell.stock(), changed, plan.q)
-        return undisturbed_cut(inputs, silent).w_tcp_part
-
-    whole = cut((1.0, 1.0, 1.0))
-    radial, axial = cut((1.0, 2.0, 1.0)) - whole, cut((1.0, 1.0, 2.0)) - whole
-    return whole - radial - axial, radial, axial
+        wrenches.append(undisturbed_cut(inputs, silent).w_tcp_part)
+    whole, more_radial, more_axial = wrenches
+    return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole
 
 
 def _play_by_axis(plan: Plan, cell: Cell) -> list[Float]:

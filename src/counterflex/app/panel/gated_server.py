@@ -63,7 +63,8 @@ class GatedServer:
 
     def _run(
         self, routes: Iterable[BaseRoute], *, title: str, dark: bool | None = True,
-        opened: Callable[[PanelSession], None] = lambda _: None, full: Callable[[], bool] = lambda: False, body: int = BODY,
+        opened: Callable[[PanelSession], None] = lambda _: None, full: Callable[[], bool] = lambda: False,
+        body: int = BODY,
     ) -> None:  # fmt: skip
         """Serve the pages of the page library until the process is asked to end.
 
