@@ -102,7 +102,7 @@ class Meter:
         if own is None or not known:
             rate = typical if own is None else own
         else:
-            share = done / (done + min(_OWN * (end - begin), sum(work for _, work in known)))
+            share = done / (done + min(_OWN * (end - begin), begin))
             rate = own**share * _typical(known) ** (1.0 - share)
         since = self._clock() - self._last[0]
         return _standing(rate * (end - self.fraction), since) + typical * (1.0 - end)

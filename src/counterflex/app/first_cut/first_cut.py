@@ -143,14 +143,14 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
             raise FileFormatError("a row of another length", where=where, value=len(cells), limit=len(COLUMNS))
         if filled and not by["measured_mm"]:
             continue
-        axis, p, off_m = _place(by, where, filled=filled)
-        row = _row_at(plan, cell, p, axis, where)
-        face = faces.setdefault(f"{by['face']} {int(plan.line[row])}", len(faces))
-        read.append((row, axis, face, int(number(by["number"], f"{where} number")), off_m))
+        along, p, off_m = _place(by, where, filled=filled)
+        at = _row_at(plan, cell, p, along, where)
+        one = faces.setdefault(f"{by['face']} {int(plan.line[at])}", len(faces))
+        read.append((at, along, one, int(number(by["number"], f"{where} number")), off_m))
     if len(read) < LEAST:
         raise FileFormatError("too few measured places", where=str(file), value=len(read), limit=f">= {LEAST}")
-    *index, off = (np.array(column) for column in zip(*read, strict=True))
-    return posterior.Measured(*index, off, sigma_m)
+    row, axis, face, ordinal, off = (np.array(column) for column in zip(*read, strict=True))
+    return posterior.Measured(row, axis, face, ordinal, off, sigma_m)
 
 
 def _place(by: Mapping[str, str], where: str, *, filled: bool) -> tuple[int, Float, float]:
