@@ -24,7 +24,7 @@ from counterflex.integrations.beckhoff.link import link as ads
 from counterflex.robot.model import urdf
 
 ROOT: Final = Path(counterflex.__file__).parent
-PLACES: Final = {
+PLACES: Final[dict[str, str | tuple[str, ...]]] = {
     "nicegui": ("app/panel/", "app/studio/"),
     "fastapi": "app/panel/",
     "starlette": ("app/panel/", "app/studio/"),

@@ -308,11 +308,12 @@ def test_a_second_correction_keeps_the_parts_of_the_first(tmp_path: Any) -> None
     ids=["kienzle", "linear"],
 )
 @settings(max_examples=10)
-@given(st.floats(0.2, 3.0))
-def test_a_scaled_law_scales_every_force(law: Any, factor: float) -> None:
+@given(st.floats(0.2, 3.0), st.floats(0.2, 3.0), st.floats(0.2, 3.0))
+def test_a_scaled_law_scales_every_force(law: Any, factor: float, radial: float, axial: float) -> None:
     h = np.array([0.001, 0.02, 0.3]) * MM
-    for made in (scaled(law, factor), law.scaled(factor)):
-        np.testing.assert_allclose(made.edge_force(h), factor * law.edge_force(h), rtol=1e-12)
+    np.testing.assert_allclose(law.scaled(factor).edge_force(h), factor * law.edge_force(h), rtol=1e-12)
+    made = scaled(law, (factor, radial, axial))
+    np.testing.assert_allclose(made.edge_force(h), [factor, radial, axial] * law.edge_force(h), rtol=1e-12)
 
 
 def test_explanations_are_shown_in_their_units() -> None:
