@@ -32,7 +32,7 @@ def next_command(command: str, *values: object, **options: object) -> str:
     """
     if isinstance(options.get("out"), str):
         options["out"] = _free(str(options["out"]), [*values, *options.values()])
-    words = [*command.split(), *(word(value) for value in values if value is not None)]
+    words = [*command.split(), *(word(_argument(value)) for value in values if value is not None)]
     for name, given in options.items():
         option = f"--{name.strip('_').replace('_', '-')}"
         for value in given if isinstance(given, (list, tuple)) else [given]:
@@ -48,6 +48,12 @@ def _free(out: str, files: Sequence[object]) -> str:
     taken = {Path(str(file)).parent.resolve() for file in files}
     names = (out if number == 1 else f"{out}-{number}" for number in itertools.count(1))
     return next(name for name in names if Path(name).resolve() not in taken)
+
+
+def _argument(value: object) -> str:
+    """Return an argument that is not taken for an option, whatever the file is named."""
+    text = str(value)
+    return f"./{text}" if text.startswith("-") else text
 
 
 def word(value: object) -> str:

@@ -139,6 +139,7 @@ def test_bad_rows_are_refused_by_their_line(softer: tuple[Path, Path, Cell], tmp
     assert "bad.csv:5" in refused({4: ",".join(elsewhere)}, "no cut of the program")
     assert "nominal_mm" in refused({4: ",".join([*cells[:6], "30", "30.1"])}, "not that of the place")
     assert "measured_mm" in refused({0: rows[0].replace("measured_mm", "measured")}, "other columns")
+    assert "line 4" in refused({4: rows[3]}, "the same place twice")
     refused({k: ",".join([*row.split(",")[:7], ""]) for k, row in enumerate(rows) if k > 8}, "too few")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
+from counterflex.app.first_cut.first_cut import doubts
 from counterflex.app.first_cut.posterior import Measured, Patterns, estimated, left_out, share_left
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
@@ -102,3 +103,22 @@ def test_faces_left_out_are_foretold_by_the_others(seed: int) -> None:
     off, _ = one.at(theta)
     foretold = left_out(NAMES, one, measured(off), CELL)
     assert np.sqrt(np.mean(foretold**2)) < 0.5 * np.sqrt(np.mean((off - one.predicted_m) ** 2))
+
+
+@settings(max_examples=10)
+@given(seeds, st.integers(0, 2))
+def test_a_mirrored_axis_is_doubted(seed: int, axis: int) -> None:
+    one = patterns(seed)
+    right = measured(1.3 * one.predicted_m)
+    assert doubts(estimated(NAMES, one, right, CELL), right, one.predicted_m) == []
+    wrong = measured(np.where(right.axis == axis, -right.off_m, right.off_m))
+    first, *_ = doubts(estimated(NAMES, one, wrong, CELL), wrong, one.predicted_m)
+    assert f"along {'xyz'[axis]} lie on the other side" in first
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_readings_of_a_wrong_unit_are_doubted(seed: int) -> None:
+    one = patterns(seed)
+    wrong = measured(one.predicted_m / 1000.0)
+    assert "unit of the readings" in " ".join(doubts(estimated(NAMES, one, wrong, CELL), wrong, one.predicted_m))

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
 import threading
+from collections.abc import AsyncIterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +20,7 @@ from counterflex.app.studio.jobs import LOG, CommandQueue, QueuedCommand
 from counterflex.app.studio.project import Project
 from counterflex.app.studio.tool_way import POINTS, ToolWay, pushed
 from counterflex.core.errors import CounterflexError
+from counterflex.core.next_command import next_command
 from counterflex.cutting import material
 from counterflex.files.cell.cell import read_cell
 
@@ -181,3 +186,81 @@ def test_progress_is_read_from_the_lines_of_a_command() -> None:
     assert (job.fraction, job.what) == (0.42, "compensating part.ngc, about 3 s left")
     assert next(iter(job.lines)) == "wrote out"
     assert job.error == "part.ngc:3:1: no such word; got Q1"
+
+
+def test_a_command_that_cannot_begin_does_not_stop_the_others(tmp_path: Path) -> None:
+    queue = CommandQueue(tmp_path)
+    try:
+        jobs = [queue.add("counterflex path 'a\0b.ngc'"), queue.add("counterflex robots --no-such-option")]
+        waiting = threading.Event()
+        while not all(job.ended for job in jobs):
+            waiting.wait(0.05)
+    finally:
+        queue.close()
+    assert [job.state for job in jobs] == ["failed", "failed"]
+    assert "cannot run" in jobs[0].error
+
+
+def test_a_program_named_like_an_option_is_a_file() -> None:
+    assert next_command("path", "--help.ngc", cell="cell.toml") == "counterflex path ./--help.ngc --cell cell.toml"
+
+
+def test_names_that_no_page_can_show_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "part.ngc").write_text("M30\n", encoding="ascii")
+    (tmp_path / os.fsdecode(b"p\xff.ngc")).write_text("M30\n", encoding="ascii")
+    assert Project(tmp_path).programs() == ["part.ngc"]
+
+
+class Sent:
+    """A file that a browser sends."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    async def iterate(self) -> AsyncIterator[bytes]:
+        """Yield the content."""
+        yield b"new"
+
+
+@pytest.mark.parametrize("name", ["part.ngc", "../part.ngc", "link.ngc", ".bashrc", "a\0b.ngc", ""])
+def test_an_upload_replaces_nothing_and_leaves_the_folder_alone(tmp_path: Path, name: str) -> None:
+    desk = pytest.importorskip("counterflex.app.studio.desk", exc_type=ImportError)
+    folder = tmp_path / "project"
+    folder.mkdir()
+    (folder / "part.ngc").write_text("old", encoding="ascii")
+    (folder / "link.ngc").symlink_to(tmp_path / "outside.ngc")
+    shown: list[str] = []
+    drop = object.__new__(desk.Drop)
+    drop._desk = SimpleNamespace(project=Project(folder))
+    drop.fault = SimpleNamespace(show=shown.append)
+    event = SimpleNamespace(file=Sent(name), sender=SimpleNamespace(reset=lambda: None))
+    asyncio.run(drop._take(event))
+    assert shown[-1] != ""
+    assert sorted(path.name for path in folder.iterdir()) == ["link.ngc", "part.ngc"]
+    assert (folder / "part.ngc").read_text(encoding="ascii") == "old"
+    assert not (tmp_path / "outside.ngc").exists()
+
+
+def test_a_cell_file_that_changed_on_disk_is_not_overwritten(tmp_path: Path) -> None:
+    cell_page = pytest.importorskip("counterflex.app.studio.cell_page", exc_type=ImportError)
+    file = tmp_path / "cell.toml"
+    file.write_text("a = 1\n", encoding="utf-8")
+    page = object.__new__(cell_page.CellPage)
+    page._desk = SimpleNamespace(cell="cell.toml", cell_file=file)
+    page._saved, page._editor = "a = 1\n", SimpleNamespace(value="a = 2\n")
+    assert page._write()
+    assert file.read_text(encoding="utf-8") == page._saved == "a = 2\n"
+    file.write_text("a = 3\n", encoding="utf-8")
+    with pytest.raises(CounterflexError, match="changed since"):
+        page._write()
+    assert file.read_text(encoding="utf-8") == "a = 3\n"
+
+
+def test_a_card_is_marked_by_any_name() -> None:
+    """A folder of results may be named as its maker likes: no property comes of it."""
+    desk = pytest.importorskip("counterflex.app.studio.desk", exc_type=ImportError)
+    from nicegui import Client, ui
+
+    with Client(ui.page("")):
+        box = desk.card("st-card", 'x" innerHTML="<img src=x>')
+    assert dict(box.props) == {"data-test": 'x" innerHTML="<img src=x>'}

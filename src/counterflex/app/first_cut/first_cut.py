@@ -47,6 +47,8 @@ _ROUNDS: Final = 2
 """Estimates, each about what the cell of the one before predicts."""
 _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
+_BELIEVED: Final = 3.0
+"""Standard deviations of what was known before beyond which a constant is doubted."""
 _FORCES: Final = ("tangential", "radial", "axial")
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
@@ -137,6 +139,7 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
         )  # fmt: skip
     faces: dict[str, int] = {}
     read: list[tuple[int, int, int, int, float]] = []
+    lines: dict[tuple[float, ...], int] = {}
     for line, cells in rows[1:]:
         where, by = f"{file}:{line}", dict(zip(rows[0][1], cells, strict=False))
         if len(cells) != len(COLUMNS):
@@ -144,6 +147,11 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
         if filled and not by["measured_mm"]:
             continue
         along, p, off_m = _place(by, where, filled=filled)
+        if first := lines.get((along, *p.tolist())):
+            raise FileFormatError(
+                "the same place twice", where=where, value=f"as in line {first}", limit="once: the mean of its readings"
+            )
+        lines[(along, *p.tolist())] = line
         at = _row_at(plan, cell, p, along, where)
         one = faces.setdefault(f"{by['face']} {int(plan.line[at])}", len(faces))
         read.append((at, along, one, int(number(by["number"], f"{where} number")), off_m))
@@ -267,6 +275,27 @@ def _force_sigma(fit: posterior.Posterior, j: int) -> float:
     return float(np.sqrt(fit.covariance[j, j]))
 
 
+def doubts(fit: posterior.Posterior, places: posterior.Measured, predicted_m: Float) -> list[str]:
+    """What speaks against the readings themselves: axes mirrored against the prediction, constants nobody expects."""
+    out = []
+    for axis in range(3):
+        on = places.axis == axis
+        if float(places.off_m[on] @ predicted_m[on]) < 0.0:
+            out.append(
+                f"readings along {'xyz'[axis]} lie on the other side of nominal than the cell file predicts: "
+                "look at the sign and the axis of the measured part frame"
+            )
+    names = [f"{name} force" for name in _FORCES] + ["drives"] + [f"compliance of {name}" for name in fit.elements]
+    for name, value, variance in zip(names, fit.value, np.diag(fit.before), strict=False):
+        if value**2 > _BELIEVED**2 * variance:
+            out.append(
+                f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
+                f"({100.0 * np.sqrt(variance):.0f} % each) of what was known: look at the unit of the readings, tool, "
+                "material and feed"
+            )
+    return out
+
+
 def _digest(path: Path) -> str:
     """SHA-256 of a file; of a folder, of the names and contents of its files."""
     files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
@@ -313,4 +342,5 @@ def _summary(
         "offset_um": [round(float(v) / UM, 1) for v in fit.value[-3:]],
         "drives_yield_factor": round(float(np.exp(fit.value[3])), 2),
         "far_places": places.number[far].tolist(),
+        "warnings": doubts(fit, places, places.off_m - planned),
     }

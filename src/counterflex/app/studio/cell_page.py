@@ -20,7 +20,7 @@ from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.app.studio.tool_way import pushed
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
-from counterflex.core.errors import CounterflexError
+from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG
 from counterflex.cutting import material
@@ -132,19 +132,31 @@ class CellPage:
         path = self._desk.cell_file
         mark = f"{self._desk.cell} {path.stat().st_mtime_ns}" if self._desk.cell and path.is_file() else ""
         if mark and mark != self._shown:
+            same = self._shown.rpartition(" ")[0] == self._desk.cell
+            if same and self._editor.value != self._saved:  # what is typed is not thrown away
+                return
             self._shown = mark
-            self._saved = path.read_text(encoding="utf-8", errors="replace")
+            self._saved = _text(path)
             self._editor.set_value(self._saved)
             await self._judge()
 
     async def _save(self) -> None:
         if not self._desk.cell:
             return
-        self._saved = self._editor.value
-        await self.fault.during(atomic.write_text, self._desk.cell_file, self._saved)
+        if await self.fault.during(self._write) is None:
+            return
         self._shown = f"{self._desk.cell} {self._desk.cell_file.stat().st_mtime_ns}"
         await self._judge()
         await self._desk.refresh()
+
+    def _write(self) -> bool:
+        """Write what is in the editor, where the file still is the one that was read."""
+        path = self._desk.cell_file
+        if path.is_file() and _text(path) != self._saved:
+            raise OutputError(texts.CHANGED, where=self._desk.cell, hint=texts.CHANGED_HINT)
+        atomic.write_text(path, self._editor.value)
+        self._saved = _text(path)
+        return True
 
     async def _judge(self) -> None:
         """Read the file that is there and show what comes of it; a fault at its line."""
@@ -297,6 +309,10 @@ class CellPage:
         more = "" if share is None else texts.PUSHED_SHARE.format(share=100 * share["share"], segment=share["segment"])
         self._pushed.set_text(texts.PUSHED.format(*answer["along_um"], answer["softest_um"], more=more))
         self._view.stand(self._scene, self._model_angles(self._cell), answer["ellipsoid"])
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace")
 
 
 def _material(name: str) -> str:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
+from urllib.parse import quote
 
 from nicegui import Client, events, ui
 from nicegui.element import Element
@@ -65,7 +66,11 @@ class Workbench:
     async def refresh(self) -> None:
         """Show what the folder holds now."""
         for one in self.changed:
-            await one()
+            try:
+                await one()
+            except (AttributeError, KeyError, OSError, TypeError, ValueError) as fault:  # of another's making, or gone
+                with self.client:
+                    ui.notify(texts.NOT_SHOWN.format(fault=printable(repr(fault))), type="warning")
 
     def run(self, line: str, after: Ended | None = None) -> None:
         """CommandQueue a command; ``after`` is called when it has ended."""
@@ -150,7 +155,7 @@ def command_text(line: str) -> ui.label:
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, mark: str) -> Element:
     """A table of texts."""
     with ui.element("div").classes("st-scroll"), ui.element("table").classes("st-table") as made:
-        made.props(f'data-test="{mark}"')
+        made.props["data-test"] = mark
         with ui.element("tr"):
             for column in columns:
                 with ui.element("th"):
@@ -161,6 +166,13 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, mark: str) -
                     with ui.element("td"):
                         ui.label(printable(cell))
     return made
+
+
+def card(style: str, mark: str) -> Element:
+    """A box; its mark may be the name of any file: it is not read as properties."""
+    box = ui.element("div").classes(style)
+    box.props["data-test"] = mark
+    return box
 
 
 class Drop:
@@ -184,11 +196,20 @@ class Drop:
         name = Path(event.file.name.replace("\\", "/")).name
         place = self._desk.project.folder / name
         event.sender.reset()
-        if name.startswith(".") or place.exists():
-            self.fault.show(texts.ALREADY.format(name=name))
+        if name.startswith("."):
+            self.fault.show(texts.NO_NAME.format(ending="..."))
             return
         self.fault.show("")
-        await event.file.save(place)
+        try:
+            with place.open("xb") as file:  # neither through a link nor over a file that another page has just made
+                async for chunk in event.file.iterate():
+                    file.write(chunk)
+        except FileExistsError:
+            self.fault.show(texts.ALREADY.format(name=name))
+            return
+        except (OSError, ValueError) as fault:
+            self.fault.show(texts.NOT_TAKEN.format(name=name, fault=fault))
+            return
         await self._taken(name)
 
 
@@ -205,15 +226,17 @@ def result_links(desk: Workbench, folder: str) -> None:
     report = f"{folder}/report.html"
     with ui.row().classes("st-links"):
         if desk.project.inside(report):
-            ui.link(texts.REPORT, f"/files/{report}", new_tab=True).props(f'data-test="report-{folder}"')
+            link = ui.link(texts.REPORT, f"/files/{quote(report)}", new_tab=True)
+            link.props["data-test"] = f"report-{folder}"
         for name in summary.get("files", []):
-            ui.link(str(name), f"/files/{folder}/{name}?save").props(f'data-test="file-{name}"')
+            link = ui.link(str(name), f"/files/{quote(f'{folder}/{name}')}?save")
+            link.props["data-test"] = f"file-{name}"
 
 
 def error_bars(title: str, before_mm: Sequence[float], after_mm: Sequence[float], *, mark: str) -> None:
     """Two bars, before and after, each (value, low, high) in mm; low and high are drawn where they differ."""
     most = max(*before_mm, *after_mm, 1e-9)
-    with ui.element("div").classes("st-bars").props(f'data-test="{mark}"'):
+    with card("st-bars", mark):
         ui.label(title).classes("st-note")
         for word, kind, (value, low, high) in (
             (texts.BEFORE, "st-red", before_mm),

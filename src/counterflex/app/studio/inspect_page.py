@@ -13,6 +13,7 @@ from counterflex.app.studio.desk import (
     Drop,
     FaultBanner,
     Workbench,
+    card,
     command_text,
     error_bars,
     language,
@@ -98,7 +99,7 @@ class InspectPage:
         with self._next:
             for folder in project.results(program, "correct"):
                 summary = project.summary(folder)
-                with ui.element("div").classes("st-card").props(f'data-test="next-{folder}"'):
+                with card("st-card", f"next-{folder}"):
                     ui.label(f"{folder}: {language(summary)}").classes("st-title")
                     expected = summary["correct"]["expected"]
                     now, *after = (expected[key] / 1000.0 for key in _EXPECTED)

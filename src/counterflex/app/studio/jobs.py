@@ -109,7 +109,13 @@ class CommandQueue:
                 job = next(one for one in self.jobs if one.state == "waiting")
                 job.state = "running"
                 self.version += 1
-                self._process = self._begin(job)
+                try:
+                    self._process = self._begin(job)
+                except (OSError, ValueError) as fault:  # no process, or a name that none can be given
+                    job.lines.append(f"error: cannot run: {printable(str(fault))}")
+                    job.state = "failed"
+                    self.version += 1
+                    continue
             self._follow(job, self._process)
 
     def _begin(self, job: QueuedCommand) -> subprocess.Popen[str]:
@@ -133,5 +139,8 @@ class CommandQueue:
                 checked = status == _FAILED_CHECK and not any(line.startswith("Traceback") for line in job.lines)
                 job.state = "done" if status == 0 else "checked" if checked else "failed"
             self.version += 1
-        with contextlib.suppress(OSError), (self._folder / LOG).open("a", encoding="utf-8") as file:
+        with (
+            contextlib.suppress(OSError),
+            (self._folder / LOG).open("a", encoding="utf-8", errors="surrogateescape") as file,
+        ):
             file.write(f"{job.line}  # exit {status}\n")

@@ -9,7 +9,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Action, FaultBanner, Workbench, error_bars, language, result_links, table
+from counterflex.app.studio.desk import Action, FaultBanner, Workbench, card, error_bars, language, result_links, table
 from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.core.next_command import next_command
 from counterflex.programs.language import LANGUAGES, at_prompt
@@ -161,7 +161,7 @@ class PlanPage:
 
     def _show_plan(self, folder: str) -> None:
         summary = self._desk.project.summary(folder)
-        with ui.element("div").classes("st-card").props(f'data-test="plan-{folder}"'):
+        with card("st-card", f"plan-{folder}"):
             ui.label(f"{folder}: {language(summary)}").classes("st-title")
             headline = (summary.get("prediction") or {}).get("headline")
             if headline is not None:
@@ -180,7 +180,7 @@ class PlanPage:
     def _show_proof(self, folder: str) -> None:
         variants = self._desk.project.summary(folder)["variants"]
         before, after = (variants[name]["path"]["p997_mm"] for name in ("nominal", "compensated"))
-        with ui.element("div").classes("st-card").props(f'data-test="proof-{folder}"'):
+        with card("st-card", f"proof-{folder}"):
             ui.label(folder).classes("st-title")
             error_bars(texts.PROVED, (before, before, before), (after, after, after), mark=f"bars-{folder}")
             result_links(self._desk, folder)

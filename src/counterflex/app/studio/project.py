@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -71,12 +72,13 @@ class Project:
     def _files(self, endings: tuple[str, ...], *, below: bool = False) -> list[Path]:
         patterns = ("*", "*/*") if below else ("*",)
         paths = [path for pattern in patterns for path in self.folder.glob(pattern)]
-        return sorted(path for path in paths if path.suffix.lower() in endings and path.is_file())
+        paths = [path for path in paths if path.suffix.lower() in endings and path.is_file()]
+        return sorted(path for path in paths if os.fsencode(path).decode("utf-8", "ignore") == str(path))
 
     def _is_cell(self, path: Path) -> bool:
-        if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:
-            return False
         try:
+            if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:
+                return False
             return f'"{_CELL}"' in path.read_text(encoding="utf-8", errors="replace")
         except OSError:
             return False

@@ -35,6 +35,8 @@ STATES: Final = {
 }
 ALREADY: Final = "There is a file {name} already: give another name."
 NO_NAME: Final = "Give a plain file name that ends in {ending}."
+NOT_TAKEN: Final = "{name} cannot be kept: {fault}"
+NOT_SHOWN: Final = "A file of the folder cannot be shown: {fault}"
 OUTSIDE: Final = "This file is not in the folder of the project."
 TOO_LARGE: Final = "The file has more than {limit} MB."
 
@@ -47,6 +49,8 @@ INCOMPLETE: Final = " (state kr_over_kc, ka_over_kc)"
 MATERIAL, AS_IN_FILE = "Material", "as in the file ({name})"
 TOOL, DIAMETER, FLUTES, OVERHANG = "Tool", "Diameter, mm", "Flutes", "Overhang, mm"
 PART: Final = "Place of the part in the robot base, mm and deg"
+CHANGED: Final = "the file has changed since it was read; nothing is overwritten"
+CHANGED_HINT: Final = "Copy the text if you need it, then press Read again"
 SAVE, REVERT, UNSAVED = "Save", "Read again", "Not saved yet"
 CELL_OK: Final = "The file can be used."
 AT_LINE: Final = "Line {line}: {text}"

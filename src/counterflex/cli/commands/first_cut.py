@@ -112,6 +112,8 @@ def _show(summary: dict[str, Any], out: Path) -> None:
         f"by the new one {summary['left_rms_um']:g} um; faces left out in turn {summary['left_out_rms_um']:g} um"
     )
     typer.echo(f"doubt of the deflection: {summary['doubt_of_deflection_left_percent']:g} % of that before")
+    for text in summary["warnings"]:
+        warn(text)
     if summary["far_places"]:
         warn(f"far off what all others show, look at them again: places {', '.join(map(str, summary['far_places']))}")
     if summary["left_out_rms_um"] >= summary["planned_rms_um"]:
