@@ -122,3 +122,13 @@ def test_readings_of_a_wrong_unit_are_doubted(seed: int) -> None:
     one = patterns(seed)
     wrong = measured(one.predicted_m / 1000.0)
     assert "unit of the readings" in " ".join(doubts(estimated(NAMES, one, wrong, CELL), wrong, one.predicted_m))
+
+
+@settings(max_examples=10)
+@given(seeds, st.integers(0, 2), st.sampled_from([-1.0, 1.0]))
+def test_a_frame_that_is_off_is_doubted(seed: int, axis: int, off_mm: float) -> None:
+    one = patterns(seed)
+    shifted = measured(one.predicted_m + np.where(np.arange(PLACES) % 3 == axis, off_mm * MM, 0.0))
+    fit = estimated(NAMES, one, shifted, CELL)
+    (told,) = [text for text in doubts(fit, shifted, one.predicted_m) if "part frame and the zero" in text]
+    assert f"{'xyz'[axis]} {off_mm:+.0f}"[:3] in told

@@ -254,6 +254,11 @@ def test_a_cell_file_that_changed_on_disk_is_not_overwritten(tmp_path: Path) -> 
     with pytest.raises(CounterflexError, match="changed since"):
         page._write()
     assert file.read_text(encoding="utf-8") == "a = 3\n"
+    file.write_bytes(b"# \xfc\n")
+    page._saved = cell_page._text(file)
+    with pytest.raises(CounterflexError, match="changed since"):
+        page._write()
+    assert file.read_bytes() == b"# \xfc\n"
 
 
 def test_a_card_is_marked_by_any_name() -> None:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.correction.causes import scaled
+from counterflex.app.correction.causes import OFFSET_M, scaled
 from counterflex.app.correction.scans import read_scan
 from counterflex.app.first_cut import posterior
 from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
@@ -285,6 +285,10 @@ def doubts(fit: posterior.Posterior, places: posterior.Measured, predicted_m: Fl
                 f"readings along {'xyz'[axis]} lie on the other side of nominal than the cell file predicts: "
                 "look at the sign and the axis of the measured part frame"
             )
+    far = np.flatnonzero(np.abs(fit.value[-3:]) > _BELIEVED * OFFSET_M)
+    if len(far):
+        along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
+        out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
     names = [f"{name} force" for name in _FORCES] + ["drives"] + [f"compliance of {name}" for name in fit.elements]
     for name, value, variance in zip(names, fit.value, np.diag(fit.before), strict=False):
         if value**2 > _BELIEVED**2 * variance:

@@ -152,7 +152,7 @@ class CellPage:
     def _write(self) -> bool:
         """Write what is in the editor, where the file still is the one that was read."""
         path = self._desk.cell_file
-        if path.is_file() and _text(path) != self._saved:
+        if path.is_file() and path.read_bytes().replace(b"\r\n", b"\n") != self._saved.encode():
             raise OutputError(texts.CHANGED, where=self._desk.cell, hint=texts.CHANGED_HINT)
         atomic.write_text(path, self._editor.value)
         self._saved = _text(path)
