@@ -60,6 +60,7 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("predict", "cell"): {"source": "data.toml"},
     ("reveal", "prediction"): {"measured": "data.toml"},
     ("reveal", "measured"): {"prediction": "cell.toml"},
+    ("firstcut", ""): {"program": "part.ngc", "cell": "cell.toml", "out": "new/out"},
     ("diff", ""): {"before": "part.ngc", "after": "part.ngc"},
     ("iso9283", ""): {"files": "log.csv", "poses": "poses.ngc"},
     ("iso9283", "path"): {"files": "log.csv"},

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "simulate": "PROGRAM --cell CELL --truth TRUTH --out OUT",
     "prove": "PROGRAM --cell CELL --out OUT",
     "inspect": "PROGRAM --scan SCAN --cell CELL --out OUT",
+    "firstcut": "PROGRAM --cell CELL --out OUT",
     "campaign": "PROGRAM --cell CELL --out OUT --seeds 1",
     "cell check": "CELL --program PROGRAM",
     "correct": "PROGRAM --cell CELL --plan PLAN --scan SCAN --out OUT",

@@ -44,6 +44,8 @@ FILES = {
     "counterflex_lab/soak/soak.py": "in a staging folder",
     "app/correction/correct.py": "in a staging folder",
     "app/identification/history.py": "in a staging folder",
+    "app/studio/desk.py": "a file that arrives, under a name that is free, taken away where it does not arrive whole",
+    "app/studio/jobs.py": "a list of commands that grows, line by line",
     "files/cell/update.py": "a trial in a staging folder",
 }
 

@@ -30,7 +30,7 @@ NO_QUANTITIES = {"sigma", "share", "seed", "first", "version", "order", "digits"
 COMMON = {
     (
         "nominal.POSITION_GAIN_PER_S",
-        "egm.EgmTable.position_gain_per_s",
+        "links.EgmTable.position_gain_per_s",
     ): "largest gain of the controller, ABB 3HAC073318",
     ("force_sensor.REFERENCE_C", "flange_sensor.FlangeSensor.reference_c"): "ISO 1",
     ("force_sensor.REFERENCE_C", "flange_sensor.REFERENCE_C"): "ISO 1",
@@ -41,8 +41,8 @@ COMMON = {
     ("controller.Controller.cycle_s", "writer.InformSettings.cycle_s"): "interpolation clock of DX200 and YRC1000",
     ("controller.CYCLE_S", "recipe.CYCLE_S"): "cycle of KUKA RSI, data sheet",
     ("controller.Controller.cycle_s", "recipe.CYCLE_S"): "cycle of KUKA RSI, data sheet",
-    ("controller.CYCLE_S", "application.Val3Settings.cycle_s"): "cycle of a Staubli controller, which is also 4 ms",
-    ("controller.Controller.cycle_s", "application.Val3Settings.cycle_s"): "cycle of a Staubli controller, also 4 ms",
+    ("controller.CYCLE_S", "job.Val3Settings.cycle_s"): "cycle of a Staubli controller, which is also 4 ms",
+    ("controller.Controller.cycle_s", "job.Val3Settings.cycle_s"): "cycle of a Staubli controller, also 4 ms",
     ("controller.Controller.acceleration_m_s2", "inputs.Setting.acceleration_m_s2"): "key of the cell file, round",
     ("plant.STEP_S", "elastic_motion.STEP_S"): "step of integration",
     ("column_material._TINY_M", "column_block_kernels._TINY_M"): "below it two ends of material are one: rounding",

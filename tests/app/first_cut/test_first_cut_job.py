@@ -89,7 +89,7 @@ def softer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Cell]:
     truth = read_cell(cell_with(folder, *changes))
     job = read_job(program, truth)
     plan = make_plan(job.path, job.line_of_motion, truth.stock(), setting_of(truth))
-    places = first_cut._read(table, plan, truth, filled=False, sigma_m=1e-6)
+    places = first_cut._placed(first_cut._read(table, filled=False), plan, truth, 1e-6)
     off = plan.deviation_nominal_part[places.row, places.axis]
     rows = table.read_text().splitlines()
     filled = [f"{row}{float(row.split(',')[6]) + float(d) / MM:.4f}" for row, d in zip(rows[1:], off, strict=True)]

@@ -128,10 +128,10 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
             raise FileFormatError(
                 "not a file of part deviations",
                 where=str(file),
-                limit=f"{DEVIATIONS} of counterflex inspect",
+                limit=f"{DEVIATIONS} that inspect writes",
                 hint="A scan is laid on the part first: "
                 + next_command("inspect", "PROGRAM", cell="CELL", scan="FILE", out="DIR")
-                + "; then --scan DIR here",
+                + "; then give DIR instead",
             )
     deviations, part = read_part_deviations(file)
     if part.program_sha256 not in ("", digest):

@@ -23,6 +23,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM, UM
+from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.update import check_update, updated_text
@@ -49,6 +50,8 @@ _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
 _BELIEVED: Final = 3.0
 """Standard deviations of what was known before beyond which a constant is doubted."""
+_Reading = tuple[str, int, str, int, Float, float]
+"""Line of the table, number, face, axis, place (3,) m, measured minus nominal coordinate, m."""
 _FORCES: Final = ("tangential", "radial", "axial")
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
@@ -95,11 +98,13 @@ def run(
     """
     begin, parts = time.perf_counter(), in_parts(progress, {"planning": 4.0, "identifying": 2.0})
     cell, job = read_in_plane(program, read_cell(cell_file, assume_class=True))
-    plan = _planned(job, cell, parts["planning"])
     file = Path(program).parent / TABLE if measured is None else Path(measured)
-    places = _read(file, plan, cell, filled=part is None, sigma_m=sigma_m)
-    if part is not None:
-        places = _of_part(places, Path(part), Path(program), job, cell, plan)
+    scan = None if part is None else read_scan(Path(part), Path(program), job, cell, 0).deviations
+    listed = _read(file, filled=part is None)  # what is wrong with the files is told before anything is planned
+    plan = _planned(job, cell, parts["planning"])
+    places = _placed(listed, plan, cell, sigma_m)
+    if scan is not None:
+        places = _of_part(places, scan, cell, plan, str(part))
     parts["identifying"](0.0)
     names, patterns = posterior.patterns_of(plan, cell, places)
     parts["identifying"](0.5)
@@ -115,7 +120,7 @@ def run(
                 again = _planned(job, known, silent).deviation_nominal_part[places.row, places.axis]
                 patterns = patterns.through(again, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))
-        (staging / CELL).write_text(text, encoding="utf-8", newline="\n")
+        atomic.write_text(staging / CELL, text)
         summary = _summary(fit, places, unseen, planned, narrower, cell, job)
         summary |= {"seconds": round(time.perf_counter() - begin, 3), "counterflex": __version__}
         write_folder_summary(staging, summary)
@@ -129,16 +134,15 @@ def _planned(job: Job, cell: Cell, progress: Progress) -> Plan:
         return make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), progress=progress)
 
 
-def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -> posterior.Measured:
-    """The places of a table, each at the row of the plan that made it."""
+def _read(file: Path, *, filled: bool) -> list[_Reading]:
+    """The readings of a table; where it is not ``filled`` in, each as nominal."""
     rows = read_rows(file)
     if not rows or not are_columns(rows[0][1], COLUMNS, COLUMNS):
         raise FileFormatError(
             "other columns than those of measured faces", where=str(file),
             value=",".join(rows[0][1]) if rows else "none", limit=",".join(COLUMNS),
         )  # fmt: skip
-    faces: dict[str, int] = {}
-    read: list[tuple[int, int, int, int, float]] = []
+    read: list[_Reading] = []
     lines: dict[tuple[float, ...], int] = {}
     for line, cells in rows[1:]:
         where, by = f"{file}:{line}", dict(zip(rows[0][1], cells, strict=False))
@@ -146,18 +150,24 @@ def _read(file: Path, plan: Plan, cell: Cell, *, filled: bool, sigma_m: float) -
             raise FileFormatError("a row of another length", where=where, value=len(cells), limit=len(COLUMNS))
         if filled and not by["measured_mm"]:
             continue
-        along, p, off_m = _place(by, where, filled=filled)
-        if first := lines.get((along, *p.tolist())):
+        axis, p, off_m = _place(by, where, filled=filled)
+        if first := lines.get((axis, *p.tolist())):
             raise FileFormatError(
                 "the same place twice", where=where, value=f"as in line {first}", limit="once: the mean of its readings"
             )
-        lines[(along, *p.tolist())] = line
-        at = _row_at(plan, cell, p, along, where)
-        one = faces.setdefault(f"{by['face']} {int(plan.line[at])}", len(faces))
-        read.append((at, along, one, int(number(by["number"], f"{where} number")), off_m))
+        lines[(axis, *p.tolist())] = line
+        read.append((where, int(number(by["number"], f"{where} number")), by["face"], axis, p, off_m))
     if len(read) < LEAST:
         raise FileFormatError("too few measured places", where=str(file), value=len(read), limit=f">= {LEAST}")
-    row, axis, face, ordinal, off = (np.array(column) for column in zip(*read, strict=True))
+    return read
+
+
+def _placed(readings: list[_Reading], plan: Plan, cell: Cell, sigma_m: float) -> posterior.Measured:
+    """The readings, each at the row of the plan whose tool made the place."""
+    row = np.array([_row_at(plan, cell, p, axis, where) for where, _, _, axis, p, _ in readings])
+    faces = [f"{name} {int(line)}" for (_, _, name, _, _, _), line in zip(readings, plan.line[row], strict=True)]
+    face = np.unique(faces, return_inverse=True)[1]
+    axis, ordinal, off = (np.array([one[k] for one in readings]) for k in (3, 1, 5))
     return posterior.Measured(row, axis, face, ordinal, off, sigma_m)
 
 
@@ -203,10 +213,9 @@ def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:
 
 
 def _of_part(
-    places: posterior.Measured, part: Path, program: Path, job: Job, cell: Cell, plan: Plan
+    places: posterior.Measured, scan: PartDeviations, cell: Cell, plan: Plan, where: str
 ) -> posterior.Measured:
     """The same places measured on a scanned or simulated part: the median about each."""
-    scan = read_scan(part, program, job, cell, 0).deviations
     tip, off, sigma = plan.path.p_part_tcp[places.row], [], []
     keep = []
     for k, a in enumerate(places.axis.tolist()):
@@ -227,7 +236,7 @@ def _of_part(
             sigma.append(float(np.median(scan.standard_deviation_m[chosen])))
     if len(keep) < LEAST:
         raise InputError(
-            "the part shows too few of the faces of the table", where=str(part), value=len(keep), limit=f">= {LEAST}"
+            "the part shows too few of the faces of the table", where=where, value=len(keep), limit=f">= {LEAST}"
         )
     seen = places.only(np.array(keep))
     return replace(seen, off_m=np.array(off), sigma_m=float(np.median(sigma)))

@@ -18,7 +18,7 @@ from counterflex.app.studio.cell_text import TOOL_KEYS, CellValues, line_of, wit
 from counterflex.app.studio.desk import Action, FaultBanner, SceneView, Workbench, command_text, table
 from counterflex.app.studio.jobs import QueuedCommand
 from counterflex.app.studio.tool_way import pushed
-from counterflex.core import atomic
+from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.next_command import next_command
@@ -152,7 +152,7 @@ class CellPage:
     def _write(self) -> bool:
         """Write what is in the editor, where the file still is the one that was read."""
         path = self._desk.cell_file
-        if path.is_file() and path.read_bytes().replace(b"\r\n", b"\n") != self._saved.encode():
+        if path.is_file() and file_content.content(path).replace(b"\r\n", b"\n") != self._saved.encode():
             raise OutputError(texts.CHANGED, where=self._desk.cell, hint=texts.CHANGED_HINT)
         atomic.write_text(path, self._editor.value)
         self._saved = _text(path)
@@ -312,7 +312,7 @@ class CellPage:
 
 
 def _text(path: Path) -> str:
-    return path.read_text(encoding="utf-8", errors="replace")
+    return file_content.content(path).decode("utf-8", "replace").replace("\r\n", "\n")
 
 
 def _material(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -208,6 +209,8 @@ class Drop:
             self.fault.show(texts.ALREADY.format(name=name))
             return
         except (OSError, ValueError) as fault:
+            with contextlib.suppress(OSError, ValueError):  # nothing half-written stays
+                place.unlink()
             self.fault.show(texts.NOT_TAKEN.format(name=name, fault=fault))
             return
         await self._taken(name)

@@ -79,6 +79,6 @@ class Project:
         try:
             if (path.parent / "nominal.parquet").exists() or path.stat().st_size > _MOST:
                 return False
-            return f'"{_CELL}"' in path.read_text(encoding="utf-8", errors="replace")
-        except OSError:
+            return f'"{_CELL}"'.encode() in file_content.content(path)
+        except (OSError, FileFormatError):
             return False

@@ -10,6 +10,7 @@ import numpy as np
 
 from counterflex.app.inputs import read_in_plane, setting_of
 from counterflex.app.panel.cell_scene import CellScene
+from counterflex.core import file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import ReachError
 from counterflex.core.units import DEG, MM, MM_PER_MIN
@@ -68,9 +69,7 @@ class ToolWay:
 
     def with_plan(self, plan: Path, cell_file: Path) -> ToolWay:
         """The way as a plan has it: with forces, deflections, corrections and predicted errors."""
-        import polars as pl
-
-        table = pl.read_parquet(plan)
+        table = file_content.parquet(plan, file_content.content(plan))
         p = table.select("x_mm", "y_mm", "z_mm").to_numpy()
         shown = table.select(f"q{k}_deg" for k in range(1, 7)).to_numpy() * DEG
         chain = read_cell(cell_file).controller_chain
