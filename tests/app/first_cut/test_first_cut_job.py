@@ -79,6 +79,28 @@ def test_a_blank_too_small_or_a_ball_is_refused(tmp_path: Path) -> None:
         coupon(read_cell(CELL), 1, feed_mm_min=FEED_MM_MIN, rpm=RPM, depth_mm=20.0)
 
 
+def test_a_part_that_the_robot_holds_is_refused_before_it_is_milled(tmp_path: Path) -> None:
+    held = CELL.parent / "kr300_held_part.toml"
+    with pytest.raises(InputError, match="needs a part that stands"):
+        first_cut.propose(held, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    assert not (tmp_path / "coupon").exists()
+
+
+def test_axes_of_the_class_are_written_whether_they_bend_or_not(tmp_path: Path) -> None:
+    """The new cell needs no class any more: each axis has a stiffness, what nothing shows is marked as assumed."""
+    cell_file = CELL.parent / "irb6640_d16.toml"
+    first_cut.propose(cell_file, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    table = tmp_path / "coupon" / first_cut.TABLE
+    header, *rows = table.read_text().splitlines()
+    filled = [f"{row}{float(row.split(',')[6]) + 0.1:.3f}" for row in rows]
+    table.write_text("\n".join([header, *filled, ""]))
+    first_cut.run(tmp_path / "coupon" / first_cut.PROGRAM, cell_file, tmp_path / "out")
+    new = read_cell(tmp_path / "out" / "cell.toml")
+    assert new.unknown_axes == ()
+    named = {value.name.partition(".")[0] for entry in new.tables.identified for value in entry.values}
+    assert {f"axis{k}" for k in range(1, 7)} <= named
+
+
 @pytest.fixture(scope="module")
 def softer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Cell]:
     """Coupon, its table filled in by a cell whose spindle is softer and whose material is harder, and that cell."""

@@ -46,6 +46,8 @@ _NEAR_M: Final = 1.0 * MM
 _ON_FACE_M: Final = 0.05 * MM
 _ROUNDS: Final = 2
 """Estimates, each about what the cell of the one before predicts."""
+_TOLD: Final = 0.999
+"""Standard deviation over that before, below which the part says something of an element."""
 _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
 _BELIEVED: Final = 3.0
@@ -65,6 +67,7 @@ def propose(
         InputError: The blank is too small for the tool, or the tool does not fit.
     """
     cell = read_cell(cell_file, assume_class=True)
+    _ = cell.T_base_part  # refused here, not when the coupon is milled: the robot holds the part
     made = coupon(cell, tool, feed_mm_min=feed_mm_min, rpm=rpm, depth_mm=depth_mm)
     with atomic.atomic_folder(out) as staging:
         atomic.write_text(staging / PROGRAM, made.text)
@@ -256,17 +259,23 @@ def _entry(
 ) -> IdentifiedTable:
     """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
     index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
-    before = np.sqrt(np.diag(fit.before))[4 : 4 + k] * narrower
+    before, after = (np.sqrt(np.diag(P))[4 : 4 + k] for P in (fit.before, fit.covariance))
+    told = after < _TOLD * before
+    spread = np.where(told, before * narrower, before)
     values = [
         IdentifiedValue(name=f"force.{name}", value=factor, sigma=factor * _force_sigma(fit, j), unit="")
         for j, (name, factor) in enumerate(zip(_FORCES, fit.force.tolist(), strict=True))
     ]
-    for name, factor, sigma in zip(fit.elements, fit.compliance.tolist(), before.tolist(), strict=True):
+    for name, factor, sigma, seen in zip(
+        fit.elements, fit.compliance.tolist(), spread.tolist(), np.where(told, "determined", "prior"), strict=True
+    ):
         for d, compliance in zip(_DIRECTIONS, (factor * cell.chain.compliance[index[name]]).tolist(), strict=True):
             if compliance > 0.0:
                 unit = "m/N" if d[0] == "t" else "rad/(N m)"
                 values.append(
-                    IdentifiedValue(name=f"{name}.{d}", value=compliance, sigma=sigma * compliance, unit=unit)
+                    IdentifiedValue(
+                        name=f"{name}.{d}", value=compliance, sigma=sigma * compliance, unit=unit, seen=str(seen)
+                    )
                 )
     return IdentifiedTable(
         recipe=RECIPE,

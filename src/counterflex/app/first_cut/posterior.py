@@ -150,7 +150,9 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
     bends = np.stack([shares(chain, plan.q[row], one)[..., :3] @ R for one in turned])  # (3, m, elements, 3)
     elements = measured.along(np.moveaxis(bends, 2, 1))
     size = np.sum(bends.sum(axis=0) ** 2, axis=(0, 2))
-    seen = np.flatnonzero(size > _SEEN * np.sum(bends.sum(axis=(0, 2)) ** 2))
+    bent = size > _SEEN * np.sum(bends.sum(axis=(0, 2)) ** 2)
+    assumed = assumed_sigma(cell)  # these are written, too: nothing else in the file would give them
+    seen = np.flatnonzero(bent | np.array([name in assumed for name in chain.names]))
     yields = np.stack([drives_yield(replace(plan, w_tcp_part=v), cell)[row] for v in w])
     play = np.reshape([one[row] for one in _play_by_axis(plan, cell)], (-1, len(row), 3))
     predicted, offset = plan.deviation_nominal_part[row], np.tile(np.eye(3)[:, None], (1, len(row), 1))
