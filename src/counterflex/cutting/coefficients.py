@@ -25,6 +25,17 @@ H_KIENZLE_M = MM
 """Chip thickness to which the tables of k_1.1 refer: 1 mm. Leaving it out in SI gives 6.6 times the force (m 0.27)."""
 
 
+Directions = tuple[float, float, float]
+"""A number for each of cutting, radial and axial force."""
+
+
+def _by_direction(factor: float | Directions) -> Directions:
+    factors = factor if isinstance(factor, tuple) else (factor, factor, factor)
+    for one in factors:
+        as_positive("factor", one)
+    return factors
+
+
 def _finite(name: str, value: float) -> float:
     return float(as_float(name, value, ()))
 
@@ -207,15 +218,15 @@ class KienzleLaw:
         law = self.at_reference(H_KIENZLE_M)
         return law.kc_ref_pa, law.kr_ref_pa, law.ka_ref_pa
 
-    def scaled(self, factor: float, status: str | None = None) -> KienzleLaw:
-        """Return the law with all three coefficients multiplied by ``factor`` (> 0), as Victor's corrections do."""
-        as_positive("factor", factor)
+    def scaled(self, factor: float | Directions, status: str | None = None) -> KienzleLaw:
+        """Return the law with cutting, radial and axial force multiplied by a factor (> 0), or each by its own."""
+        c, r, a = _by_direction(factor)
         return replace(
             self,
-            kc_ref_pa=self.kc_ref_pa * factor,
-            kr_ref_pa=self.kr_ref_pa * factor,
-            ka_ref_pa=self.ka_ref_pa * factor,
-            edge_n_m=(self.edge_n_m[0] * factor, self.edge_n_m[1] * factor, self.edge_n_m[2] * factor),
+            kc_ref_pa=self.kc_ref_pa * c,
+            kr_ref_pa=self.kr_ref_pa * r,
+            ka_ref_pa=self.ka_ref_pa * a,
+            edge_n_m=(self.edge_n_m[0] * c, self.edge_n_m[1] * r, self.edge_n_m[2] * a),
             status=self.status if status is None else status,
         )
 
@@ -278,17 +289,17 @@ class LinearEdgeLaw:
         as_positive("kte_n_m", self.kte_n_m, zero=True)
         _check_range(self.h_min_m, self.h_max_m)
 
-    def scaled(self, factor: float, status: str | None = None) -> LinearEdgeLaw:
-        """Return the law with all six coefficients multiplied by ``factor`` (> 0)."""
-        as_positive("factor", factor)
+    def scaled(self, factor: float | Directions, status: str | None = None) -> LinearEdgeLaw:
+        """Return the law with cutting, radial and axial force multiplied by a factor (> 0), or each by its own."""
+        c, r, a = _by_direction(factor)
         return replace(
             self,
-            ktc_pa=self.ktc_pa * factor,
-            krc_pa=self.krc_pa * factor,
-            kac_pa=self.kac_pa * factor,
-            kte_n_m=self.kte_n_m * factor,
-            kre_n_m=self.kre_n_m * factor,
-            kae_n_m=self.kae_n_m * factor,
+            ktc_pa=self.ktc_pa * c,
+            krc_pa=self.krc_pa * r,
+            kac_pa=self.kac_pa * a,
+            kte_n_m=self.kte_n_m * c,
+            kre_n_m=self.kre_n_m * r,
+            kae_n_m=self.kae_n_m * a,
             status=self.status if status is None else status,
         )
 
@@ -326,8 +337,8 @@ class ForceLaw(Protocol):
     def terms(self) -> Float:
         """Rows (p, k_c, k_r, k_a) with ``F'_i = sum k_i h^p``, 0 <= p <= 1, h in m, F' in N/m."""
 
-    def scaled(self, factor: float, status: str | None = None) -> ForceLaw:
-        """The law with all coefficients multiplied by ``factor`` (> 0)."""
+    def scaled(self, factor: float | Directions, status: str | None = None) -> ForceLaw:
+        """The law with cutting, radial and axial force multiplied by a factor (> 0), or each by its own."""
 
     def edge_force(self, h_m: float | Float) -> Float:
         """(F'_c, F'_r, F'_a) in N/m at chip thickness ``h_m`` (m), see :func:`edge_force`."""

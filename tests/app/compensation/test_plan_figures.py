@@ -21,7 +21,7 @@ from counterflex.app.compensation.prediction import (
     figures,
     path_error,
 )
-from counterflex.app.correction.causes import scaled, shown
+from counterflex.app.correction.causes import shown
 from counterflex.app.correction.correct import PARTS, Part, keep_parts, read_parts, trend
 from counterflex.app.unknown_stiffness import expected
 from counterflex.core.arrays import Float
@@ -312,7 +312,7 @@ def test_a_second_correction_keeps_the_parts_of_the_first(tmp_path: Any) -> None
 def test_a_scaled_law_scales_every_force(law: Any, factor: float, radial: float, axial: float) -> None:
     h = np.array([0.001, 0.02, 0.3]) * MM
     np.testing.assert_allclose(law.scaled(factor).edge_force(h), factor * law.edge_force(h), rtol=1e-12)
-    made = scaled(law, (factor, radial, axial))
+    made = law.scaled((factor, radial, axial))
     np.testing.assert_allclose(made.edge_force(h), [factor, radial, axial] * law.edge_force(h), rtol=1e-12)
 
 

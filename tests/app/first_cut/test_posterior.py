@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 
 from counterflex.app.first_cut.first_cut import doubts
@@ -90,7 +91,7 @@ def test_more_faces_leave_less_doubt_and_never_more_than_before(seed: int) -> No
     for count in (9, 18, 36):
         rows = np.arange(count)
         fit = estimated(NAMES, one.only(rows), every.only(rows), CELL)
-        shares.append(share_left(fit, one))
+        shares.append(share_left(fit, one)[0])
     assert 0.0 < shares[2] <= shares[1] <= shares[0] < 1.0
 
 
@@ -132,3 +133,17 @@ def test_a_frame_that_is_off_is_doubted(seed: int, axis: int, off_mm: float) -> 
     fit = estimated(NAMES, one, shifted, CELL)
     (told,) = [text for text in doubts(fit, shifted, one.predicted_m) if "part frame and the zero" in text]
     assert f"{'xyz'[axis]} {off_mm:+.0f}"[:3] in told
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_written_standard_deviations_leave_the_doubt_that_was_found(seed: int) -> None:
+    """Independent values of the elements, each with its written spread, scatter the faces as the estimate does."""
+    one, k = patterns(seed), len(NAMES)
+    fit = estimated(NAMES, one, measured(one.predicted_m), CELL)
+    spread = np.sqrt(np.diag(fit.before))[4 : 4 + k] * share_left(fit, one)[1]
+    rng, H = np.random.default_rng(seed), one.at(fit.value)[1]
+    kept = [*range(3), *range(4, 4 + k)]
+    found = rng.multivariate_normal(np.zeros(len(kept)), fit.covariance[np.ix_(kept, kept)], 4000) @ H[:, kept].T
+    written = spread * rng.standard_normal((4000, k)) @ H[:, 4 : 4 + k].T
+    assert np.sqrt(np.mean(written**2)) == pytest.approx(np.sqrt(np.mean(found**2)), rel=0.1)

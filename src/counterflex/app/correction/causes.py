@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,6 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG, MM, MRAD
-from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.path_error.explanations import NOTHING, ErrorCause, Explanation
 from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, rotation
@@ -149,8 +148,7 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
         )
     out: list[Change] = []
     if FORCE in names:
-        factor = 1.0 + value["force, relative"]
-        out.append(CuttingLaw(scaled(cell.force_law, (factor, factor, factor))))
+        out.append(CuttingLaw(cell.force_law.scaled(1.0 + value["force, relative"])))
     for i, segment in enumerate(cell.chain.names):
         own = [f"stiffness of {segment}", ARM if i <= cell.chain.flange_segment else END]
         factor = 1.0
@@ -164,23 +162,6 @@ def changes_of(one: Explanation, plan: Plan, cell: Cell) -> tuple[Change, ...]:
     if FRAME in names or TURNED in names:
         out.append(_moved_part(value, plan, cell))
     return tuple(out)
-
-
-def scaled(law: ForceLaw, factors: tuple[float, float, float]) -> ForceLaw:
-    """A law whose tangential, radial and axial forces are so many times larger.
-
-    Raises:
-        InputError: It is a law of another package.
-    """
-    c, r, a = factors
-    if isinstance(law, KienzleLaw):
-        edge = (c * law.edge_n_m[0], r * law.edge_n_m[1], a * law.edge_n_m[2])
-        kc, kr, ka = c * law.kc_ref_pa, r * law.kr_ref_pa, a * law.ka_ref_pa
-        return replace(law, kc_ref_pa=kc, kr_ref_pa=kr, ka_ref_pa=ka, edge_n_m=edge)
-    if isinstance(law, LinearEdgeLaw):
-        keys = {"ktc_pa": c, "krc_pa": r, "kac_pa": a, "kte_n_m": c, "kre_n_m": r, "kae_n_m": a}
-        return replace(law, **{key: factor * getattr(law, key) for key, factor in keys.items()})
-    raise InputError("the force of this law cannot be scaled", value=type(law).__name__)
 
 
 def _moved_part(value: dict[str, float], plan: Plan, cell: Cell) -> TableValues:

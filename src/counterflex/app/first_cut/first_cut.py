@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from counterflex import __version__
-from counterflex.app.correction.causes import OFFSET_M, scaled
+from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.correction.scans import read_scan
 from counterflex.app.first_cut import posterior
 from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
@@ -116,8 +116,8 @@ def run(
     with atomic.atomic_folder(out) as staging:
         for turn in range(_ROUNDS):
             fit = posterior.estimated(names, patterns, places, cell)
-            narrower = posterior.share_left(fit, patterns)
-            entry = _entry(fit, cell, narrower, unseen, planned, [file if part is None else Path(part)])
+            narrower, alone = posterior.share_left(fit, patterns)
+            entry = _entry(fit, cell, alone, unseen, planned, [file if part is None else Path(part)])
             known = check_update(updated_text(cell, _changes(fit, cell), entry, staging), staging / CELL)
             if turn + 1 < _ROUNDS:  # a tool that yields more cuts less: what the new cell predicts takes its place
                 again = _planned(job, known, silent).deviation_nominal_part[places.row, places.axis]
@@ -247,7 +247,7 @@ def _of_part(
 
 def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
     c, r, a = fit.force.tolist()
-    out: list[Change] = [CuttingLaw(scaled(cell.force_law, (c, r, a)))]
+    out: list[Change] = [CuttingLaw(cell.force_law.scaled((c, r, a)))]
     index = {name: i for i, name in enumerate(cell.chain.names)}
     for name, factor in zip(fit.elements, fit.compliance.tolist(), strict=True):
         out.append(ElementCompliance(name, factor * cell.chain.compliance[index[name]]))
@@ -255,13 +255,13 @@ def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
 
 
 def _entry(
-    fit: posterior.Posterior, cell: Cell, narrower: float, unseen: Float, planned: Float, data: list[Path]
+    fit: posterior.Posterior, cell: Cell, alone: float, unseen: Float, planned: Float, data: list[Path]
 ) -> IdentifiedTable:
     """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
     index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
     before, after = (np.sqrt(np.diag(P))[4 : 4 + k] for P in (fit.before, fit.covariance))
     told = after < _TOLD * before
-    spread = np.where(told, before * narrower, before)
+    spread = np.where(told, before * alone, before)
     values = [
         IdentifiedValue(name=f"force.{name}", value=factor, sigma=factor * _force_sigma(fit, j), unit="")
         for j, (name, factor) in enumerate(zip(_FORCES, fit.force.tolist(), strict=True))
@@ -294,7 +294,7 @@ def _force_sigma(fit: posterior.Posterior, j: int) -> float:
 
 
 def doubts(fit: posterior.Posterior, places: posterior.Measured, predicted_m: Float) -> list[str]:
-    """What speaks against the readings themselves: axes mirrored against the prediction, constants nobody expects."""
+    """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
     out = []
     for axis in range(3):
         on = places.axis == axis

@@ -21,14 +21,16 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.correction.causes import OFFSET_M, scaled
+from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import COMMON, STATED, assumed_sigma, at_largest_force, identified_sigma
 from counterflex.app.prediction_interval import STRUCTURE, drives_yield
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float, Int
+from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
+from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.inputs import Inputs
 from counterflex.plan.plan import Plan
@@ -75,7 +77,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Patterns:
-    """What each constant does to the coordinates of m places, m."""
+    """Coordinates of m places, m, and their parts by each constant."""
 
     predicted_m: Float  # (m,)
     elements_m: Float  # (3, k, m) deflection of each element by each direction of force
@@ -191,23 +193,31 @@ def left_out(names: tuple[str, ...], patterns: Patterns, measured: Measured, cel
     return out
 
 
-def share_left(fit: Posterior, patterns: Patterns) -> float:
-    """Doubt of the deflection after over that before, as standard deviations, mean square over the places.
+def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
+    """Standard deviation of the deflection after, mean square over the places, over two others.
 
-    Of the elements and forces together: so much narrower are independent values that leave the same doubt.
+    Returns:
+        Over that before; and over that before by the elements alone, each by itself: times this ratio, independent
+        values of the elements leave the doubt that elements and forces leave together.
     """
     _, H = patterns.at(fit.value)
-    constants = [*range(3), *range(4, 4 + len(fit.elements))]
-    H = H[:, constants]
-    after, before = (M[np.ix_(constants, constants)] for M in (fit.covariance, fit.before))
-    return float(np.sqrt(np.trace(H @ after @ H.T) / np.trace(H @ before @ H.T)))
+    k = len(fit.elements)
+    constants = [*range(3), *range(4, 4 + k)]
+    after, before = (
+        np.trace(H[:, constants] @ M[np.ix_(constants, constants)] @ H[:, constants].T)
+        for M in (fit.covariance, fit.before)
+    )
+    alone = float(np.sum(H[:, 4 : 4 + k] ** 2 @ np.diag(fit.before)[4 : 4 + k]))
+    return float(np.sqrt(after / before)), float(np.sqrt(after / alone))
 
 
 def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     """(n, 6) N, N m, the mean wrench by tangential, radial and axial force; forces are linear in each."""
+    if not isinstance(cell.force_law, KienzleLaw | LinearEdgeLaw):
+        raise InputError("the forces of this law are not told apart", value=type(cell.force_law).__name__)
     setting, wrenches = setting_of(cell, part_may_be_held=True), []
     for factors in ((1.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)):
-        changed = replace(setting, law=scaled(cell.force_law, factors))
+        changed = replace(setting, law=cell.force_law.scaled(factors))
         inputs = Inputs(plan.path, plan.line, cell.stock(), changed, plan.q)
         wrenches.append(undisturbed_cut(inputs, silent).w_tcp_part)
     whole, more_radial, more_axial = wrenches

@@ -15,7 +15,7 @@ from counterflex.core.arrays import Bool, Float
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MS
-from counterflex.cutting.coefficients import edge_force
+from counterflex.cutting.coefficients import Directions, edge_force
 from counterflex.files.cell.cell import Cell
 from counterflex.files.logs.segments import segments
 from counterflex.files.plan_file import TOOL_TURNS, WORKING_PLANE
@@ -53,7 +53,7 @@ class _Term:
         out[0, 0], out[0, 1 + self.direction] = self.p, 1.0
         return out
 
-    def scaled(self, factor: float, status: str | None = None) -> _Term:
+    def scaled(self, factor: float | Directions, status: str | None = None) -> _Term:
         raise InputError("a single term of a force law is not scaled", value=factor, where=status)
 
     def edge_force(self, h_m: float | Float) -> Float:
