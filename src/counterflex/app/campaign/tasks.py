@@ -135,7 +135,7 @@ def machined(
 
 
 _references: Final[dict[str, Reference]] = {}
-"""What the last program is judged against, by the contents of its files: a worker has them in a new place each time."""
+"""References that programs are judged against, by the contents of their files: workers have these elsewhere each time."""
 
 
 def _reference(original: str, cell_file: str) -> Reference:

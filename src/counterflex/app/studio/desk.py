@@ -32,7 +32,7 @@ Ended = Callable[[QueuedCommand], Awaitable[None]]
 
 
 class Workbench:
-    """What is chosen on one page of a browser, and the queue of commands of all of them."""
+    """Choices of one page of a browser, and the queue of commands of all of them."""
 
     def __init__(self, client: Client, project: Project, queue: CommandQueue) -> None:
         self.client, self.project, self.queue = client, project, queue
@@ -54,7 +54,7 @@ class Workbench:
         return self.project.folder / self.program
 
     def lacking(self) -> str:
-        """What is to be chosen before there is anything to compute; empty where nothing is."""
+        """Request for a choice that is missing before anything can be computed; empty where none is."""
         lack = [name for name, value in ((texts.CELL, self.cell), (texts.PROGRAM, self.program)) if not value]
         return texts.NEEDS.format(what=" + ".join(lack)) if lack else ""
 

@@ -127,7 +127,7 @@ class InspectPage:
 
 
 class RunPage:
-    """What is typed to run the program with correction, and to open the panel."""
+    """Commands that run the program with correction and open the panel."""
 
     def __init__(self, desk: Workbench) -> None:
         self._desk = desk

@@ -44,7 +44,7 @@ class QueuedCommand:
 
     @property
     def error(self) -> str:
-        """What the command says is wrong; empty where it ended well."""
+        """Fault that the command names; empty where it ended well."""
         messages = [line for line in self.lines if line.startswith("error: ")]
         return messages[-1].removeprefix("error: ") if messages else ""
 

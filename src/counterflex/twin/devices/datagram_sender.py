@@ -12,7 +12,7 @@ from counterflex.twin.network.faults import Condition, FaultSchedule
 from counterflex.twin.network.faulty_line import FaultyLine
 
 LATEST_S: Final = 0.1
-"""How far it may fall behind before it gives up the samples in between, as an instrument that was held up does."""
+"""Lag from which it gives up the samples in between, as an instrument that was held up does."""
 
 
 def keep_pace(
