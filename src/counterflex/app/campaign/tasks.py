@@ -135,7 +135,7 @@ def machined(
 
 
 _references: Final[dict[str, Reference]] = {}
-"""References that programs are judged against, by the contents of their files: workers have these elsewhere each time."""
+"""References that programs are judged against, by the contents of their files, which lie elsewhere on each worker."""
 
 
 def _reference(original: str, cell_file: str) -> Reference:

@@ -23,6 +23,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import MM, UM
+from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -46,7 +47,7 @@ _NEAR_M: Final = 1.0 * MM
 _ON_FACE_M: Final = 0.05 * MM
 _ROUNDS: Final = 2
 """Estimates, each about what the cell of the one before predicts."""
-_TOLD: Final = 0.999
+_DETERMINED: Final = 0.999
 """Standard deviation over that before, below which the part says something of an element."""
 _FAR: Final = 5.0
 """Standard deviations beyond which a reading is named."""
@@ -101,6 +102,8 @@ def run(
     """
     begin, parts = time.perf_counter(), in_parts(progress, {"planning": 4.0, "identifying": 2.0})
     cell, job = read_in_plane(program, read_cell(cell_file, assume_class=True))
+    if not isinstance(cell.force_law, KienzleLaw | LinearEdgeLaw):
+        raise InputError("the forces of this law are not told apart", value=type(cell.force_law).__name__)
     file = Path(program).parent / TABLE if measured is None else Path(measured)
     scan = None if part is None else read_scan(Path(part), Path(program), job, cell, 0).deviations
     listed = _read(file, filled=part is None)  # what is wrong with the files is told before anything is planned
@@ -260,14 +263,16 @@ def _entry(
     """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
     index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
     before, after = (np.sqrt(np.diag(P))[4 : 4 + k] for P in (fit.before, fit.covariance))
-    told = after < _TOLD * before
-    spread = np.where(told, before * alone, before)
+    determined = after < _DETERMINED * before
+    spread = np.where(determined, before * alone, before)
     values = [
-        IdentifiedValue(name=f"force.{name}", value=factor, sigma=factor * _force_sigma(fit, j), unit="")
+        IdentifiedValue(
+            name=f"force.{name}", value=factor, sigma=factor * float(np.sqrt(fit.covariance[j, j])), unit=""
+        )
         for j, (name, factor) in enumerate(zip(_FORCES, fit.force.tolist(), strict=True))
     ]
     for name, factor, sigma, seen in zip(
-        fit.elements, fit.compliance.tolist(), spread.tolist(), np.where(told, "determined", "prior"), strict=True
+        fit.elements, fit.compliance.tolist(), spread.tolist(), np.where(determined, "determined", "prior"), strict=True
     ):
         for d, compliance in zip(_DIRECTIONS, (factor * cell.chain.compliance[index[name]]).tolist(), strict=True):
             if compliance > 0.0:
@@ -287,10 +292,6 @@ def _entry(
         f"{_rms(planned) / UM:.0f} um",
         values=tuple(values),
     )
-
-
-def _force_sigma(fit: posterior.Posterior, j: int) -> float:
-    return float(np.sqrt(fit.covariance[j, j]))
 
 
 def doubts(fit: posterior.Posterior, places: posterior.Measured, predicted_m: Float) -> list[str]:

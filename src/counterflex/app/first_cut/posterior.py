@@ -27,10 +27,8 @@ from counterflex.app.lowest_mode import COMMON, STATED, assumed_sigma, at_larges
 from counterflex.app.prediction_interval import STRUCTURE, drives_yield
 from counterflex.app.unknowns import HANDBOOK, IDENTIFIED, WORN
 from counterflex.core.arrays import Float, Int
-from counterflex.core.errors import InputError
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
-from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.inputs import Inputs
 from counterflex.plan.plan import Plan
@@ -213,8 +211,6 @@ def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
 
 def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     """(n, 6) N, N m, the mean wrench by tangential, radial and axial force; forces are linear in each."""
-    if not isinstance(cell.force_law, KienzleLaw | LinearEdgeLaw):
-        raise InputError("the forces of this law are not told apart", value=type(cell.force_law).__name__)
     setting, wrenches = setting_of(cell, part_may_be_held=True), []
     for factors in ((1.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)):
         changed = replace(setting, law=cell.force_law.scaled(factors))
