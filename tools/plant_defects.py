@@ -6,8 +6,9 @@
     python tools/plant_defects.py --changed main --random 40 --seed 3
     python tools/plant_defects.py --report                 # score of what has been run, nothing else
 
-Each defect is one exact exchange of text. The test files nearest to it are run, those of its own room first, then
-those of the rooms above, until one fails. Results are appended to ``out/planted.jsonl`` at once: an interrupted run
+Each defect is one exact exchange of text. The test that caught it last (``caught_by.json``, which ``--remember``
+writes) is run, then the test files nearest to it, those of its own room first and those of the rooms above, until one
+fails. Results are appended to ``out/planted.jsonl`` at once: an interrupted run
 continues where it ended, and a defect is run again only when its text, its file or the tests that missed it have
 changed. Linux and macOS (a process is forked for each defect, which spares the start of the libraries).
 """
@@ -38,6 +39,7 @@ from nearest_tests import enclosing_name, nearest_tests
 ROOT: Final = Path(__file__).resolve().parents[1]
 SET: Final = ROOT / "tools" / "planted_defects"
 KINDS: Final = ("figure", "asymmetric", "state", "bound", "sign", "unit", "order", "refusal", "random")
+CAUGHT: Final = SET / "caught_by.json"
 _LIBRARIES: Final = (
     "numpy",
     "scipy.optimize",
@@ -201,8 +203,8 @@ class _Watch:
         return Plugin()
 
 
-def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> str:
-    """Run batches of test files in this process until a test fails; its name, "" for none."""
+def _run_tests(scratch: Path, last: str, batches: list[list[str]], interpreted: bool) -> str:
+    """Run one test and batches of test files in this process until a test fails; its name, "" for none."""
     os.chdir(scratch)
     quiet = os.open(scratch / "log.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(quiet, 1)
@@ -224,6 +226,11 @@ def _run_tests(scratch: Path, batches: list[list[str]], interpreted: bool) -> st
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--hypothesis-seed=0", "--benchmark-disable"]
     options += ["--hypothesis-profile=planted"]
     options += ["--tb=line", "-W", "ignore::pytest.PytestAssertRewriteWarning", f"--basetemp={scratch / 'tmp'}"]
+    if last:
+        watch = _Watch([])
+        pytest.main([*options, last], plugins=[watch.hook()])
+        if watch.failed == last:  # and not: it is gone or cannot be collected
+            return last
     for files in batches:
         watch = _Watch(files)
         code = pytest.main([*options, *files], plugins=[watch.hook()])
@@ -250,6 +257,7 @@ class Bench:
         self.defect: Defect | None = None
         self.started = 0.0
         self.files: tuple[list[str], list[str]] = ([], [])
+        self.caught = read_caught()
 
     def _write(self, file: str, text: str) -> None:
         path = self.folder / file
@@ -269,7 +277,8 @@ class Bench:
         result = ""
         try:
             batches = [self.files[0][:_FIRST], self.files[0][_FIRST:], self.files[1]]
-            result = _run_tests(self.folder, [batch for batch in batches if batch], defect.interpreted)
+            last = self.caught.get(defect.name, "")
+            result = _run_tests(self.folder, last, [batch for batch in batches if batch], defect.interpreted)
         except BaseException as error:
             result = f"{type(error).__name__}"
         (self.folder / "result.txt").write_text(result)
@@ -351,6 +360,23 @@ def read_results(kept: Path) -> dict[str, dict[str, Any]]:
     return {row["name"]: row for row in map(json.loads, kept.read_text(encoding="utf-8").splitlines())}
 
 
+def read_caught() -> dict[str, str]:
+    """Test that caught each defect of the kept set last, by the defect's name."""
+    return dict(json.loads(CAUGHT.read_text(encoding="utf-8"))) if CAUGHT.is_file() else {}
+
+
+def remember(defects: list[Defect], results: dict[str, dict[str, Any]]) -> None:
+    """Write which test caught each defect, those of other defects as they were; what is no longer of the set goes."""
+    caught = read_caught()
+    for defect in defects:
+        row = results.get(defect.name)
+        if row and row["digest"] == defect.digest and row["outcome"] in ("own", "above"):
+            caught[defect.name] = row["by"]
+    names = {one.name for one in read_set()[0]}
+    text = json.dumps({name: by for name, by in sorted(caught.items()) if name in names}, indent=0, ensure_ascii=False)
+    CAUGHT.write_text(text + "\n", encoding="utf-8")
+
+
 def report(defects: list[Defect], results: dict[str, dict[str, Any]]) -> str:
     """Score by room and the survivors by name, as a page of Markdown prints them."""
     rooms: dict[str, Counter[str]] = {}
@@ -392,6 +418,7 @@ def main() -> int:
     parser.add_argument("--above", type=int, default=2, help="test files of rooms above, nearest first")
     parser.add_argument("--limit-s", type=float, default=240.0, help="a run that takes longer is stopped")
     parser.add_argument("--kept", type=Path, default=ROOT / "out" / "planted.jsonl", help="file of results")
+    parser.add_argument("--remember", action="store_true", help="write which tests caught them beside the kept set")
     parser.add_argument("--report", action="store_true", help="print the score of what has been run")
     options = parser.parse_args()
     if options.random or options.changed:
@@ -412,6 +439,8 @@ def main() -> int:
         print(f"{len(defects)} defects, {len(todo)} to run")
         run(todo, options.jobs, options.own, options.above, options.limit_s, options.kept)
         results = read_results(options.kept)
+    if options.remember and not options.random and not options.changed:
+        remember(defects, results)
     print(report(defects, results))
     return 0
 

@@ -82,3 +82,27 @@ def test_some_of_each_room_are_drawn_the_rooms_in_turn(tool: ModuleType) -> None
     assert [one.room for one in drawn] == ["a", "b", "c", "a", "b", "c", "a", "c"]
     assert len({one.name for one in drawn}) == 8
     assert drawn == tool.drawn_per_room(defects, 3, 7) != tool.drawn_per_room(defects, 3, 8)
+
+
+def test_the_test_that_caught_a_defect_is_run_first_the_next_time(
+    tool: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is written for the defects of a run alone; what the set no longer holds goes."""
+    (one, two, *_), _ = tool.read_set()
+    monkeypatch.setattr(tool, "CAUGHT", tmp_path / "caught_by.json")
+    tool.CAUGHT.write_text('{"gone": "tests/a.py::t", "%s": "tests/b.py::t"}' % two.name)  # noqa: UP031
+    row = {"digest": one.digest, "outcome": "own", "by": "tests/c.py::t[µ]"}
+    tool.remember([one, two], {one.name: row, two.name: row | {"outcome": "survived", "digest": two.digest}})
+    assert tool.read_caught() == {one.name: "tests/c.py::t[µ]", two.name: "tests/b.py::t"}
+
+
+def test_what_is_remembered_is_of_the_set_and_still_there(tool: ModuleType) -> None:
+    """A test that has gone would cost a collection in vain."""
+    caught = tool.read_caught()
+    assert set(caught) <= {one.name for one in tool.read_set()[0]}
+    gone = [
+        by
+        for by in caught.values()
+        if by.partition("[")[0].rpartition("::")[2] not in (ROOT / by.split("::")[0]).read_text()
+    ]
+    assert gone == []
