@@ -109,8 +109,9 @@ def nearest_tests(root: Path, source: str, name: str) -> tuple[list[str], list[s
         source: Path of the source file below it.
         name: Name of the changed function or class, "" for none.
     """
-    parts = Path(source).relative_to("src/counterflex").with_suffix("").parts
-    distances = _distances(root, ".".join(parts))
+    path = Path(source).with_suffix("")
+    parts = ("lab", *path.parts[2:]) if path.parts[0] == "lab" else path.relative_to("src/counterflex").parts
+    distances = _distances(root, ".".join(parts if parts[0] != "lab" else ("_lab", *parts[1:])))
     word = re.compile(rf"\b{re.escape(name.lstrip('_'))}\b") if name else None
     ranked = []
     for file, text in _texts(root).items():

@@ -85,8 +85,9 @@ class Defect:
 
     @property
     def room(self) -> str:
-        """First folder below the package."""
-        return Path(self.file).parts[2]
+        """First folder below the package; ``lab`` for what lies there."""
+        parts = Path(self.file).parts
+        return parts[0] if parts[0] == "lab" else parts[2]
 
     @property
     def digest(self) -> str:

@@ -73,6 +73,14 @@ def test_the_nearest_test_names_the_function_and_lies_in_the_own_room(tool: Modu
     assert not any(path.startswith("tests/evaluate/") for path in above)
 
 
+def test_each_room_has_tests_for_its_defects(tool: ModuleType) -> None:
+    """Those of the laboratory too, which lies beside the package."""
+    defects = {one.room: one for one in tool.read_set()[0]}
+    assert "lab" in defects
+    for one in defects.values():
+        assert one.nearest(3, 0)[0], one.name
+
+
 def test_some_of_each_room_are_drawn_the_rooms_in_turn(tool: ModuleType) -> None:
     def defect(room: str, number: int) -> object:
         return tool.Defect(f"{room}{number}", f"src/counterflex/{room}/a.py", "unit", "", "", "")
