@@ -13,8 +13,10 @@ What stands behind a command says how it is run here:
 - ``# exit 2``: it is meant to end so; ``# exit 0 or 1``: this depends on the machine.
 - ``# quick: --minutes 0.1``: it takes long, and is run with these options added.
 - ``# Ctrl-C``: it ends by that alone, here when the other terminals have ended.
-- ``# long``: it takes minutes, and no other command needs what it makes. With ``--turn`` it is run only where its page
-  has its turn (:mod:`thirds`).
+- ``# long``: it takes minutes, and no other command needs what it makes.
+
+With ``--turn`` a page or example is run where it has its turn (:mod:`thirds`); those that readers begin with always
+are, without what is long, and so are pages that others go on from.
 
 Each ``counterflex`` command is started as a shell would start it where it is met first, and so are those of several
 terminals. From then on it runs in processes that have the libraries loaded already (:mod:`loaded_commands`): importing
@@ -55,6 +57,8 @@ import thirds
 ROOT = Path(__file__).resolve().parents[1]
 FROM_NOTHING = ("README.md",)
 """Pages that a reader follows from an empty folder."""
+ALWAYS = ("README.md", "CONTRIBUTING.md", "docs/first-hour.md")
+"""Pages that are run at each commit."""
 _BLOCK = re.compile(r"^[ \t]*```(\w*)[^\n]*\n(.*?)^[ \t]*```|^((?:(?: {4}|\t)[^\n]*\n)+)", re.MULTILINE | re.DOTALL)
 _PROMPT = re.compile(r"(\d*)\$ (.*)")
 _MARK = re.compile(
@@ -308,10 +312,20 @@ def all_pages() -> list[Path]:
     return pages + [p for p in sorted((ROOT / "examples").glob("*.py")) if f"python examples/{p.name}" not in words]
 
 
+def of_the_turn(pages: list[Path], now: thirds.Turn) -> list[Path]:
+    """Pages and examples to run at a commit: of its turn, of every turn, and those that any of these goes on from."""
+    taken = [page for page in pages if (name := page.relative_to(ROOT).as_posix()) in ALWAYS or now.takes(name)]
+    bases = set(map(base_of, taken))
+    return [page for page in pages if page in taken or page in bases]
+
+
 def main(pages: list[str]) -> int:
     """Run the given pages, or all pages and all examples, several at a time."""
     now, pages = (thirds.turn(), []) if pages == ["--turn"] else (None, pages)
     chosen = [Path(page).resolve() for page in pages] or all_pages()
+    if now is not None:
+        every, chosen = len(chosen), of_the_turn(chosen, now)
+        print(f"{len(chosen)} of {every} pages and examples, {thirds.said(now)}; all pages: make docs")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # started in the background: what is run here inherits that
         signal.signal(signal.SIGINT, signal.default_int_handler)
     forks = loaded_commands.context(many=not pages)

@@ -1,4 +1,4 @@
-"""A third of all that takes long, the next one at each commit: what CI runs of the long tests and of the benchmarks.
+"""A third of all that takes long, the next one at each commit: long tests, documented commands, benchmarks.
 
 Each file belongs to one third, by its path alone. The thirds take turns with the commits. What the last commit changes
 is run besides, and what has been changed since; unless that are so many files that the commit is about none of them.
@@ -80,7 +80,7 @@ def _git(root: Path, *words: str) -> str:
 
 def said(now: Turn) -> str:
     """The runs of a turn as a line."""
-    return f"third {now.number + 1} of {COUNT} of the long tests and benchmarks ({now.why}); all of them: make long"
+    return f"third {now.number + 1} of {COUNT} of long tests, documented commands, benchmarks ({now.why})"
 
 
 if __name__ == "__main__":

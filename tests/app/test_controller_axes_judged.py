@@ -147,6 +147,7 @@ def test_the_first_motion_of_own_robots_arrives(maker: str, tmp_path: Path) -> N
     assert done == CELLS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [name for name in catalog.names() if name.split("_")[0] in GEOMETRY])
 def test_the_first_motion_of_every_catalogue_robot_arrives(name: str, tmp_path: Path) -> None:
     draw = np.random.default_rng(sum(name.encode()))

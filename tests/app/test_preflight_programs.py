@@ -100,6 +100,7 @@ def test_clean_programs_are_quiet() -> None:
     assert len(loud) <= 2, loud
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("language", ENDINGS)
 def test_a_fault_has_the_same_verdict_in_every_language(
     language: str, program: Callable[[str], Path], tmp_path: Path

@@ -285,6 +285,7 @@ def _kinds(option: Option) -> list[str]:
     return [kind for kind in BROKEN if option.name not in EMPTY_IS_RIGHT or kind not in ("empty", "blank")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", range(len(OPTIONS)), ids=lambda place: str(OPTIONS[place]))
 def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: Any, place: int) -> None:
     monkeypatch.chdir(given)
@@ -293,6 +294,7 @@ def test_every_option_of_the_parser(given: Path, counterflex: Any, monkeypatch: 
     _ends_well(given, counterflex, option, kinds[7 * place % len(kinds)], endings[place % len(endings)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", RUN)
 def test_run_with_every_fault(given: Path, monkeypatch: Any, name: str) -> None:
     """By what the loop's process does before anything else."""

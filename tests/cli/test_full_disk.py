@@ -48,6 +48,7 @@ def given(machined: object, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", FAMILIES.values(), ids=FAMILIES.keys())
 def test_one_line_and_nothing_is_left(given: Path, words: str) -> None:
     before = contents(given)

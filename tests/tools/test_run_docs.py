@@ -268,3 +268,30 @@ def test_long_commands_are_left_out_only_where_it_is_another_turn() -> None:
         assert other.left_out.total() == 1
     assert tool.without_long(page, "docs/page.md", None) == page
     assert tool.without_long(page, "docs/page.md", tool.thirds.Turn(-1, {"docs/page.md"})) == page
+
+
+def test_each_page_has_its_turn_and_what_readers_begin_with_has_every_turn() -> None:
+    tool = _load()
+    pages = tool.all_pages()
+    turns = [tool.of_the_turn(pages, tool.thirds.Turn(number)) for number in range(tool.thirds.COUNT)]
+    assert set().union(*turns) == set(pages)
+    assert all(len(turn) < 0.6 * len(pages) for turn in turns)
+    for turn in turns:
+        assert {tool.ROOT / name for name in tool.ALWAYS} <= set(turn)
+        assert all(tool.base_of(page) is None or tool.base_of(page) in turn for page in turn)
+
+
+def test_a_page_that_changed_is_run_at_once() -> None:
+    tool = _load()
+    pages, page = tool.all_pages(), tool.ROOT / "docs" / "soak.md"
+    other = (tool.thirds.third_of("docs/soak.md") + 1) % tool.thirds.COUNT
+    assert page not in tool.of_the_turn(pages, tool.thirds.Turn(other))
+    assert page in tool.of_the_turn(pages, tool.thirds.Turn(other, ("docs/soak.md",)))
+
+
+def test_no_page_holds_a_command_that_is_neither_run_nor_explained() -> None:
+    """Also of the pages that a turn leaves out."""
+    tool = _load()
+    assert [
+        w for page in tool.all_pages() if page.suffix == ".md" for w in tool.read_page(page.read_text()).unexplained
+    ] == []

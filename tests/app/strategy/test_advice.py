@@ -47,6 +47,7 @@ def test_what_the_program_does_is_read_back(milling: str, tmp_path: Path) -> Non
     assert own.normal_part == pytest.approx([0.0, 1.0, 0.0])
 
 
+@pytest.mark.long
 def test_advice_leaves_less_on_a_simulated_cell_and_takes_no_longer(tmp_path: Path) -> None:
     material = benchmark.MATERIALS["EN AW-7075"]
     cuts = benchmark.variants(tmp_path, material)
