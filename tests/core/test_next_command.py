@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from counterflex.core.next_command import next_command
 
@@ -19,10 +19,15 @@ options = st.dictionaries(
 
 
 @settings(max_examples=40)
+@example(["-", "-x.ngc"], {})
 @given(st.lists(texts | st.none(), max_size=3), options)
 def test_a_shell_reads_back_what_was_given(values: list[str | None], given_: dict[str, Any]) -> None:
-    """Arguments in their order, then options by name: flags alone, lists repeated, what is None or False left out."""
-    expected = ["counterflex", "log", "show", *(value for value in values if value is not None)]
+    """Arguments in their order, then options by name: flags alone, lists repeated, what is None or False left out.
+
+    A file whose name begins with a dash is named from its folder, or the command would take it for an option.
+    """
+    files = [f"./{value}" if value[0] == "-" else value for value in values if value is not None]
+    expected = ["counterflex", "log", "show", *files]
     for name, value in given_.items():
         for one in value if isinstance(value, list) else [value]:
             if one is True:
