@@ -158,6 +158,8 @@ class Gate:
     A wrong key of a link is not counted: nobody guesses 24 random bytes, and a page of another site that asks for wrong
     ones in a browser of this computer would lock out who sits at it.
 
+    A key of ``reads``, by the one path that it reads, is given as ``Authorization: Bearer``; it begins no session.
+
     Args:
         hosts: Names that it may be asked under; None: any.
         keys: Secrets in a link that begin a session, each with name and role; none where users log in.
@@ -182,6 +184,7 @@ class Gate:
         cookie: str = COOKIE,
         body: int = BODY,
     ) -> None:
+        self.reads: Mapping[str, str] = {}
         self._app, self._sessions, self._hosts, self._keys, self._cookie = app, sessions, hosts, keys, cookie
         self._secure, self._opened, self._known, self._full, self._body = secure, opened, known, full, body
 
@@ -207,8 +210,11 @@ class Gate:
             if refusal := self._beyond(scope, headers):
                 await _refuse(scope, receive, send, *refusal)
                 return
-        if session is not None or (path == "/login" and scope["type"] == "http"):
+        open_to_all = path == "/login" and scope["type"] == "http"
+        if session is not None or open_to_all or self._may_read(scope, headers):
             await self._app(scope, receive, send)
+        elif path in self.reads:
+            await _refuse(scope, receive, send, 401, "give the key: Authorization: Bearer KEY")
         elif scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
             await _redirect(send, "/login", None)
         else:
@@ -224,6 +230,12 @@ class Gate:
         if scope["path"] == "/" and self._full():
             return 503, "too many pages are open: close some"
         return None
+
+    def _may_read(self, scope: Scope, headers: Mapping[str, str]) -> bool:
+        key = self.reads.get(scope["path"], "")
+        if not key or scope["type"] != "http" or scope["method"] != "GET":
+            return False
+        return secrets.compare_digest(f"Bearer {key}".encode(), headers.get("authorization", "").encode())
 
     def _right_host(self, headers: Mapping[str, str]) -> bool:
         return self._hosts is None or _host(headers.get("host", "")) in self._hosts
