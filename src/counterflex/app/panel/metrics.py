@@ -106,7 +106,7 @@ class RunMetrics:
         quantiles = [f"{q:g}" for q in _QUANTILES]
         answers = [float(v) * NS for v in np.quantile(self._answers_ns, _QUANTILES)]
         force = last.force if last.force_ns != -1 else ()
-        stops = [
+        stops: list[_Sample] = [
             ("_total", f'state="{State(state).name.lower()}",cause="{cause_words(cause) or "none"}"', count)
             for (state, cause), count in sorted(self._stops.items())
         ]

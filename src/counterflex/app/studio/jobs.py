@@ -97,6 +97,11 @@ class CommandQueue:
             self._ready.notify()
         return job
 
+    @property
+    def closed(self) -> bool:
+        """The studio ends."""
+        return self._closed
+
     def cancel(self, job: QueuedCommand) -> None:
         """End a command: it leaves nothing half-written. One that waits is not begun."""
         with self._ready:

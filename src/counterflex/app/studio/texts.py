@@ -77,6 +77,7 @@ CHANNELS: Final = {
 }
 NO_PLAN: Final = "without a plan"
 NOT_REACHED: Final = "The robot is not shown: {fault}"
+NOT_CUT: Final = "The stock is not cut: {fault}"
 THINNED: Final = "{shown} of {points} points are drawn."
 SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
 SCENE: Final = {

@@ -3,6 +3,8 @@ import { THREE, CellView, colourOf } from "counterflex-cell-view";
 
 const ROW = 20; // px, height of a line of the source
 const PICK = 14; // px, how near a click has to be to a point
+const BLANK = new THREE.Color(0x6f8496); // faces of the blank, and what the tool has made
+const CUT = new THREE.Color(0xd8dee4);
 const UM = 2000; // an ellipsoid of 100 um is drawn 0.2 m large
 
 class StudioView extends CellView {
@@ -47,6 +49,86 @@ class StudioView extends CellView {
     });
     attribute.needsUpdate = true;
     this.dirty = true;
+  }
+
+  // The stock: per cell a flat top of four corners; neighbours are joined by walls. A rim of cells without width at the
+  // bottom closes the sides.
+  film(data) {
+    if (this.cut) {
+      this.frame("part").remove(this.cut.mesh);
+      this.cut.mesh.geometry.dispose();
+    }
+    const nx = data.nx + 2, ny = data.ny + 2, position = new Float32Array(12 * nx * ny);
+    const edge = (i, n, low) => low + data.side * Math.min(Math.max(i, 0), n);
+    for (let j = 0; j < ny; j++) {
+      for (let i = 0; i < nx; i++) {
+        for (let c = 0; c < 4; c++) {
+          const at = 3 * (4 * (j * nx + i) + c);
+          position[at] = edge(i - 1 + (c & 1), data.nx, data.corner[0]);
+          position[at + 1] = edge(j - 1 + (c >> 1), data.ny, data.corner[1]);
+          position[at + 2] = data.bottom;
+        }
+      }
+    }
+    const index = new Uint32Array(18 * nx * ny);
+    let n = 0;
+    const quad = (a, b, c, d) => (index.set([a, b, c, c, b, d], n), (n += 6));
+    for (let j = 0; j < ny; j++) {
+      for (let i = 0; i < nx; i++) {
+        const v = 4 * (j * nx + i), right = v + 4, behind = v + 4 * nx;
+        quad(v, v + 1, v + 2, v + 3);
+        if (i + 1 < nx) quad(v + 1, right, v + 3, right + 2);
+        if (j + 1 < ny) quad(v + 2, v + 3, behind, behind + 1);
+      }
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
+    const colour = new Float32Array(12 * nx * ny).map((_, k) => [BLANK.r, BLANK.g, BLANK.b][k % 3]);
+    geometry.setAttribute("color", new THREE.BufferAttribute(colour, 3));
+    geometry.setIndex(new THREE.BufferAttribute(index.subarray(0, n), 1));
+    const material = new THREE.MeshStandardMaterial({
+      vertexColors: true, flatShading: true, side: THREE.DoubleSide, roughness: 0.65, metalness: 0.15,
+    });
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    mesh.matrixAutoUpdate = false;
+    const t = data.turn;
+    mesh.matrix.set(t[0], t[1], t[2], 0, t[3], t[4], t[5], 0, t[6], t[7], t[8], 0, 0, 0, 0, 1);
+    const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer;
+    const [blank, top] = [new Float32Array(bytes(data.blank)), new Float32Array(bytes(data.top))];
+    this.cut = { ...data, mesh, blank, top, cell: new Uint32Array(bytes(data.cell)), done: -1 };
+    if (this.stock) this.stock.visible = false;
+    this.frame("part").add(mesh);
+    this.lines.material.depthTest = this.dots.material.depthTest = false; // what is cut later lies in the stock
+  }
+
+  lower(cell, top) {
+    const { nx, mesh, blank } = this.cut, { position, color } = mesh.geometry.attributes;
+    const v = 4 * ((Math.floor(cell / nx) + 1) * (nx + 2) + (cell % nx) + 1);
+    const shade = top < blank[cell] - 1e-6 ? CUT : BLANK;
+    for (let c = v; c < v + 4; c++) {
+      position.setZ(c, top);
+      color.setXYZ(c, shade.r, shade.g, shade.b);
+    }
+  }
+
+  // Cut up to a point; the number of changes until there, -1 without a stock.
+  cutTo(k) {
+    const film = this.cut;
+    if (!film) return -1;
+    let state = 0;
+    while (state < film.point.length && film.point[state] <= k) state++;
+    const upTo = state ? film.end[state - 1] : 0;
+    if (upTo === film.done) return upTo;
+    if (upTo < film.done || film.done < 0) {
+      film.blank.forEach((top, cell) => this.lower(cell, top));
+      film.done = 0;
+    }
+    for (let e = film.done; e < upTo; e++) this.lower(film.cell[e], film.top[e]);
+    film.done = upTo;
+    for (const one of ["position", "color"]) film.mesh.geometry.attributes[one].needsUpdate = true;
+    this.dirty = true;
+    return upTo;
   }
 
   select(k) {
@@ -94,6 +176,7 @@ export default {
   <div class="st-view" :class="{ 'st-with-source': source.length }">
     <div class="st-canvas" data-test="canvas">
       <canvas ref="canvas" @pointerdown="press" @pointerup="pick"></canvas>
+      <i v-if="changes >= 0" data-test="stock" :data-changes="changes" hidden></i>
       <p v-if="!drawn" class="st-empty">{{ words.empty }}</p>
       <button v-if="drawn" class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
       <div v-if="way && shown" class="st-legend"><b>{{ shown.title }}</b><i></i>
@@ -116,7 +199,7 @@ export default {
   props: { words: Object },
   data() {
     return { way: false, shown: null, at: 0, last: 0, line: 0, source: [], first: 0, rows: [], near: false, drawn: false,
-      playing: false, readout: "", byLine: new Map() };
+      changes: -1, playing: false, readout: "", byLine: new Map() };
   },
   mounted() {
     this.dark = document.body.classList.contains("body--dark");
@@ -148,6 +231,7 @@ export default {
       this.view = new StudioView(canvas, bodies, document.body.classList.contains("body--dark"));
       this.view.near = this.near;
       this.way = false;
+      this.changes = -1;
       this.drawn = true;
       this.view.place(frames, 1);
     },
@@ -172,6 +256,11 @@ export default {
         this.moved();
       });
     },
+    film(data) {
+      if (!this.way) return;
+      this.view.film(data);
+      this.changes = this.view.cutTo(this.at);
+    },
     paint(channel, title, unit) {
       const values = this.d.values[channel] || [];
       // Before and after have one scale, so that the gain is seen.
@@ -192,6 +281,7 @@ export default {
         this.view.place(d.poses[j], d.tool[k]);
       }
       this.view.select(k);
+      this.changes = this.view.cutTo(k);
       if (this.line !== d.line[k]) {
         this.line = d.line[k];
         this.reveal();
