@@ -40,7 +40,9 @@ def _ply(deviations: PartDeviations) -> bytes:
     head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in ABOUT)]
     head.append(f"element vertex {len(deviations)}")
     head += [f"property {_TYPES[values.dtype.str[1:]][0]} {name}" for name, values in columns.items()]
-    rows = np.rec.fromarrays(list(columns.values()), names=list(columns))
+    rows = np.empty(len(deviations), [(name, values.dtype) for name, values in columns.items()])
+    for name, values in columns.items():
+        rows[name] = values
     return "\n".join([*head, "end_header\n"]).encode("ascii") + rows.tobytes()
 
 

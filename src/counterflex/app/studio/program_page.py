@@ -90,10 +90,11 @@ class ProgramPage:
         way = await self.fault.during(self._planned)
         if way is None:
             return
+        drawn = await asyncio.to_thread(way.drawn, scene)
         with self._view.client:
             source = read_text(self._desk.program_file)[0].splitlines()
             self._view.show_cell(scene, np.zeros(6))
-            self._view.show_way(way, scene, source, near=True)
+            self._view.show_way(drawn, source, near=True)
             names = {channel: texts.CHANNELS[channel][0] for channel in way.values}
             best = next(name for name in ("after", "before", "height") if name in names)
             value = self._channel.value if self._channel.value in names else best
@@ -102,8 +103,8 @@ class ProgramPage:
             about = way.about
             self._about.set_text(texts.SUMMARY.format(**about))
             notes = [] if not way.why else [texts.NOT_REACHED.format(fault=way.why)]
-            drawn = len(way.drawn_rows)
-            notes += [texts.THINNED.format(shown=drawn, points=len(way.p_part))] if drawn < len(way.p_part) else []
+            shown = len(way.drawn_rows)
+            notes += [texts.THINNED.format(shown=shown, points=len(way.p_part))] if shown < len(way.p_part) else []
             self._note.set_text(" ".join(notes))
         try:
             film = await asyncio.to_thread(StockFilm.of, way, lambda: stop.is_set() or self._desk.queue.closed)

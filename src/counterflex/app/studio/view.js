@@ -51,21 +51,21 @@ class StudioView extends CellView {
     this.dirty = true;
   }
 
-  // The stock: per cell a flat top of four corners; neighbours are joined by walls. A rim of cells without width at the
-  // bottom closes the sides.
+  // The stock: per cell a flat top of four corners; neighbours are joined by walls. Two rims of cells without width close
+  // the sides: one as high as its neighbours, in the colour of the blank, and one at the bottom.
   film(data) {
     if (this.cut) {
-      this.frame("part").remove(this.cut.mesh);
+      this.frame("part").remove(this.cut.mesh, this.hidden);
       this.cut.mesh.geometry.dispose();
     }
-    const nx = data.nx + 2, ny = data.ny + 2, position = new Float32Array(12 * nx * ny);
+    const nx = data.nx + 4, ny = data.ny + 4, position = new Float32Array(12 * nx * ny);
     const edge = (i, n, low) => low + data.side * Math.min(Math.max(i, 0), n);
     for (let j = 0; j < ny; j++) {
       for (let i = 0; i < nx; i++) {
         for (let c = 0; c < 4; c++) {
           const at = 3 * (4 * (j * nx + i) + c);
-          position[at] = edge(i - 1 + (c & 1), data.nx, data.corner[0]);
-          position[at + 1] = edge(j - 1 + (c >> 1), data.ny, data.corner[1]);
+          position[at] = edge(i - 2 + (c & 1), data.nx, data.corner[0]);
+          position[at + 1] = edge(j - 2 + (c >> 1), data.ny, data.corner[1]);
           position[at + 2] = data.bottom;
         }
       }
@@ -88,6 +88,7 @@ class StudioView extends CellView {
     geometry.setIndex(new THREE.BufferAttribute(index.subarray(0, n), 1));
     const material = new THREE.MeshStandardMaterial({
       vertexColors: true, flatShading: true, side: THREE.DoubleSide, roughness: 0.65, metalness: 0.15,
+      polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // the path lies on what it has cut
     });
     const mesh = new THREE.Mesh(geometry, material);
     mesh.frustumCulled = false;
@@ -99,16 +100,24 @@ class StudioView extends CellView {
     this.cut = { ...data, mesh, blank, top, cell: new Uint32Array(bytes(data.cell)), done: -1 };
     if (this.stock) this.stock.visible = false;
     this.frame("part").add(mesh);
-    this.lines.material.depthTest = this.dots.material.depthTest = false; // what is cut later lies in the stock
+    const faint = { vertexColors: true, transparent: true, opacity: 0.35, depthWrite: false };
+    const later = new THREE.LineBasicMaterial({ ...faint, depthFunc: THREE.GreaterDepth }); // still in the stock
+    this.hidden = new THREE.Line(this.lines.geometry, later);
+    this.hidden.frustumCulled = false;
+    this.frame("part").add(this.hidden);
   }
 
   lower(cell, top) {
-    const { nx, mesh, blank } = this.cut, { position, color } = mesh.geometry.attributes;
-    const v = 4 * ((Math.floor(cell / nx) + 1) * (nx + 2) + (cell % nx) + 1);
-    const shade = top < blank[cell] - 1e-6 ? CUT : BLANK;
-    for (let c = v; c < v + 4; c++) {
-      position.setZ(c, top);
-      color.setXYZ(c, shade.r, shade.g, shade.b);
+    const { nx, ny, mesh, blank } = this.cut, { position, color } = mesh.geometry.attributes;
+    const i = cell % nx, j = Math.floor(cell / nx);
+    for (let y = j ? j : -1; y <= (j < ny - 1 ? j : ny); y++) {
+      for (let x = i ? i : -1; x <= (i < nx - 1 ? i : nx); x++) {
+        const shade = x === i && y === j && top < blank[cell] - 1e-6 ? CUT : BLANK;
+        for (let c = 0, v = 4 * ((y + 2) * (nx + 4) + x + 2); c < 4; c++, v++) {
+          position.setZ(v, top);
+          color.setXYZ(v, shade.r, shade.g, shade.b);
+        }
+      }
     }
   }
 
