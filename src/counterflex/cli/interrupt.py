@@ -115,9 +115,10 @@ def end_with_starter() -> None:
     if os.environ.pop(_STARTER, "") != "1":  # not for what this process starts
         return
     pipe = os.dup(0)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
+    empty, other = os.pipe()
+    os.close(other)
+    os.dup2(empty, 0)
+    os.close(empty)
     threading.Thread(target=_follow, args=(pipe,), name="starter", daemon=True).start()
 
 

@@ -100,7 +100,7 @@ def test_fewer_changes_end_in_the_same_part(film: StockFilm, monkeypatch: pytest
     for at, parts in ((np.arange(10, 10 + states), whole), (points, changes)):
         cell, top = (np.concatenate(one) for one in zip(*parts, strict=True))
         end = np.cumsum([len(one) for one, _ in parts])
-        films.append(replace(film, point=at, end=end, cell=cell, top=top))
+        films.append(replace(film, point=at, end=end, cell=cell, top_m=top))
     for point in points:
         np.testing.assert_array_equal(films[0].tops_at(int(point)), films[1].tops_at(int(point)))
 

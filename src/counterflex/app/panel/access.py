@@ -210,12 +210,9 @@ class Gate:
             if refusal := self._beyond(scope, headers):
                 await _refuse(scope, receive, send, *refusal)
                 return
-        open_to_all = path == "/login" and scope["type"] == "http"
-        if session is not None or open_to_all or self._may_read(scope, headers):
+        if session is not None or self._may_read(scope, headers):
             await self._app(scope, receive, send)
-        elif path in self.reads:
-            await _refuse(scope, receive, send, 401, "give the key: Authorization: Bearer KEY")
-        elif scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
+        elif _is_get(scope) and path not in self.reads and not path.startswith("/_nicegui"):
             await _redirect(send, "/login", None)
         else:
             await _refuse(scope, receive, send, 401, "log in first")
@@ -232,8 +229,11 @@ class Gate:
         return None
 
     def _may_read(self, scope: Scope, headers: Mapping[str, str]) -> bool:
+        """Without a session: the page to log in at, and with its key the path that it reads."""
+        if scope["path"] == "/login":
+            return bool(scope["type"] == "http")
         key = self.reads.get(scope["path"], "")
-        if not key or scope["type"] != "http" or scope["method"] != "GET":
+        if not key or not _is_get(scope):
             return False
         return secrets.compare_digest(f"Bearer {key}".encode(), headers.get("authorization", "").encode())
 
@@ -253,6 +253,10 @@ class Gate:
                     self._opened(one)
                 return cookie_text(secret, secure=self._secure, name=self._cookie)
         return None
+
+
+def _is_get(scope: Scope) -> bool:
+    return scope["type"] == "http" and scope["method"] == "GET"
 
 
 def _headers_of(scope: Scope) -> dict[str, str]:

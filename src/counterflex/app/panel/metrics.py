@@ -28,6 +28,7 @@ _TELEGRAMS: Final = (Tally.FOREIGN, Tally.MALFORMED, Tally.OUT_OF_LINE, Tally.DR
 _AXES: Final = ("x", "y", "z")
 _Kind = Literal["counter", "gauge", "stateset", "summary"]
 _Sample = tuple[str, str, float]  # suffix of the name, labels, value
+_Family = tuple[str, _Kind, str, list[_Sample]]  # name, kind, explanation, samples
 
 
 def _family(name: str, kind: _Kind, text: str, samples: Iterable[_Sample]) -> list[str]:
@@ -97,48 +98,57 @@ class RunMetrics:
 
     def lines(self) -> list[str]:
         """Lines of all families; none before the first snapshot."""
-        last = self._last
-        if last is None:
+        if self._last is None:
             return []
-        tally = {one: int(last.tally[one - Tally.FOREIGN]) for one in Tally}
-        late = tally[Tally.LATE]
-        kept = {one: int(last.kept[one - Kept.TAKEN]) for one in Kept}
-        quantiles = [f"{q:g}" for q in _QUANTILES]
-        answers = [float(v) * NS for v in np.quantile(self._answers_ns, _QUANTILES)]
-        force = last.force if last.force_ns != -1 else ()
+        families = (*self._of_state(self._last), *self._of_link(self._last), *self._of_tool(self._last))
+        return [line for one in families for line in _family(*one)]
+
+    def _of_state(self, last: Any) -> list[_Family]:
+        trouble, lost = (int(last.kept[one - Kept.TAKEN]) for one in (Kept.TROUBLE, Kept.LOST))
         stops: list[_Sample] = [
             ("_total", f'state="{State(state).name.lower()}",cause="{cause_words(cause) or "none"}"', count)
             for (state, cause), count in sorted(self._stops.items())
         ]
-        largest = [float(v) for v in self._largest]
-        families: list[tuple[str, _Kind, str, list[_Sample]]] = [
+        return [
             ("state", "stateset", "State of the loop.", _states("state", *_state_names(int(last.state)))),
             ("feed_hold", "gauge", "1: the feed is held.", _one(int(last.feed_hold))),
             ("may_arm", "gauge", "1: started to correct; 0: it only watches.", _one(int(last.may_arm))),
+            ("stops", "counter", "Holds, ramps and faults by cause, seen by the panel.", stops),
+            ("incidents", "counter", "Holds and faults of the run.", _one(int(last.incidents), "_total")),
+            ("log_records_lost", "counter", "Records of the run log that were lost.", _one(lost, "_total")),
+            ("log_trouble", "gauge", "1: records cannot be written.", _one(int(trouble != 0))),
+            ("snapshots_missed", "counter", "Cycles that the panel did not see.", _one(self._missed, "_total")),
+        ]
+
+    def _of_link(self, last: Any) -> list[_Family]:
+        tally = [int(last.tally[one - Tally.FOREIGN]) for one in _TELEGRAMS]
+        late = int(last.tally[Tally.LATE - Tally.FOREIGN])
+        answers = [float(v) * NS for v in np.quantile(self._answers_ns, _QUANTILES)]
+        return [
             ("cycles", "counter", "Cycles of the loop.", _one(int(last.cycle), "_total")),
             ("telegrams", "counter", "Telegrams of the robot.", _one(int(last.telegrams), "_total")),
             ("telegrams_not_used", "counter", "Telegrams passed over or lost.",
-             _by("why", [one.name.lower() for one in _TELEGRAMS], [tally[one] for one in _TELEGRAMS], "_total")),
+             _by("why", [one.name.lower() for one in _TELEGRAMS], tally, "_total")),
             ("answers_late", "counter", "Answers too late for the controller, by its own count.",
              _one(late, "_total") if late >= 0 else []),
             ("answer_seconds", "summary", f"Telegram to answer; quantiles of the last {_WINDOW} cycles.",
-             [*_by("quantile", quantiles, answers), ("_count", "", self._answers), ("_sum", "", self._sum_s)]),
-            ("correction_meters", "gauge", "Correction sent, part axes.",
-             _by("axis", _AXES, [float(v) for v in last.correction[:3]])),
-            ("correction_largest_meters", "gauge", "Largest size so far, part axes.", _by("axis", _AXES, largest[:3])),
-            ("correction_largest_radians", "gauge", "Largest size so far, part axes.", _by("axis", _AXES, largest[3:])),
-            ("correction_limit_meters", "gauge", "Limit of the correction.",
-             _one(float(self._about["limits"]["correction_m"]))),
-            ("force_newtons", "gauge", "Measured force on the tool, filtered.",
-             _by("direction", ("feed", "across", "tool"), [float(v) for v in force]) if len(force) else []),
-            ("stops", "counter", "Holds, ramps and faults by cause, seen by the panel.", stops),
-            ("incidents", "counter", "Holds and faults of the run.", _one(int(last.incidents), "_total")),
-            ("log_records_lost", "counter", "Records of the run log that were lost.",
-             _one(kept[Kept.LOST], "_total")),
-            ("log_trouble", "gauge", "1: records cannot be written.", _one(int(kept[Kept.TROUBLE] != 0))),
-            ("snapshots_missed", "counter", "Cycles that the panel did not see.", _one(self._missed, "_total")),
+             [*_by("quantile", [f"{q:g}" for q in _QUANTILES], answers), ("_count", "", self._answers),
+              ("_sum", "", self._sum_s)]),
         ]  # fmt: skip
-        return [line for one in families for line in _family(*one)]
+
+    def _of_tool(self, last: Any) -> list[_Family]:
+        largest, sent, force = ([float(v) for v in one] for one in (self._largest, last.correction, last.force))
+        force = force if last.force_ns != -1 else [math.nan] * 3
+        limit = float(self._about["limits"]["correction_m"])
+        size = "Largest size so far, part axes."
+        return [
+            ("correction_meters", "gauge", "Correction sent, part axes.", _by("axis", _AXES, sent[:3])),
+            ("correction_largest_meters", "gauge", size, _by("axis", _AXES, largest[:3])),
+            ("correction_largest_radians", "gauge", size, _by("axis", _AXES, largest[3:])),
+            ("correction_limit_meters", "gauge", "Limit of the correction.", _one(limit)),
+            ("force_newtons", "gauge", "Measured force on the tool, filtered.",
+             _by("direction", ("feed", "across", "tool"), force)),
+        ]  # fmt: skip
 
 
 def _state_names(now: int) -> tuple[list[str], str]:

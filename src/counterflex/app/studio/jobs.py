@@ -204,14 +204,14 @@ class CommandQueue:
         cut = [last] if (last := lines.pop()) else []
         if cut:
             self._note(f"  # {_INTERRUPTED}\n")
-        found: list[QueuedCommand] = []
+        known: list[QueuedCommand] = []
         for line in reversed([*lines[-_KNOWN:], *cut]):
             command, mark, end = line.rstrip("\r").rpartition("  # ")
             if mark and end != _INTERRUPTED:
                 break
             if (command or line).startswith("counterflex "):
-                found.append(QueuedCommand(command or line, "interrupted"))
-        return found[::-1]
+                known.append(QueuedCommand(command or line, "interrupted"))
+        return known[::-1]
 
 
 def _kill(process: subprocess.Popen[str]) -> None:

@@ -35,7 +35,7 @@ class StockFilm:
     point: Int  # (m,) drawn point of the way at which each state is reached
     end: Int  # (m,) changes up to each state
     cell: Int  # (changes,) number of a cell, row by row
-    top: Float  # (changes,) m, its new height
+    top_m: Float  # (changes,) its new height
 
     @classmethod
     def of(cls, way: ToolWay, stopped: Callable[[], bool] = lambda: False) -> StockFilm | None:
@@ -86,7 +86,7 @@ class StockFilm:
         z = self.blank.z.astype(np.float64).reshape(-1)
         reached = int(np.searchsorted(self.point, point, side="right"))
         count = int(self.end[reached - 1]) if reached else 0
-        z[self.cell[:count]] = self.top[:count]  # of several changes of a cell the last one holds
+        z[self.cell[:count]] = self.top_m[:count]  # of several changes of a cell the last one holds
         return z.reshape(self.blank.z.shape)
 
     def drawn(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ class StockFilm:
             "point": self.point.tolist(),
             "end": self.end.tolist(),
             "cell": _text(self.cell, "<u4"),
-            "top": _text(self.top, "<f4"),
+            "top": _text(self.top_m, "<f4"),
         }
 
 

@@ -208,7 +208,7 @@ def inspect(
     """
     inputs = (program, cell, scan, tool_log, datum_points, before, nominal, tolerances)
     keep_inputs(out, *inputs)
-    keep_inputs(export, *(one for one in inputs if one is not None and not one.is_dir()), option="--export")
+    keep_inputs(export, *inputs, option="--export")
     of_scan = {
         "--unit": unit,
         "--datum": datum,
@@ -239,7 +239,7 @@ def inspect(
     from counterflex.app.inspection.tool_log import LogHow
     from counterflex.files.small_table import read_tolerances
 
-    more = None if export is None else _map_writer(export)
+    more = _map_writer(export)
     how: How | LogHow = LogHow(frame, form, position, run, cut)
     if tool_log is None:
         ball_m, clearance_m = (None if value is None else value * MM for value in (ball_diameter_mm, clearance_mm))
@@ -263,12 +263,13 @@ def inspect(
     show(summary)
     rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
     say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
-    if export is not None:
-        say_written(export, f"wrote {export}: deviation_mm, positive = material left")
+    say_written(export, f"wrote {export}: deviation_mm, positive = material left")
 
 
-def _map_writer(export: Path) -> Callable[[Path, object], None]:
+def _map_writer(export: Path | None) -> Callable[[Path, object], None] | None:
     """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
+    if export is None:
+        return None
     from counterflex.app.inspection.inspect import DEVIATIONS
     from counterflex.files.deviation_map import require_format, write_deviation_map
     from counterflex.files.part_deviations import read_part_deviations
