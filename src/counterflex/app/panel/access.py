@@ -256,7 +256,7 @@ class Gate:
 
 
 def _is_get(scope: Scope) -> bool:
-    return scope["type"] == "http" and scope["method"] == "GET"
+    return bool(scope["type"] == "http" and scope["method"] == "GET")
 
 
 def _headers_of(scope: Scope) -> dict[str, str]:
