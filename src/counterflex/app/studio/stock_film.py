@@ -16,8 +16,8 @@ from counterflex.cutting.removal import remove_path
 from counterflex.cutting.stock import BLOCK_COLUMNS, HeightMap
 from counterflex.path.toolpath import FEED
 
-CELLS: Final = 200
-"""Cells along the longer side of the blank."""
+CELLS: Final = 100
+"""Cells along the longer side of the blank: 70 000 triangles, for computers that draw without a graphics card."""
 STATES: Final = 240
 """States along a program: half a second each of a program of two minutes."""
 MOST: Final = 1_000_000

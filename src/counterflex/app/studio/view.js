@@ -72,7 +72,9 @@ class StudioView extends CellView {
     }
     const index = new Uint32Array(18 * nx * ny);
     let n = 0;
-    const quad = (a, b, c, d) => (index.set([a, b, c, c, b, d], n), (n += 6));
+    const quad = (a, b, c, d) => {
+      index[n++] = a, index[n++] = b, index[n++] = c, index[n++] = c, index[n++] = b, index[n++] = d;
+    };
     for (let j = 0; j < ny; j++) {
       for (let i = 0; i < nx; i++) {
         const v = 4 * (j * nx + i), right = v + 4, behind = v + 4 * nx;
@@ -83,11 +85,12 @@ class StudioView extends CellView {
     }
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
-    const colour = new Float32Array(12 * nx * ny).map((_, k) => [BLANK.r, BLANK.g, BLANK.b][k % 3]);
+    const colour = new Float32Array(12 * nx * ny);
+    for (let k = 0; k < colour.length; k += 3) (colour[k] = BLANK.r), (colour[k + 1] = BLANK.g), (colour[k + 2] = BLANK.b);
     geometry.setAttribute("color", new THREE.BufferAttribute(colour, 3));
     geometry.setIndex(new THREE.BufferAttribute(index.subarray(0, n), 1));
-    const material = new THREE.MeshStandardMaterial({
-      vertexColors: true, flatShading: true, side: THREE.DoubleSide, roughness: 0.65, metalness: 0.15,
+    const material = new THREE.MeshLambertMaterial({
+      vertexColors: true, flatShading: true, side: THREE.DoubleSide,
       polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // the path lies on what it has cut
     });
     const mesh = new THREE.Mesh(geometry, material);
