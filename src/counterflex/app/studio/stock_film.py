@@ -17,7 +17,7 @@ from counterflex.cutting.stock import BLOCK_COLUMNS, HeightMap
 from counterflex.path.toolpath import FEED
 
 CELLS: Final = 100
-"""Cells along the longer side of the blank: 70 000 triangles, for computers that draw without a graphics card."""
+"""Cells along the longer side of the blank: drawn without a graphics card in as much time as the robot."""
 STATES: Final = 240
 """States along a program: half a second each of a program of two minutes."""
 MOST: Final = 1_000_000

@@ -70,25 +70,12 @@ class StudioView extends CellView {
         }
       }
     }
-    const index = new Uint32Array(18 * nx * ny);
-    let n = 0;
-    const quad = (a, b, c, d) => {
-      index[n++] = a, index[n++] = b, index[n++] = c, index[n++] = c, index[n++] = b, index[n++] = d;
-    };
-    for (let j = 0; j < ny; j++) {
-      for (let i = 0; i < nx; i++) {
-        const v = 4 * (j * nx + i), right = v + 4, behind = v + 4 * nx;
-        quad(v, v + 1, v + 2, v + 3);
-        if (i + 1 < nx) quad(v + 1, right, v + 3, right + 2);
-        if (j + 1 < ny) quad(v + 2, v + 3, behind, behind + 1);
-      }
-    }
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
     const colour = new Float32Array(12 * nx * ny);
     for (let k = 0; k < colour.length; k += 3) (colour[k] = BLANK.r), (colour[k + 1] = BLANK.g), (colour[k + 2] = BLANK.b);
     geometry.setAttribute("color", new THREE.BufferAttribute(colour, 3));
-    geometry.setIndex(new THREE.BufferAttribute(index.subarray(0, n), 1));
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(18 * nx * ny), 1));
     const material = new THREE.MeshLambertMaterial({
       vertexColors: true, flatShading: true, side: THREE.DoubleSide,
       polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // the path lies on what it has cut
@@ -124,6 +111,35 @@ class StudioView extends CellView {
     }
   }
 
+  // Triangles of what is there to be seen: along a row, cells and walls that are alike are drawn as one.
+  join() {
+    const { attributes, index } = this.cut.mesh.geometry, to = index.array;
+    const nx = this.cut.nx + 4, ny = this.cut.ny + 4, z = attributes.position.array, red = attributes.color.array;
+    const high = (cell) => z[12 * cell + 2], alike = (a, b) => high(a) === high(b) && red[12 * a] === red[12 * b];
+    let n = 0;
+    const quad = (a, b, c, d) => {
+      to[n++] = a, to[n++] = b, to[n++] = c, to[n++] = c, to[n++] = b, to[n++] = d;
+    };
+    for (let j = 0; j < ny; j++) {
+      for (let i = 0, from = 0, wall = 0; i < nx; i++) {
+        const cell = j * nx + i, last = i + 1 === nx, end = last || !alike(cell, cell + 1);
+        if (end) {
+          const first = j * nx + from;
+          quad(4 * first, 4 * cell + 1, 4 * first + 2, 4 * cell + 3);
+          if (!last && high(cell) !== high(cell + 1)) quad(4 * cell + 1, 4 * cell + 4, 4 * cell + 3, 4 * cell + 6);
+          from = i + 1;
+        }
+        if (j + 1 < ny && (end || !alike(cell + nx, cell + nx + 1))) {
+          const first = j * nx + wall;
+          if (high(cell) !== high(cell + nx)) quad(4 * first + 2, 4 * cell + 3, 4 * (first + nx), 4 * (cell + nx) + 1);
+          wall = i + 1;
+        }
+      }
+    }
+    index.needsUpdate = true;
+    this.cut.mesh.geometry.setDrawRange(0, n);
+  }
+
   // Cut up to a point; the number of changes until there, -1 without a stock.
   cutTo(k) {
     const film = this.cut;
@@ -139,6 +155,7 @@ class StudioView extends CellView {
     for (let e = film.done; e < upTo; e++) this.lower(film.cell[e], film.top[e]);
     film.done = upTo;
     for (const one of ["position", "color"]) film.mesh.geometry.attributes[one].needsUpdate = true;
+    this.join();
     this.dirty = true;
     return upTo;
   }
