@@ -325,7 +325,7 @@ def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterfle
     lines = ["Name;Nom X;Nom Y;Nom Z;Meas X [mm];Meas Y [mm];Meas Z [mm]"]
     lines += [";".join([f"P{k}", "0", "0", "0", *(f"{v:.4f}" for v in p)]) for k, p in enumerate(points)]
     (work / "cmm.csv").write_text("\n".join(lines).replace(".", ","))
-    ended = counterflex(*COMMAND, "--scan", "cmm.csv", "--aligned", "--json")
+    ended = counterflex(*COMMAND, "--scan", "cmm.csv", "--aligned", "--json", "--export", "out/deep/map.ply")
     assert ended.status == 0, ended.err
     rows, part = read_part_deviations(Path("out/deep/deviations.parquet"))
     assert part.datum_faces == ()
@@ -333,3 +333,14 @@ def test_a_few_probed_points_in_the_part_frame_are_judged(work: Path, counterfle
     floor = (rows.face == 0) & (rows.points[:, 0] > 1e-3)
     assert abs(np.median(rows.deviation_m[floor]) + 120e-6) < 2e-6
     np.testing.assert_allclose(rows.deviation_m[rows.face == 2], 0.0, atol=5e-6)
+    with Path("out/deep/map.ply").open("rb") as stream:
+        data = trimesh.load(stream, file_type="ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_allclose(np.ravel(data["deviation_mm"]), 1e3 * rows.deviation_m, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("option", "words"), [("map.vtk", ".ply or .vtp"), ("s.ply", "replace s.ply")])
+def test_a_map_that_cannot_be_written_is_refused_first(
+    work: Path, refused: Callable[..., str], option: str, words: str
+) -> None:
+    write(work / "s.ply", measured()[::150])
+    assert words in refused(*COMMAND, "--scan", "s.ply", "--aligned", "--export", option)

@@ -95,6 +95,16 @@ def cell(page: Page, shot: Shot) -> None:
     shot("unknown")
 
 
+CHANGES = "document.querySelector('[data-test=\"stock\"]').dataset.changes"
+"""Cells of the stock that were lowered."""
+
+
+def to_share(page: Page, share: float) -> None:
+    """Move the slider along the program."""
+    slider = "document.querySelector('[data-test=\"time\"]')"
+    page.value(f"{slider}.value = Math.round({share} * {slider}.max); {slider}.dispatchEvent(new Event('input'))")
+
+
 def program(page: Page, shot: Shot) -> None:
     """Source line and point of the path select each other."""
     click(page, "go-program")
@@ -104,6 +114,12 @@ def program(page: Page, shot: Shot) -> None:
     click(page, "line12")
     page.wait_text("at", "line 12")
     shot("program")
+    page.wait("!!document.querySelector('[data-test=\"stock\"]')", "the stock")
+    to_share(page, 0.6)
+    shot("stock")
+    cut = int(page.value(CHANGES))
+    to_share(page, 0.3)
+    assert 0 < int(page.value(CHANGES)) < cut  # back in time there is more of it
 
 
 def plan(page: Page, shot: Shot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -13,6 +14,9 @@ from typing import Any, Final, NoReturn
 
 _AGAIN_S: Final = 0.05
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_STARTER: Final = "COUNTERFLEX_ENDS_WITH_STDIN"
+_PATIENCE_S: Final = 10.0
+"""Time that an interrupted command has to keep what it can after its starter has died."""
 _received: list[int] = []
 _written: list[str] = []
 _worse: list[int] = []
@@ -101,6 +105,33 @@ def interruptible() -> Iterator[None]:
         sys.unraisablehook = report
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def end_with_starter() -> None:
+    """Interrupt this command when standard input ends: its starter closes the pipe, or has died, however it did.
+
+    Only where the starter asks for it (``COUNTERFLEX_ENDS_WITH_STDIN=1``). The command itself reads an empty input.
+    """
+    if os.environ.pop(_STARTER, "") != "1":  # not for what this process starts
+        return
+    pipe = os.dup(0)
+    empty, other = os.pipe()
+    os.close(other)
+    os.dup2(empty, 0)
+    os.close(empty)
+    threading.Thread(target=_follow, args=(pipe,), name="starter", daemon=True).start()
+
+
+def _follow(pipe: int) -> None:
+    with contextlib.suppress(OSError):
+        while os.read(pipe, 4096):
+            pass
+    if sys.platform == "win32":
+        _thread.interrupt_main(signal.SIGTERM)
+    else:  # ends a wait of the main thread, too
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+    threading.Event().wait(_PATIENCE_S)
+    os._exit(128 + signal.SIGTERM)
 
 
 def end(line: str, status: int = 2) -> NoReturn:

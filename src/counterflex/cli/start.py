@@ -38,6 +38,7 @@ def run() -> None:
     sys.excepthook = print_fault
     with interruptible(), everything_is_text():
         try:
+            interrupt.end_with_starter()
             status = _done(sys.argv[1:])
             sys.stdout.flush()  # a full disk behind it is told here
         except KeyboardInterrupt:

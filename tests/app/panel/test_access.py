@@ -18,7 +18,7 @@ from counterflex.app.panel.access import (
     Gate,
     Sessions,
 )
-from counterflex.app.panel.settings import PanelSettings, require_safe
+from counterflex.app.panel.settings import PanelSettings, read_metrics_key, require_safe
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.files.panel_users import LEAST, PanelUsers, remove_user, set_user
 
@@ -132,6 +132,37 @@ def test_sockets_and_all_else_are_shut_without_a_session(gate: tuple[Gate, Behin
     ]
     assert ask(door, path, method="POST")[0]["status"] == 401
     assert behind.came == []
+
+
+def test_a_key_reads_its_one_path_and_begins_no_session(clock: Clock) -> None:
+    behind, key = Behind(), "k" * 24
+    door = Gate(behind, Sessions(clock), hosts=LOOPBACK, keys={}, secure=False)
+    door.reads = {"/metrics": key, "/none": ""}
+    given = {"authorization": f"Bearer {key}"}
+    for path, method, more in (
+        ("/", "GET", given), ("/metrics", "POST", given), ("/metrics/x", "GET", given), ("/none", "GET", given),
+        ("/metrics", "GET", {}), ("/metrics", "GET", {"authorization": "Bearer "}),
+        ("/metrics", "GET", {"authorization": key}), ("/none", "GET", {"authorization": "Bearer "}),
+        ("/metrics", "GET", {"authorization": "Bearer \xe4"}),
+    ):  # fmt: skip
+        assert ask(door, path, method=method, more=more)[0]["status"] in (303, 401), (path, method, more)
+    assert ask(door, "/metrics", query=f"key={key}")[0]["status"] == 401
+    assert ask(door, "/metrics", kind="websocket", origin="http://localhost:8642", more=given)[0]["code"] == 4401
+    assert ask(door, "/metrics", host="evil.example", more=given)[0]["status"] == 403
+    assert behind.came == []
+    (start, *_) = [*ask(door, "/metrics", more=given), {"status": "through"}]
+    assert start["status"] == "through"
+    assert behind.came == [None]
+
+
+def test_a_short_key_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "key"
+    file.write_text("k" * 24 + "\n", encoding="ascii")
+    assert read_metrics_key(file) == "k" * 24
+    for text in ("", "k" * 23, "two words " * 9, "\xfc" * 30):
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(FileFormatError, match="no key"):
+            read_metrics_key(file)
 
 
 def test_only_the_login_is_open(gate: tuple[Gate, Behind, Sessions]) -> None:

@@ -207,8 +207,12 @@ def test_a_loop_that_stands_still_is_told(live: Live) -> None:
     live.panel.poll()
     live.rig.frozen = True
     live.rig.run(200)
+    assert "counterflex_cycles_total" in live.panel.open_metrics()
     live.panel.poll()
     assert live.panel.seen.value == "silent"
+    text = live.panel.open_metrics()
+    assert 'counterflex_run{counterflex_run="silent"} 1\n' in text
+    assert "counterflex_cycles_total" not in text  # an old value would look like a live one
     live.rig.frozen = False
     live.rig.run(2)
     live.panel.poll()

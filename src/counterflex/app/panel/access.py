@@ -158,6 +158,8 @@ class Gate:
     A wrong key of a link is not counted: nobody guesses 24 random bytes, and a page of another site that asks for wrong
     ones in a browser of this computer would lock out who sits at it.
 
+    A key of ``reads``, by the one path that it reads, is given as ``Authorization: Bearer``; it begins no session.
+
     Args:
         hosts: Names that it may be asked under; None: any.
         keys: Secrets in a link that begin a session, each with name and role; none where users log in.
@@ -182,6 +184,7 @@ class Gate:
         cookie: str = COOKIE,
         body: int = BODY,
     ) -> None:
+        self.reads: Mapping[str, str] = {}
         self._app, self._sessions, self._hosts, self._keys, self._cookie = app, sessions, hosts, keys, cookie
         self._secure, self._opened, self._known, self._full, self._body = secure, opened, known, full, body
 
@@ -207,9 +210,9 @@ class Gate:
             if refusal := self._beyond(scope, headers):
                 await _refuse(scope, receive, send, *refusal)
                 return
-        if session is not None or (path == "/login" and scope["type"] == "http"):
+        if session is not None or self._may_read(scope, headers):
             await self._app(scope, receive, send)
-        elif scope["type"] == "http" and scope["method"] == "GET" and not path.startswith("/_nicegui"):
+        elif _is_get(scope) and path not in self.reads and not path.startswith("/_nicegui"):
             await _redirect(send, "/login", None)
         else:
             await _refuse(scope, receive, send, 401, "log in first")
@@ -224,6 +227,15 @@ class Gate:
         if scope["path"] == "/" and self._full():
             return 503, "too many pages are open: close some"
         return None
+
+    def _may_read(self, scope: Scope, headers: Mapping[str, str]) -> bool:
+        """Without a session: the page to log in at, and with its key the path that it reads."""
+        if scope["path"] == "/login":
+            return bool(scope["type"] == "http")
+        key = self.reads.get(scope["path"], "")
+        if not key or not _is_get(scope):
+            return False
+        return secrets.compare_digest(f"Bearer {key}".encode(), headers.get("authorization", "").encode())
 
     def _right_host(self, headers: Mapping[str, str]) -> bool:
         return self._hosts is None or _host(headers.get("host", "")) in self._hosts
@@ -241,6 +253,10 @@ class Gate:
                     self._opened(one)
                 return cookie_text(secret, secure=self._secure, name=self._cookie)
         return None
+
+
+def _is_get(scope: Scope) -> bool:
+    return bool(scope["type"] == "http" and scope["method"] == "GET")
 
 
 def _headers_of(scope: Scope) -> dict[str, str]:

@@ -8,7 +8,7 @@ import logging
 import os
 import secrets
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final, Protocol
 
 import uvicorn
@@ -64,7 +64,7 @@ class GatedServer:
     def _run(
         self, routes: Iterable[BaseRoute], *, title: str, dark: bool | None = True,
         opened: Callable[[PanelSession], None] = lambda _: None, full: Callable[[], bool] = lambda: False,
-        body: int = BODY,
+        body: int = BODY, reads: Mapping[str, str] | None = None,
     ) -> None:  # fmt: skip
         """Serve the pages of the page library until the process is asked to end.
 
@@ -73,6 +73,7 @@ class GatedServer:
             opened: Told of each session that a link began.
             full: Tells whether there are too many pages to open another one.
             body: Most bytes of a request of a user.
+            reads: Keys by the one path that each may read.
 
         Raises:
             OutputError: The port cannot be opened.
@@ -99,6 +100,7 @@ class GatedServer:
             cookie=self._cookie,
             body=body,
         )
+        gate.reads = {} if reads is None else reads
         logging.getLogger("nicegui").setLevel(logging.ERROR)
         config = uvicorn.Config(
             gate,

@@ -21,8 +21,9 @@ from starlette.routing import Route
 from counterflex.app.panel.access import COOKIE, SESSION, PanelSession, Sessions, cookie_of, cookie_text, source_of
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.panel.gated_server import GatedServer
+from counterflex.app.panel.metrics import CONTENT
 from counterflex.app.panel.page import PanelPage
-from counterflex.app.panel.settings import PanelSettings, require_safe
+from counterflex.app.panel.settings import PanelSettings, read_metrics_key, require_safe
 from counterflex.app.panel.tries import RefusedLogins, Tries
 from counterflex.app.panel.watched_run import WatchedRun
 from counterflex.core.errors import CounterflexError
@@ -131,6 +132,9 @@ PAGES: Final = 64
 """Pages that may be open."""
 USERS_S: Final = 1.0
 """Period at which the file of users is looked at."""
+METRICS: Final = "/metrics"
+METRICS_S: Final = 1.0
+"""Period after which the text for a monitoring server is made anew."""
 _CSS: Final = Path(__file__).with_name("panel.css")
 
 
@@ -141,7 +145,7 @@ class PanelServer(GatedServer):
         started: Told the links that open it, once: whose, and the address.
 
     Raises:
-        FileFormatError: The file of users is none.
+        FileFormatError: The file of users is none, or that of the key of /metrics.
         OutputError: Another panel watches the run.
     """
 
@@ -159,6 +163,8 @@ class PanelServer(GatedServer):
         self._scene_of = -1
         self._trouble = ""
         self._last: dict[str, Any] = {}
+        self._metrics_key = read_metrics_key(settings.metrics_key)
+        self._metrics, self._metrics_due = b"", 0.0
 
     def serve(self) -> None:
         """Serve until the process is asked to end. Raises OutputError: the port cannot be opened."""
@@ -169,12 +175,19 @@ class PanelServer(GatedServer):
         app.on_shutdown(self.run.close)
         try:
             self._run(
-                routes, title="counterflex",
+                [*routes, Route(METRICS, self._read_metrics, methods=["GET"])], title="counterflex",
                 opened=lambda one: self._note_login(one.name, one.source, f"link opened as {one.role}"),
-                full=lambda: len(self.pages) >= PAGES,
+                full=lambda: len(self.pages) >= PAGES, reads={METRICS: self._metrics_key},
             )  # fmt: skip
         finally:
             self.run.close()
+
+    async def _read_metrics(self, _: Request) -> Response:
+        """The run for a monitoring server; made once a period however often it is asked for."""
+        now = time.monotonic()
+        if now >= self._metrics_due:
+            self._metrics_due, self._metrics = now + METRICS_S, self.run.open_metrics().encode()
+        return Response(self._metrics, media_type=CONTENT, headers={"cache-control": "no-store"})
 
     def _note_login(self, name: str, source: str, what: str) -> None:
         self.run.note({"who": name, "from": source, "action": what, "done": True})

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.panel.figures import Figures, Trail
+from counterflex.app.panel.metrics import RunMetrics, exposition
 from counterflex.app.run.operator_requests import Clock, ask
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.units import NS
@@ -58,6 +59,7 @@ class WatchedRun:
         self._reader: SnapshotReader | None = None
         self._actions: Actions | None = None
         self._made: Figures | None = None
+        self._metrics: RunMetrics | None = None
         self._looked = self._last_ns = 0
         self._left: Path | None = None
         self.last: Any = None
@@ -75,7 +77,7 @@ class WatchedRun:
                 self._attach()
             return False
         words, reader = self._words.words, self._reader
-        if reader is None or self._made is None:
+        if reader is None or self._made is None or self._metrics is None:
             return False
         words[Panel.NS], words[Panel.CLIENTS] = now, clients
         shots = reader.take()
@@ -83,6 +85,7 @@ class WatchedRun:
             self._last_ns = now
             self.seen = Seen.RUNNING
             self.figures = self._made.of(shots, now, reader.missed)
+            self._metrics.add(shots, reader.missed)
             self.trail.add(shots, self._made.frames, planned=bool(self.about["planned"]))
             self.last = shots[-1]
         if reader.ended or words[Life.ENDED]:
@@ -118,6 +121,7 @@ class WatchedRun:
         with contextlib.suppress(CounterflexError):
             self._actions = Actions(actions_path(words.path))
         self._made, self.trail, self.figures = Figures(reader.about), Trail(), {}
+        self._metrics = RunMetrics(reader.about)
         words.words[Panel.PID], words.words[Panel.NS] = os.getpid(), self._clock_ns()
         self.seen, self._last_ns = Seen.RUNNING, self._clock_ns()
         self.runs += 1
@@ -172,6 +176,11 @@ class WatchedRun:
         """Have something that an operator did written into the run log."""
         if self._actions is not None:
             self._actions.note(PANEL_LANE, facts)
+
+    def open_metrics(self) -> str:
+        """The run as OpenMetrics text; of a run that is silent or has ended only that it is."""
+        goes_on = self._metrics if self.seen is Seen.RUNNING else None
+        return exposition(self.seen.value, [one.value for one in Seen], self.age_s(), goes_on)
 
     def age_s(self) -> float | None:
         """Return how old what is shown is, s; None before the first snapshot."""

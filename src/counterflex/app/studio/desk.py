@@ -17,7 +17,7 @@ from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio import texts
 from counterflex.app.studio.jobs import CommandQueue, QueuedCommand
 from counterflex.app.studio.project import Project
-from counterflex.app.studio.tool_way import ToolWay
+from counterflex.app.studio.stock_film import StockFilm
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.printable import printable
@@ -277,9 +277,13 @@ class SceneView(Element, component="view.js", esm={"counterflex-cell-view": _SHA
         """Move the robot to angles; the ellipsoid is the deflection under 100 N."""
         self.run_method("pose", scene.frames(q), compliance_um_per_n)
 
-    def show_way(self, way: ToolWay, scene: CellScene, source: list[str], *, near: bool) -> None:
-        """Draw the way of the tool, with the text of its program."""
-        self.run_method("path", way.drawn(scene), source, near)
+    def show_way(self, drawn: dict[str, Any], source: list[str], *, near: bool) -> None:
+        """Draw the way of the tool (:meth:`ToolWay.drawn`), with the text of its program."""
+        self.run_method("path", drawn, source, near)
+
+    def show_film(self, film: StockFilm) -> None:
+        """Draw the stock in place of the blank, as it is cut along the way."""
+        self.run_method("film", film.drawn())
 
     def paint(self, channel: str) -> None:
         """Colour the way by a channel."""

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
+
 import numpy as np
 from nicegui import background_tasks, ui
 
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.studio import texts
 from counterflex.app.studio.desk import Drop, FaultBanner, SceneView, Workbench, command_text
+from counterflex.app.studio.stock_film import StockFilm
 from counterflex.app.studio.tool_way import ToolWay
+from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
+from counterflex.core.printable import printable
 from counterflex.programs.source_text import read_text
 
 
@@ -21,6 +27,8 @@ class ProgramPage:
         self._way: ToolWay | None = None
         self._scene: CellScene | None = None
         self._shown = ""
+        self._stop = threading.Event()  # Set where the stock that is being cut is no longer looked at
+        desk.client.on_delete(lambda: self._stop.set())
         with ui.row().classes("st-row"):
             self._plan = ui.select({"": texts.NO_PLAN}, label=texts.PLAN, value="", on_change=self._show)
             self._plan.classes("st-pick").props('data-test="plan-of-path"')
@@ -74,16 +82,19 @@ class ProgramPage:
         """Send everything to the browser."""
         if self._way is None or self._scene is None:
             return
-        background_tasks.create(self._send(self._scene), name="draw the program")
+        self._stop.set()
+        self._stop = threading.Event()
+        background_tasks.create(self._send(self._scene, self._stop), name="draw the program")
 
-    async def _send(self, scene: CellScene) -> None:
+    async def _send(self, scene: CellScene, stop: threading.Event) -> None:
         way = await self.fault.during(self._planned)
         if way is None:
             return
+        drawn = await asyncio.to_thread(way.drawn, scene)
         with self._view.client:
             source = read_text(self._desk.program_file)[0].splitlines()
             self._view.show_cell(scene, np.zeros(6))
-            self._view.show_way(way, scene, source, near=True)
+            self._view.show_way(drawn, source, near=True)
             names = {channel: texts.CHANNELS[channel][0] for channel in way.values}
             best = next(name for name in ("after", "before", "height") if name in names)
             value = self._channel.value if self._channel.value in names else best
@@ -92,9 +103,17 @@ class ProgramPage:
             about = way.about
             self._about.set_text(texts.SUMMARY.format(**about))
             notes = [] if not way.why else [texts.NOT_REACHED.format(fault=way.why)]
-            drawn = len(way.drawn_rows)
-            notes += [texts.THINNED.format(shown=drawn, points=len(way.p_part))] if drawn < len(way.p_part) else []
+            shown = len(way.drawn_rows)
+            notes += [texts.THINNED.format(shown=shown, points=len(way.p_part))] if shown < len(way.p_part) else []
             self._note.set_text(" ".join(notes))
+        try:
+            film = await asyncio.to_thread(StockFilm.of, way, lambda: stop.is_set() or self._desk.queue.closed)
+        except CounterflexError as fault:
+            self._note.set_text(" ".join([*notes, texts.NOT_CUT.format(fault=printable(str(fault)))]))
+            return
+        if film is not None and not stop.is_set():
+            with self._view.client:
+                self._view.show_film(film)
 
     def _paint(self) -> None:
         if self._channel.value:

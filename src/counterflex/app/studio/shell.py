@@ -23,7 +23,7 @@ _PAGES: Final[dict[str, Any]] = {
     "inspect": InspectPage,
     "run": RunPage,
 }
-_COLOURS: Final = {"waiting": "primary", "running": "primary", "failed": "negative"}
+_COLOURS: Final = {"waiting": "primary", "running": "primary", "failed": "negative", "interrupted": "warning"}
 _SHOWN: Final = 30
 """Commands that are listed."""
 
@@ -104,6 +104,8 @@ class Shell:
                 self._what = ui.label("").classes("st-note").props('data-test="what"')
                 self._cancel = ui.button(texts.CANCEL, on_click=self._cancel_now).props("no-caps flat dense")
                 self._cancel.props('data-test="cancel"')
+                self._resume = ui.button(texts.RESUME, on_click=self._resume_all).props("no-caps flat dense")
+                self._resume.props('data-test="resume"')
             self._list = ui.column().classes("st-jobs")
 
     def _cancel_now(self) -> None:
@@ -111,10 +113,16 @@ class Shell:
             if job.state == "running":
                 self._desk.queue.cancel(job)
 
+    def _resume_all(self) -> None:
+        for job in self._desk.queue.jobs:
+            if job.state == "interrupted":
+                self._desk.queue.add(job.line)
+
     async def _tick(self) -> None:
         queue = self._desk.queue
         current = next((job for job in queue.jobs if not job.ended), queue.jobs[-1] if queue.jobs else None)
         self._cancel.set_visibility(current is not None and current.state == "running")
+        self._resume.set_visibility(current is not None and current.state == "interrupted")
         self._bar.set_visibility(current is not None)
         if current is not None:
             self._show_now(current, sum(job.state == "waiting" for job in queue.jobs))
@@ -128,6 +136,7 @@ class Shell:
         running = job.state == "running"
         self._now.set_text(job.line)
         text = (running and job.what) or (job.state == "failed" and job.error) or texts.STATES[job.state]
+        text = texts.INTERRUPTED if job.state == "interrupted" else text
         self._what.set_text(text + (f" (+{waiting})" if running and waiting else ""))
         unknown = running and job.fraction == 0.0
         self._bar.set_value(1.0 if job.ended else job.fraction)

@@ -22,7 +22,7 @@ INTRO: Final = {
 CELL, PROGRAM, PLAN = "Cell file", "Program", "Plan"
 DARK: Final = "Light or dark"
 HELP_COMMAND: Final = "The command that does the same; it is run in the folder of the project"
-COPIED, CANCEL, UPLOAD = "Copied", "Cancel", "Drop a file here, or click +"
+COPIED, CANCEL, RESUME, UPLOAD = "Copied", "Cancel", "Run again", "Drop a file here, or click +"
 COMMANDS: Final = "Commands"
 NO_COMMANDS: Final = "No command has run yet."
 STATES: Final = {
@@ -32,7 +32,9 @@ STATES: Final = {
     "checked": "done: a check failed",
     "failed": "failed",
     "cancelled": "cancelled",
+    "interrupted": "interrupted",
 }
+INTERRUPTED: Final = "interrupted with the studio: the same command goes on, or begins anew"
 ALREADY: Final = "There is a file {name} already: give another name."
 NO_NAME: Final = "Give a plain file name that ends in {ending}."
 NOT_TAKEN: Final = "{name} cannot be kept: {fault}"
@@ -75,6 +77,7 @@ CHANNELS: Final = {
 }
 NO_PLAN: Final = "without a plan"
 NOT_REACHED: Final = "The robot is not shown: {fault}"
+NOT_CUT: Final = "The stock is not cut: {fault}"
 THINNED: Final = "{shown} of {points} points are drawn."
 SUMMARY: Final = "{language}, {lines} lines, {length:.0f} mm in {seconds:.0f} s, tools {tools}"
 SCENE: Final = {

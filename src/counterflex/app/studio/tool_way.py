@@ -42,6 +42,7 @@ class ToolWay:
     q: Float | None  # (n, 6) rad, controller angles; None where the robot does not reach
     why: str = ""  # Why there are no angles
     about: dict[str, Any] = field(default_factory=dict)
+    cell: Cell | None = None  # As the program is read on it
 
     @classmethod
     def of_program(cls, program: Path, cell_file: Path) -> ToolWay:
@@ -65,7 +66,7 @@ class ToolWay:
             "tools": ", ".join(f"T{number}" for number in np.unique(path.tool)),
         }
         cutting = (path.kind == FEED).astype(np.float64)
-        return cls(p, line, path.time_s, cutting, path.tool, values, q, why, about)
+        return cls(p, line, path.time_s, cutting, path.tool, values, q, why, about, cell)
 
     def with_plan(self, plan: Path, cell_file: Path) -> ToolWay:
         """The way as a plan has it: with forces, deflections, corrections and predicted errors."""
@@ -86,7 +87,7 @@ class ToolWay:
         cutting = (table["kind"].to_numpy() == FEED).astype(np.float64)
         return ToolWay(
             p, table["line"].to_numpy(), table["time_s"].to_numpy(), cutting, table["tool"].to_numpy(), values,
-            np.array([chain.axes.model(row) for row in shown]), about=self.about,
+            np.array([chain.axes.model(row) for row in shown]), about=self.about, cell=self.cell,
         )  # fmt: skip
 
     @property

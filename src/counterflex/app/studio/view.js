@@ -3,6 +3,8 @@ import { THREE, CellView, colourOf } from "counterflex-cell-view";
 
 const ROW = 20; // px, height of a line of the source
 const PICK = 14; // px, how near a click has to be to a point
+const BLANK = new THREE.Color(0x6f8496); // faces of the blank, and what the tool has made
+const CUT = new THREE.Color(0xd8dee4);
 const UM = 2000; // an ellipsoid of 100 um is drawn 0.2 m large
 
 class StudioView extends CellView {
@@ -47,6 +49,115 @@ class StudioView extends CellView {
     });
     attribute.needsUpdate = true;
     this.dirty = true;
+  }
+
+  // The stock: per cell a flat top of four corners; neighbours are joined by walls. Two rims of cells without width close
+  // the sides: one as high as its neighbours, in the colour of the blank, and one at the bottom.
+  film(data) {
+    if (this.cut) {
+      this.frame("part").remove(this.cut.mesh, this.hidden);
+      this.cut.mesh.geometry.dispose();
+    }
+    const nx = data.nx + 4, ny = data.ny + 4, position = new Float32Array(12 * nx * ny);
+    const edge = (i, n, low) => low + data.side * Math.min(Math.max(i, 0), n);
+    for (let j = 0; j < ny; j++) {
+      for (let i = 0; i < nx; i++) {
+        for (let c = 0; c < 4; c++) {
+          const at = 3 * (4 * (j * nx + i) + c);
+          position[at] = edge(i - 2 + (c & 1), data.nx, data.corner[0]);
+          position[at + 1] = edge(j - 2 + (c >> 1), data.ny, data.corner[1]);
+          position[at + 2] = data.bottom;
+        }
+      }
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(position, 3));
+    const colour = new Float32Array(12 * nx * ny);
+    for (let k = 0; k < colour.length; k += 3) (colour[k] = BLANK.r), (colour[k + 1] = BLANK.g), (colour[k + 2] = BLANK.b);
+    geometry.setAttribute("color", new THREE.BufferAttribute(colour, 3));
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(18 * nx * ny), 1));
+    const material = new THREE.MeshLambertMaterial({
+      vertexColors: true, flatShading: true, side: THREE.DoubleSide,
+      polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // the path lies on what it has cut
+    });
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false;
+    mesh.matrixAutoUpdate = false;
+    const t = data.turn;
+    mesh.matrix.set(t[0], t[1], t[2], 0, t[3], t[4], t[5], 0, t[6], t[7], t[8], 0, 0, 0, 0, 1);
+    const bytes = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0)).buffer;
+    const [blank, top] = [new Float32Array(bytes(data.blank)), new Float32Array(bytes(data.top))];
+    this.cut = { ...data, mesh, blank, top, cell: new Uint32Array(bytes(data.cell)), done: -1 };
+    if (this.stock) this.stock.visible = false;
+    this.frame("part").add(mesh);
+    const faint = { vertexColors: true, transparent: true, opacity: 0.35, depthWrite: false };
+    const later = new THREE.LineBasicMaterial({ ...faint, depthFunc: THREE.GreaterDepth }); // still in the stock
+    this.hidden = new THREE.Line(this.lines.geometry, later);
+    this.hidden.frustumCulled = false;
+    this.frame("part").add(this.hidden);
+  }
+
+  lower(cell, top) {
+    const { nx, ny, mesh, blank } = this.cut, { position, color } = mesh.geometry.attributes;
+    const i = cell % nx, j = Math.floor(cell / nx);
+    for (let y = j ? j : -1; y <= (j < ny - 1 ? j : ny); y++) {
+      for (let x = i ? i : -1; x <= (i < nx - 1 ? i : nx); x++) {
+        const shade = x === i && y === j && top < blank[cell] - 1e-6 ? CUT : BLANK;
+        for (let c = 0, v = 4 * ((y + 2) * (nx + 4) + x + 2); c < 4; c++, v++) {
+          position.setZ(v, top);
+          color.setXYZ(v, shade.r, shade.g, shade.b);
+        }
+      }
+    }
+  }
+
+  // Triangles of what is there to be seen: along a row, cells and walls that are alike are drawn as one.
+  join() {
+    const { attributes, index } = this.cut.mesh.geometry, to = index.array;
+    const nx = this.cut.nx + 4, ny = this.cut.ny + 4, z = attributes.position.array, red = attributes.color.array;
+    const high = (cell) => z[12 * cell + 2], alike = (a, b) => high(a) === high(b) && red[12 * a] === red[12 * b];
+    let n = 0;
+    const quad = (a, b, c, d) => {
+      to[n++] = a, to[n++] = b, to[n++] = c, to[n++] = c, to[n++] = b, to[n++] = d;
+    };
+    for (let j = 0; j < ny; j++) {
+      for (let i = 0, from = 0, wall = 0; i < nx; i++) {
+        const cell = j * nx + i, last = i + 1 === nx, end = last || !alike(cell, cell + 1);
+        if (end) {
+          const first = j * nx + from;
+          quad(4 * first, 4 * cell + 1, 4 * first + 2, 4 * cell + 3);
+          if (!last && high(cell) !== high(cell + 1)) quad(4 * cell + 1, 4 * cell + 4, 4 * cell + 3, 4 * cell + 6);
+          from = i + 1;
+        }
+        if (j + 1 < ny && (end || !alike(cell + nx, cell + nx + 1))) {
+          const first = j * nx + wall;
+          if (high(cell) !== high(cell + nx)) quad(4 * first + 2, 4 * cell + 3, 4 * (first + nx), 4 * (cell + nx) + 1);
+          wall = i + 1;
+        }
+      }
+    }
+    index.needsUpdate = true;
+    this.cut.mesh.geometry.setDrawRange(0, n);
+  }
+
+  // Cut up to a point; the number of changes until there, -1 without a stock.
+  cutTo(k) {
+    const film = this.cut;
+    if (!film) return -1;
+    let state = 0;
+    while (state < film.point.length && film.point[state] <= k) state++;
+    const upTo = state ? film.end[state - 1] : 0;
+    if (upTo === film.done) return upTo;
+    if (upTo < film.done || film.done < 0) {
+      film.blank.forEach((top, cell) => this.lower(cell, top));
+      film.done = 0;
+    }
+    for (let e = film.done; e < upTo; e++) this.lower(film.cell[e], film.top[e]);
+    film.done = upTo;
+    for (const one of ["position", "color"]) film.mesh.geometry.attributes[one].needsUpdate = true;
+    this.join();
+    this.dirty = true;
+    return upTo;
   }
 
   select(k) {
@@ -94,6 +205,7 @@ export default {
   <div class="st-view" :class="{ 'st-with-source': source.length }">
     <div class="st-canvas" data-test="canvas">
       <canvas ref="canvas" @pointerdown="press" @pointerup="pick"></canvas>
+      <i v-if="changes >= 0" data-test="stock" :data-changes="changes" hidden></i>
       <p v-if="!drawn" class="st-empty">{{ words.empty }}</p>
       <button v-if="drawn" class="st-small st-corner" type="button" @click="look">{{ near ? words.far : words.near }}</button>
       <div v-if="way && shown" class="st-legend"><b>{{ shown.title }}</b><i></i>
@@ -116,7 +228,7 @@ export default {
   props: { words: Object },
   data() {
     return { way: false, shown: null, at: 0, last: 0, line: 0, source: [], first: 0, rows: [], near: false, drawn: false,
-      playing: false, readout: "", byLine: new Map() };
+      changes: -1, playing: false, readout: "", byLine: new Map() };
   },
   mounted() {
     this.dark = document.body.classList.contains("body--dark");
@@ -148,6 +260,7 @@ export default {
       this.view = new StudioView(canvas, bodies, document.body.classList.contains("body--dark"));
       this.view.near = this.near;
       this.way = false;
+      this.changes = -1;
       this.drawn = true;
       this.view.place(frames, 1);
     },
@@ -172,6 +285,11 @@ export default {
         this.moved();
       });
     },
+    film(data) {
+      if (!this.way) return;
+      this.view.film(data);
+      this.changes = this.view.cutTo(this.at);
+    },
     paint(channel, title, unit) {
       const values = this.d.values[channel] || [];
       // Before and after have one scale, so that the gain is seen.
@@ -192,6 +310,7 @@ export default {
         this.view.place(d.poses[j], d.tool[k]);
       }
       this.view.select(k);
+      this.changes = this.view.cutTo(k);
       if (this.line !== d.line[k]) {
         this.line = d.line[k];
         this.reveal();

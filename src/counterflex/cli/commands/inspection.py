@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -186,6 +186,15 @@ def inspect(
     cut: Annotated[
         bool, option("--cut", "The part was cut while the tool was logged; without it all feed motion counts.")
     ] = False,
+    export: Annotated[
+        Path | None,
+        option(
+            "--export",
+            "Also write the deviations of a scan as points with scalar fields, mm: .ply or .vtp (VTK).",
+            arguments.output_file,
+            "FILE",
+        ),
+    ] = None,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Judge a real part: its scan, or the measured path of the tool, against what the program makes.
@@ -197,7 +206,9 @@ def inspect(
 
     Example: `counterflex inspect part.ngc --cell cell.toml --scan part.ply --out inspected`
     """
-    keep_inputs(out, program, cell, scan, tool_log, datum_points, before, nominal, tolerances)
+    inputs = (program, cell, scan, tool_log, datum_points, before, nominal, tolerances)
+    keep_inputs(out, *inputs)
+    keep_inputs(export, *inputs, option="--export")
     of_scan = {
         "--unit": unit,
         "--datum": datum,
@@ -205,6 +216,7 @@ def inspect(
         "--aligned": aligned,
         "--ball-diameter-mm": ball_diameter_mm,
         "--clearance-mm": clearance_mm,
+        "--export": export,
     }
     of_log = {
         "--frame": frame,
@@ -227,6 +239,7 @@ def inspect(
     from counterflex.app.inspection.tool_log import LogHow
     from counterflex.files.small_table import read_tolerances
 
+    more = _map_writer(export)
     how: How | LogHow = LogHow(frame, form, position, run, cut)
     if tool_log is None:
         ball_m, clearance_m = (None if value is None else value * MM for value in (ball_diameter_mm, clearance_mm))
@@ -241,6 +254,7 @@ def inspect(
             before=before,
             nominal=nominal,
             tolerances_m=None if tolerances is None else read_tolerances(tolerances),
+            more=more,
             progress=progress,
         )
     if as_json:
@@ -249,3 +263,16 @@ def inspect(
     show(summary)
     rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
     say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
+    say_written(export, f"wrote {export}: deviation_mm, positive = material left")
+
+
+def _map_writer(export: Path | None) -> Callable[[Path, object], None] | None:
+    """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
+    if export is None:
+        return None
+    from counterflex.app.inspection.inspect import DEVIATIONS
+    from counterflex.files.deviation_map import require_format, write_deviation_map
+    from counterflex.files.part_deviations import read_part_deviations
+
+    require_format(export)
+    return lambda folder, _: write_deviation_map(export, read_part_deviations(folder / DEVIATIONS)[0])

@@ -26,6 +26,10 @@ def panel(
     key: Annotated[
         Path | None, option("--key", "Private key of the certificate (.pem).", arguments.file, "FILE")
     ] = None,
+    metrics_key: Annotated[
+        Path | None,
+        option("--metrics-key", "File with the key that reads /metrics (OpenMetrics) only.", arguments.file, "FILE"),
+    ] = None,
     range_um: Annotated[
         float, option("--range-um", "Deviation at which the colours end, um.", min=1.0, max=10000.0)
     ] = 200.0,
@@ -43,7 +47,7 @@ def panel(
     """
     from counterflex.app.panel.settings import PanelSettings, require_safe
 
-    settings = PanelSettings(log, host, port, users, certificate, key, range_um=range_um)
+    settings = PanelSettings(log, host, port, users, certificate, key, metrics_key, range_um=range_um)
     require_safe(settings)
     from counterflex.app.panel.server import serve
 
