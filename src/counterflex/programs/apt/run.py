@@ -21,7 +21,11 @@ from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
 
-_LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
+_LOADS: Final = (
+    "ADJUST", "LENGTH", "OSETNO", "ZOFF", "IN", "OFFSET", "MILL", "AUTO", "MANUAL", "MODIFY", "LARGE", "SMALL",
+    "HIGH", "LOW",
+)  # fmt: skip
+"""Words of a tool change that move nothing in the part: its place in the magazine, registers, how it is changed."""
 
 
 class Run:
@@ -154,8 +158,10 @@ class Run:
 
     def _point(self, part: AptLine) -> tuple[Float, tuple[float, float, float]]:
         """The point and the tool axis of GOTO, GODLTA or FROM."""
-        counts = (3,) if part.major == "GODLTA" else (3, 6)
+        counts = (1, 3) if part.major == "GODLTA" else (3, 6)
         values = self._values(part, counts)
+        if len(values) == 1:
+            values = [values[0] * c for c in (self._axis if self._turning else (0.0, 0.0, 1.0))]
         p = np.array(values[:3]) * self._unit_m + (self._p if part.major == "GODLTA" else 0.0)
         if not np.all(np.abs(p) <= FARTHEST_M):
             raise self._fault(part, "the target is beyond any machine", hint="At most 1000 m")
@@ -185,7 +191,7 @@ class Run:
         centre, normal, turn = shape if shape is not None else (None, None, 0.0)
         self._append(kind, p, axis, feed, centre=centre, normal=normal, turn_rad=turn)
         self._rapid, self._arc = False, None
-        letters = zip("XYZIJK", part.numbers(), strict=False)
+        letters = zip("Z" if len(part.numbers()) == 1 else "XYZIJK", part.numbers(), strict=False)
         increment = False if part.major == "GODLTA" else None
         return [Word(letter, a.value or 0.0, a.start, a.end, True, increment) for letter, a in letters
                 if self._turning or letter in "XYZ"]  # fmt: skip

@@ -23,6 +23,8 @@ from counterflex.programs.gcode.read.state import State
 from counterflex.programs.gcode.read.work_offsets import Six
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
+_IDLE: Final = "D"
+"""Words that a program of Fanuc may have in any block: D selects a cutter radius offset, which G41 alone uses."""
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
 
 
@@ -318,6 +320,8 @@ class Interpreter(FlowRunner):
             return False
         if motion == 800:
             raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
+        if machine and state.of_fanuc and active not in (0, 10):
+            active = 0  # Fanuc: "the tool moves at the rapid traverse rate", whatever the motion code in force
         if active == 800:
             letter = next(axis for axis in "XYZABC" if block.has(axis))
             raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
@@ -351,7 +355,7 @@ class Interpreter(FlowRunner):
         modal = self._refresh(machine)
         jump = self._subprogram(source, block)
         cycle = self._move(block, motion, machine) or cycle
-        block.finish()
+        block.finish(_IDLE if state.of_fanuc else "")
         if "input" in block.m:
             self._parameters.forget_input()
         if stop in (20, 300):

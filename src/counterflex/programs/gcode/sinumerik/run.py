@@ -40,6 +40,7 @@ class Run:
 
     def __init__(self, source: SinumerikSource, machine: MillingMachine, library: Library = no_library) -> None:
         self._main, self._tool_names = source, machine.tool_names
+        self._names_open = machine.names_open
         self.flow = Flow(source, library)
         vectors = any(_VECTOR_WORD.match(line) for line in source.lines)
         self._state = SinumerikState(
@@ -310,6 +311,8 @@ class Run:
         tool = block.take_text("T")
         if tool is not None:
             number = self._tool_names.get(tool.strip().upper())
+            if number is None and self._names_open and not tool.isdecimal():
+                number = 0
             if number is None and (not tool.isdecimal() or int(tool) > 99_999):
                 raise block.fault(
                     "a tool is called by a name that no tool of the cell has alone", "T",
