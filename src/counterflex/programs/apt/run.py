@@ -21,12 +21,6 @@ from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
 
-_LOADS: Final = (
-    "ADJUST", "LENGTH", "OSETNO", "ZOFF", "IN", "OFFSET", "MILL", "AUTO", "MANUAL", "MODIFY", "LARGE", "SMALL",
-    "HIGH", "LOW",
-)  # fmt: skip
-"""Words of a tool change that move nothing in the part: its place in the magazine, registers, how it is changed."""
-
 
 class Run:
     """One pass through a file."""
@@ -352,7 +346,7 @@ class Run:
 
     def _load(self, part: AptLine) -> list[tuple[str, float]]:
         of_load = part.major == "LOAD"
-        self._allow(part, (*_LOADS, "TOOL") if of_load else _LOADS)
+        self._allow(part, (*apt_words.LOADS, "TOOL") if of_load else apt_words.LOADS)
         if of_load and part.words()[:1] != ["TOOL"]:
             raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
         value = part.numbers()[0].value if part.numbers() else None

@@ -23,8 +23,6 @@ from counterflex.programs.gcode.read.state import State
 from counterflex.programs.gcode.read.work_offsets import Six
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
-_IDLE: Final = "D"
-"""Words that a program of Fanuc may have in any block: D selects a cutter radius offset, which G41 alone uses."""
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
 
 
@@ -310,7 +308,7 @@ class Interpreter(FlowRunner):
     def _move(self, block: BlockWords, motion: int | None, machine: bool) -> bool:
         """Make the motion that a block's words ask for; whether it was a canned cycle."""
         state, maker = self._state, self._maker
-        active, moved = state.motion, block.has("XYZABC")
+        active, moved = state.motion_of(machine), block.has("XYZABC")
         vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
         if not (moved or (active in (20, 30) and block.has("IJKR")) or vector):
             if machine:
@@ -320,8 +318,6 @@ class Interpreter(FlowRunner):
             return False
         if motion == 800:
             raise block.fault("G80 moves nothing, yet there are axis words", "G800", "G80")
-        if machine and state.of_fanuc and active not in (0, 10):
-            active = 0  # Fanuc: "the tool moves at the rapid traverse rate", whatever the motion code in force
         if active == 800:
             letter = next(axis for axis in "XYZABC" if block.has(axis))
             raise block.fault("an axis word, but no motion code is active", letter, hint="Write G0, G1, G2 or G3")
@@ -355,7 +351,7 @@ class Interpreter(FlowRunner):
         modal = self._refresh(machine)
         jump = self._subprogram(source, block)
         cycle = self._move(block, motion, machine) or cycle
-        block.finish(_IDLE if state.of_fanuc else "")
+        block.finish(state.idle)
         if "input" in block.m:
             self._parameters.forget_input()
         if stop in (20, 300):

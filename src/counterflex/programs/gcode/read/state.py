@@ -71,6 +71,15 @@ class State:
     g92_known: bool = True  # No offset that an earlier program left can come back by G92.3
 
     @property
+    def idle(self) -> str:
+        """Words that any block may have: D of Fanuc selects a cutter radius offset, which G41 alone uses."""
+        return "D" if self.of_fanuc else ""
+
+    def motion_of(self, machine: bool) -> int:
+        """Motion code in force, in tenths; a block of Fanuc with G53 (``machine``) is a rapid under any of them."""
+        return 0 if machine and self.of_fanuc and self.motion != 10 else self.motion
+
+    @property
     def origin(self) -> Six:
         """Program zero in the part frame."""
         return plus(self.work_offsets[self.work_offset], self.g92)
