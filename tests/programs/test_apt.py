@@ -104,7 +104,7 @@ def test_tool_axes() -> None:
         ("TLON,GOFWD/L1,ON,L2", "geometry that a post processor must solve"),
         ("AUXFUN/77", "a function of the machine that is not read: AUXFUN"),
         ("LOADTL/1E400", "part:2:8: a number is out of range; got 1E400"),
-        ("LOADTL/MILL", "an unknown word of APT in LOADTL"),
+        ("LOADTL/BORE", "an unknown word of APT in LOADTL"),
         ("LOAD/TURRET,1", "an unknown word of APT in LOAD; got TURRET"),
         ("LOAD/1", "of LOAD only LOAD/TOOL is read"),
         ("UNITS/FURLONG", "an unknown unit of length"),

@@ -8,15 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import polars as pl
 
 from counterflex.core.arrays import Float
 from counterflex.core.atomic import write_text
 from counterflex.core.units import DEG, MM, MM_PER_MIN, RPM
-from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program
+from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Program
 
 # A nanometre and a microdegree: below the digits of any program, above the noise of binary fractions.
 _DIGITS: Final = 6
+# Cosine above which a normal is that of G17, G18 or G19: 0.03 deg, above the rounding of taught points.
+_IN_PLANE: Final = 1.0 - 1e-7
 SCHEMA: Final[dict[str, type[pl.DataType]]] = {
     "line": pl.Int64,
     "motion": pl.String,
@@ -90,7 +93,8 @@ def _cells(block: Block, motion: Motion) -> tuple[object, ...]:
     arc: list[object] = [None] * 5
     if motion.p_centre is not None:
         centre = [_shown(value / MM) for value in motion.p_centre]
-        arc = [f"G{block.modal.plane}", *centre, _shown(motion.turn_rad / (2.0 * math.pi))]
+        plane, sense = _plane(block.modal, motion)
+        arc = [plane, *centre, _shown(sense * motion.turn_rad / (2.0 * math.pi))]
     return (
         block.line,
         motion.kind,
@@ -102,6 +106,19 @@ def _cells(block: Block, motion: Motion) -> tuple[object, ...]:
         motion.tool,
         _shown(motion.spindle_rad_s / RPM),
     )
+
+
+def _plane(modal: Modal, motion: Motion) -> tuple[str, float]:
+    """Plane of an arc in programmed axes, and the sign that makes its turn positive for G3; else its unit normal.
+
+    Robots give three points of a circle, so its normal has either sign and any direction.
+    """
+    normal = np.array([0.0, 0.0, 1.0]) if motion.normal is None else np.asarray(motion.normal)
+    work = normal if modal.R_part_work is None else normal @ np.array(modal.R_part_work)
+    axis = int(np.argmax(np.abs(work)))
+    if abs(work[axis]) > _IN_PLANE:
+        return ("G19", "G18", "G17")[axis], math.copysign(1.0, work[axis])
+    return " ".join(f"{_shown(float(value)):g}" for value in normal), 1.0
 
 
 def _held(held: Orientations | None, index: int) -> tuple[float | None, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.programs.apt.run import Run
@@ -14,8 +13,6 @@ from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.program import Program
 from counterflex.programs.source_text import read_text
-
-_LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
 
 
 def read_apt(text: str, *, name: str = "program", complete: bool = False, listed: bool = False) -> Program:

@@ -21,8 +21,6 @@ from counterflex.programs.gcode.read.arc import PLANE_AXES, ArcFault, by_centre
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
 
-_LOADS: Final = ("ADJUST", "LENGTH", "OSETNO", "ZOFF")
-
 
 class Run:
     """One pass through a file."""
@@ -154,8 +152,10 @@ class Run:
 
     def _point(self, part: AptLine) -> tuple[Float, tuple[float, float, float]]:
         """The point and the tool axis of GOTO, GODLTA or FROM."""
-        counts = (3,) if part.major == "GODLTA" else (3, 6)
+        counts = (1, 3) if part.major == "GODLTA" else (3, 6)
         values = self._values(part, counts)
+        if len(values) == 1:
+            values = [values[0] * c for c in (self._axis if self._turning else (0.0, 0.0, 1.0))]
         p = np.array(values[:3]) * self._unit_m + (self._p if part.major == "GODLTA" else 0.0)
         if not np.all(np.abs(p) <= FARTHEST_M):
             raise self._fault(part, "the target is beyond any machine", hint="At most 1000 m")
@@ -185,7 +185,7 @@ class Run:
         centre, normal, turn = shape if shape is not None else (None, None, 0.0)
         self._append(kind, p, axis, feed, centre=centre, normal=normal, turn_rad=turn)
         self._rapid, self._arc = False, None
-        letters = zip("XYZIJK", part.numbers(), strict=False)
+        letters = zip("Z" if len(part.numbers()) == 1 else "XYZIJK", part.numbers(), strict=False)
         increment = False if part.major == "GODLTA" else None
         return [Word(letter, a.value or 0.0, a.start, a.end, True, increment) for letter, a in letters
                 if self._turning or letter in "XYZ"]  # fmt: skip
@@ -346,7 +346,7 @@ class Run:
 
     def _load(self, part: AptLine) -> list[tuple[str, float]]:
         of_load = part.major == "LOAD"
-        self._allow(part, (*_LOADS, "TOOL") if of_load else _LOADS)
+        self._allow(part, (*apt_words.LOADS, "TOOL") if of_load else apt_words.LOADS)
         if of_load and part.words()[:1] != ["TOOL"]:
             raise self._fault(part, "of LOAD only LOAD/TOOL is read", hint="LOAD/TOOL,1")
         value = part.numbers()[0].value if part.numbers() else None

@@ -12,7 +12,7 @@ from counterflex.programs.statement_table import Statement, StatementTable, Trea
 _GOTO: Final = "Let the CAM system write GOTO"
 _EVALUATED: Final[tuple[tuple[str, str, str], ...]] = (
     ("GOTO", "target, tool axis", "GOTO/1,2,3"),
-    ("GODLTA", "target from where the tool stands", "GODLTA/1,0,0"),
+    ("GODLTA", "target from where the tool stands; one number: along the tool axis", "GODLTA/1,0,0"),
     ("FROM", "where the tool stands at the start", "FROM/0,0,50"),
     ("CIRCLE", "arc to the next GOTO", "CIRCLE/0,0,0,0,0,1,5"),
     ("MOVARC", "arc to the next GOTO", "MOVARC/0,0,0,0,0,1,5"),

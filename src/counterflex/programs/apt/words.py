@@ -30,6 +30,11 @@ FEEDS: Final = {
     "MPM": (94, 1.0),
 }  # fmt: skip
 COOLANT: Final = {"ON": 8, "FLOOD": 8, "TAP": 8, "THRU": 8, "TAPKUL": 8, "MIST": 7, "AIR": 7, "OFF": 9}
+LOADS: Final = (
+    "ADJUST", "LENGTH", "OSETNO", "ZOFF", "IN", "OFFSET", "MILL", "AUTO", "MANUAL", "MODIFY", "LARGE", "SMALL",
+    "HIGH", "LOW",
+)  # fmt: skip
+"""Words of a tool change that move nothing in the part: its place in the magazine, registers, how it is changed."""
 NEUTRAL_M: Final = frozenset(
     (0, 1, 7, 8, 9, 10, 11, 12, 13, 31, 33, 34, 35, 40, 41, 42, 48, 49, 50, 51, 83, 84, 88, 89)
 )

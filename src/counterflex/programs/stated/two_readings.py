@@ -12,18 +12,12 @@ from typing import Final
 
 from counterflex.core.units import INCH, MINUTE
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
-from counterflex.programs.gcode.read.reader import FURTHER_OFFSET
+from counterflex.programs.gcode.read.reader import COMMENT, FANUC, FURTHER_OFFSET
 from counterflex.programs.language import GCODE, LANGUAGES, object_at
 from counterflex.programs.program import Block, Program, Word, has_g
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.stated.offsets import NONE, UNSAID, codes_of, offset_reader
 
-_FANUC: Final = re.compile(
-    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end\w*|else\w*|break|continue|return)\b)"
-    r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
-    re.IGNORECASE,
-)
-_COMMENT: Final = re.compile(r"\([^()]*\)|;.*")
 _LENGTHS: Final = frozenset("XYZIJKR")
 _HALF_INCH: Final = 0.5 * INCH
 _CANCELS: Final = re.compile(r"G49(?![\d.])|[HD]\s*=?\s*0+(?![\d.])", re.IGNORECASE)
@@ -135,7 +129,7 @@ def _unit(program: Program) -> list[str]:
 
 def _is_fanuc(program: Program) -> bool:
     """Return whether the program has a number, or codes that Fanuc and its relatives have alone."""
-    return program.dialect == GCODE and any(_FANUC.search(_COMMENT.sub("", line)) for line in program.lines)
+    return program.dialect == GCODE and any(FANUC.search(COMMENT.sub("", line)) for line in program.lines)
 
 
 def _is_whole(block: Block, word: Word) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language import VECTOR_DECIMALS
 from counterflex.integrations.heidenhain.language.emitter import feed_text, signed
+from counterflex.integrations.heidenhain.language.state import PLANES
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of, spelled
 from counterflex.programs.gcode.write.arc_fit import arc_error, radius_centre, written_turn
 from counterflex.programs.gcode.write.arc_pieces import ArcPiece, nominal_share, written_pieces
@@ -30,6 +32,7 @@ class WrittenPosition(MachineInPlace):
         self._nominal: Float = self._here.copy()
         self._feed: float | None = None
         self._pole: tuple[float, float] | None = None
+        self._pole_plane = 17
         self._pole_block: Block | None = None
         self._pole_written = True
         self._forced: set[int] = set()
@@ -83,13 +86,17 @@ class WrittenPosition(MachineInPlace):
 
     def _centre(self, block: Block, pole: tuple[float, float]) -> str:
         """A CC with both coordinates; the line of a CC keeps its number and comment."""
-        values = [self._rounded(block.modal, value) for value in pole]
-        coordinates = f"X{signed(values[0], self._digits)} Y{signed(values[1], self._digits)}"
+        coordinates = self._in_plane(block.modal.plane, [self._rounded(block.modal, value) for value in pole])
         if function_of(block) != "CC":
             return f"CC {coordinates}"
         line = PathLine(block)
         line.become("CC", coordinates)
         return line.render()
+
+    def _in_plane(self, plane: int, values: Sequence[float]) -> str:
+        """The two coordinates of a plane, in program units, as they are written."""
+        pairs = sorted(zip(PLANES[plane], values, strict=False))
+        return " ".join(f"{'XYZ'[axis]}{signed(value, self._digits)}" for axis, value in pairs)
 
     def _go(self, line: PathLine | None, modal: Modal, p: Float, *, every: bool = False) -> str:
         """Let a line lead to a point, or return the coordinates of a new one; the written position is there then."""
@@ -169,8 +176,8 @@ class WrittenPosition(MachineInPlace):
     def _restore_pole(self, function: str) -> None:
         """Write the pole of the source where a statement that stays counts from it."""
         if function in _POLAR and not self._pole_written and self._pole is not None:
-            x, y = (value / self._unit_m for value in self._pole)
-            self.lines.append(f"CC X{signed(x, self._digits)} Y{signed(y, self._digits)}")
+            pole = [value / self._unit_m for value in self._pole]
+            self.lines.append("CC " + self._in_plane(self._pole_plane, pole))
             self._pole_written = True
 
     def _keep(self, block: Block, index: int, motion: Motion, factor: float, function: str) -> None:
@@ -201,9 +208,9 @@ class ArcWriter(WrittenPosition):
             return
         self.completed_blocks += not corrected
         assert motion.p_centre is not None
-        nominal = self._work(modal, np.vstack([motion.p_start, rows.nominal[first : last + 1]]))
-        command = np.ascontiguousarray(self._work(modal, np.vstack([self._here, rows.command[first : last + 1]])))
-        share = nominal_share(nominal, self._work(modal, motion.p_centre), motion.turn_rad)
+        nominal = self._flat(modal, np.vstack([motion.p_start, rows.nominal[first : last + 1]]))
+        command = np.ascontiguousarray(self._flat(modal, np.vstack([self._here, rows.command[first : last + 1]])))
+        share = nominal_share(nominal, self._flat(modal, motion.p_centre), motion.turn_rad)
         pending, self._pole_block = self._pole_block, None
         kept: list[bool] = []  # By piece: it is an arc
         tail, factor = "", rows.share_of(first, last)
@@ -229,6 +236,11 @@ class ArcWriter(WrittenPosition):
         self._arrive(index, motion)
         self.count_arc(kept)
 
+    def _flat(self, modal: Modal, p: Float) -> Float:
+        """Points in programmed axes, m, in the order of their plane: its two axes, then the one out of it."""
+        out: Float = self._work(modal, p)[..., list(PLANES[modal.plane])]
+        return out
+
     def _write_chord(
         self, block: Block, motion: Motion, line: PathLine | None, p: Float, rest: tuple[float, str]
     ) -> None:
@@ -251,7 +263,7 @@ class ArcWriter(WrittenPosition):
         """Centre (u, v), angle and rise as they are written; None where rounding breaks the arc."""
         assert piece.centre is not None
         part = points[piece.first : piece.last + 1].copy()
-        part[0] = self._work(modal, self._here)
+        part[0] = self._flat(modal, self._here)
         u, v = (self._rounded(modal, value) * modal.unit_m for value in piece.centre)
         rise = self._rounded(modal, float(part[-1][2] - part[0][2])) * modal.unit_m
         helix = rise != 0.0 or abs(piece.turn_rad) > _LARGEST_TURN
@@ -285,18 +297,19 @@ class ArcWriter(WrittenPosition):
         """Write an arc about a centre: the CC of the source edited, or one of its own; CR keeps its radius form."""
         (u, v, turn, rise), (pending, factor, tail), modal = fitted, rest, block.modal
         sense = "DR+" if turn > 0.0 else "DR-"
-        start = self._work(modal, self._here)
+        start = self._flat(modal, self._here)
         helix = rise != 0.0 or abs(turn) > _LARGEST_TURN
         if helix:
-            words = f"IPA{signed(turn / DEG, 4)} IZ{signed(rise / modal.unit_m, self._digits)} {sense}"
+            out_of_plane = "XYZ"[PLANES[modal.plane][2]]
+            words = f"IPA{signed(turn / DEG, 4)} I{out_of_plane}{signed(rise / modal.unit_m, self._digits)} {sense}"
             c, s = math.cos(turn), math.sin(turn)
             spoke = start[:2] - (u, v)
             end = np.array([u + c * spoke[0] - s * spoke[1], v + s * spoke[0] + c * spoke[1], start[2] + rise])
             function = "CP"
         else:
-            values = [self._rounded(modal, float(value)) for value in self._work(modal, p)[:2]]
+            values = [self._rounded(modal, float(value)) for value in self._flat(modal, p)[:2]]
             end = np.array([values[0] * modal.unit_m, values[1] * modal.unit_m, start[2]])
-            words, function = f"X{signed(values[0], self._digits)} Y{signed(values[1], self._digits)} {sense}", "C"
+            words, function = f"{self._in_plane(modal.plane, values)} {sense}", "C"
         radius = self._radius(modal, start, end, (u, v), turn) if function_of(block) == "CR" and not helix else None
         feed = self._f(block, motion, factor, line, local=function_of(block) == "RND" and line is not None
                        and line.has_feed)  # fmt: skip
@@ -305,7 +318,7 @@ class ArcWriter(WrittenPosition):
         else:
             self.lines.append(self._centre(block if pending is None else pending, (u, v)))
             self._pole_written = False
-        self._here = self._part(modal, end)
+        self._here = self._part(modal, end[np.argsort(PLANES[modal.plane])])
         if line is None:
             self.lines.append(f"{function} {words}{feed}{tail}")
         else:

@@ -37,7 +37,7 @@ class Control:
 
     def __init__(self, source: KlartextSource, machine: MillingMachine) -> None:
         self._source = source
-        self._tool_names = machine.tool_names
+        self._tool_names, self._names_open = machine.tool_names, machine.names_open
         vectors = any(tilts(part.code) for part in source.statements)
         self._state = KlartextState(vectors=vectors, inch=source.inch, start_known=machine.known)
         self.values = Values()
@@ -239,6 +239,8 @@ class Control:
         text = match[1]
         if text.startswith('"'):
             named = self._tool_names.get(text.strip('"').upper())
+            if named is None and self._names_open:
+                return 0
             if named is None:
                 raise self._fault(part, "the cell file has no tool of this name", match.start(1), text,
                                   "tools.name of the cell file, or call it by number")  # fmt: skip
@@ -358,6 +360,8 @@ class Control:
         head = " ".join(part.code.upper().split())
         if head.startswith("FUNCTION RESET TCPM"):
             self._state.tcpm = False
+            return ()
+        if head == "FUNCTION MODE MILL":
             return ()
         match = _TCPM.fullmatch(head)
         if match is None or match.groups()[:3] != ("TCP", "POS", "AXIS") or match[4] not in (None, "TIP-TIP"):

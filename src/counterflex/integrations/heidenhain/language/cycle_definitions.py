@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 from typing import Final
@@ -25,7 +26,7 @@ def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float 
     """Words of the lines behind the first, with their values and places."""
     out: dict[str, tuple[float | None, int]] = {}
     lines = list(_LINE.finditer(part.code))
-    for match, after in zip(lines, [*lines[1:], None], strict=True):
+    for match, after in itertools.zip_longest(lines, lines[1:]):
         at, end = match.end(), len(part.code) if after is None else after.start()
         while int(match[1]) > 0 and part.code[at:end].strip():
             word = _WORD.match(part.code, at, end)

@@ -14,6 +14,7 @@ from counterflex.integrations.heidenhain.language import LIMITS
 from counterflex.integrations.heidenhain.language.arcs_in_place import ArcWriter
 from counterflex.integrations.heidenhain.language.emitter import dwell_lines
 from counterflex.integrations.heidenhain.language.source import code_of
+from counterflex.integrations.heidenhain.language.state import PLANES
 from counterflex.integrations.heidenhain.language.written import PathLine, function_of
 from counterflex.programs.program import TOOL_VECTOR, Block, Motion, Program, Word
 
@@ -127,8 +128,8 @@ class HeidenhainInPlace(ArcWriter):
         if function_of(block) != "CC":
             self._copy(block)
             return
-        given = {word.letter: word for word in block.words if word.letter in "XY"}
-        self._pole = self._pole_of(block, given)
+        given = {word.letter: word for word in block.words if word.letter in "XYZ"}
+        self._pole, self._pole_plane = self._pole_of(block, given), block.modal.plane
         if len(given) == 2 and all(word.absolute and word.literal for word in given.values()):
             self._pole_block = block
         elif self._follows() or not self._pole_written or not self.program.straight:
@@ -139,14 +140,15 @@ class HeidenhainInPlace(ArcWriter):
 
     def _pole_of(self, block: Block, given: dict[str, Word]) -> tuple[float, float]:
         """Pole of a CC in programmed axes, m, from the coordinates that it names."""
-        u, v, _ = self._work(block.modal, self._nominal).tolist()
-        pole = [u, v]
-        for axis, letter in enumerate("XY"):
-            word = given.get(letter)
+        here = self._work(block.modal, self._nominal).tolist()
+        axes = PLANES[block.modal.plane][:2]
+        pole = [here[axis] for axis in axes]
+        for k, axis in enumerate(axes):
+            word = given.get("XYZ"[axis])
             if word is not None:
-                pole[axis] = word.value * block.modal.unit_m + (0.0 if word.absolute else pole[axis])
+                pole[k] = word.value * block.modal.unit_m + (0.0 if word.absolute else pole[k])
             elif given and self._pole is not None:
-                pole[axis] = self._pole[axis]
+                pole[k] = self._pole[k]
         return pole[0], pole[1]
 
     def _straight(self, block: Block, index: int, motion: Motion) -> None:

@@ -1,7 +1,8 @@
 """Motions of Klartext: L, LP, LN, C, CP, CR, CT, CTP, RND, dwells and drilling cycles.
 
 Source: HEIDENHAIN TNC 640 (34059x-05), Conversational Programming, "Path contours" in Cartesian and polar coordinates;
-iTNC 530 (60642x-03), "Corner rounding RND" (tangential to both elements, its feed acts in its block only).
+iTNC 530 (60642x-03), "Corner rounding RND" (tangential to both elements, its feed acts in its block only), and
+"Polar coordinates" (a pole in X/Y, Y/Z or Z/X; angles count from +X, +Y or +Z).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language.cycles import Drilling
 from counterflex.integrations.heidenhain.language.source import Statement
+from counterflex.integrations.heidenhain.language.state import MAIN_PLANE, PLANES, Plane
 from counterflex.integrations.heidenhain.language.targets import Targets
 from counterflex.integrations.heidenhain.language.words import AXES, PathWords
 from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
@@ -35,6 +37,7 @@ class MoveMaker(Targets):
         """Execute L, LN or LP."""
         self.require_place(words)
         state = self._state
+        state.plane = state.pole_axes if polar else MAIN_PLANE
         plane, where = self._polar_point(words) if polar else (None, None)
         moves = polar or words.has(*AXES, *(f"I{c}" for c in AXES))
         angles = self._angles(words)
@@ -64,8 +67,11 @@ class MoveMaker(Targets):
         """Execute C, CR or CT to an end in Cartesian coordinates, CTP to a polar one."""
         self.require_place(words)
         state = self._state
+        state.plane = state.pole_axes if kind == "C" else MAIN_PLANE
         self.require_axes(words, "an arc")
         self._refuse_corner(words)
+        if kind == "CTP" and state.pole_axes != MAIN_PLANE:
+            raise words.fault("CTP about a pole in another plane than that of X and Y", None, "Write C or CP")
         if state.settle:
             raise words.fault("an arc as the first motion behind cycle 8, 10 or 26", None, "Go to its start before")
         start = state.to_work(state.p_part)
@@ -74,9 +80,11 @@ class MoveMaker(Targets):
         p_end = self.target(words, rapid=False, p_plane=plane)
         assert p_end is not None
         end = state.to_work(p_end)
-        if abs(end[2] - start[2]) > _SAME_M:
-            raise words.fault(f"{kind} with a motion along the tool axis", None, "Write a helix as CP with IPA and IZ")
-        a, b = (float(start[0]), float(start[1])), (float(end[0]), float(end[1]))
+        first, second, third = state.plane
+        if abs(end[third] - start[third]) > _SAME_M:
+            raise words.fault(f"{kind} with a motion along {AXES[third]}, out of its plane", None,
+                              f"Write a helix as CP with IPA and I{AXES[third]}")  # fmt: skip
+        a, b = (float(start[first]), float(start[second])), (float(end[first]), float(end[second]))
         try:
             solution = self._solved(words, kind, a, b, sense, radius)
         except ArcFault as fault:
@@ -139,21 +147,24 @@ class MoveMaker(Targets):
         state = self._state
         A = state.frames.A
         scales = np.linalg.norm(A, axis=0)
-        if abs(scales[0] - scales[1]) > 1e-9:
-            raise words.fault("an arc under different scales of X and Y", None, "Cycle 26: the same factor for both")
+        first, second, third = state.plane
+        if abs(scales[first] - scales[second]) > 1e-9:
+            raise words.fault(f"an arc under different scales of {AXES[first]} and {AXES[second]}", None,
+                              "Cycle 26: the same factor for both")  # fmt: skip
         centre = state.to_work(state.p_part)
-        centre[:2] = solution.first, solution.second
-        normal: Float = A[:, 2] / scales[2]
+        centre[[first, second]] = solution.first, solution.second
+        normal: Float = A[:, third] / scales[third]
         turn = solution.turn_rad * math.copysign(1.0, float(np.linalg.det(A)))
         rise = float((p_end - state.p_part) @ normal)
-        feed = self._feed(words, math.hypot(solution.radius_m * float(scales[0]) * turn, rise), 0.0)
+        feed = self._feed(words, math.hypot(solution.radius_m * float(scales[first]) * turn, rise), 0.0)
         state.motion = "G3" if solution.turn_rad > 0.0 else "G2"
         self._append(number, "arc", p_end, feed, arc=(state.to_part(centre), normal, turn))
 
     def polar_arc(self, words: PathWords, number: int) -> None:
-        """Execute CP: about the pole by PA or IPA, as a helix with Z or IZ."""
+        """Execute CP: about the pole by PA or IPA, as a helix with the axis out of its plane."""
         self.require_place(words)
         state = self._state
+        state.plane = state.pole_axes
         self.require_axes(words, "an arc")
         self._refuse_corner(words)
         if state.pole_m is None:
@@ -162,7 +173,7 @@ class MoveMaker(Targets):
         if (angle is None) == (step is None):
             raise words.fault("CP needs PA or IPA", None, "CP IPA+360 IZ-2 DR+")
         start = state.to_work(state.p_part)
-        spoke = (float(start[0]) - state.pole_m[0], float(start[1]) - state.pole_m[1])
+        spoke = tuple(float(start[axis]) - pole for axis, pole in zip(state.plane, state.pole_m, strict=False))
         radius, begin = math.hypot(*spoke), math.atan2(spoke[1], spoke[0])
         if radius < _SAME_M:
             raise words.fault("CP begins at its pole", None)
@@ -187,7 +198,7 @@ class MoveMaker(Targets):
         state.polar_point = (radius, last)
 
     def _polar_point(self, words: PathWords) -> tuple[tuple[float, float], tuple[float, float]]:
-        """X and Y, m, in programmed axes of PR and PA, and these."""
+        """Coordinates in the plane of the pole, m, of PR and PA, and these."""
         state = self._state
         if state.pole_m is None:
             raise words.fault("polar coordinates without a pole", None, "Write CC before")
@@ -204,25 +215,33 @@ class MoveMaker(Targets):
         return (x + radius * math.cos(angle), y + radius * math.sin(angle)), (radius, angle)
 
     def centre(self, words: PathWords) -> None:
-        """Execute CC: the pole; without coordinates where the tool stands."""
+        """Execute CC: the pole and its plane; without coordinates where the tool stands, in X and Y."""
         state = self._state
-        if words.has("Z", "IZ"):
-            raise words.fault("a circle in another plane than that of X and Y", "Z" if words.has("Z") else "IZ",
-                              "Post straight moves")  # fmt: skip
-        named = words.has("X", "IX", "Y", "IY")
-        if (not named or words.has("IX", "IY")) and (state.partial is not None or state.shifted or state.settle):
+        named = [axis for axis, letter in enumerate(AXES) if words.has(letter, f"I{letter}")]
+        axes = state.plane = self._pole_plane(words, named)
+        incremental = words.has(*(f"I{letter}" for letter in AXES))
+        if (not named or incremental) and (state.partial is not None or state.shifted or state.settle):
             raise words.fault("CC counts from where the tool stands behind a change of datum", None, "CC X+10 Y+20")
-        u, v, _ = state.to_work(state.p_part).tolist()
-        pole = [self._pole(words, axis, here) for axis, here in enumerate((u, v))] if named else [u, v]
+        here = state.to_work(state.p_part).tolist()
+        pole = [self._pole(words, axis, here[axis]) if named else here[axis] for axis in axes[:2]]
         if not named and len(state.named & {0, 1}) < 2 and not state.start_known:
             raise words.fault("CC takes the place of the tool, which is not known", None, "CC X+10 Y+20")
         if max(map(abs, pole)) > FARTHEST_M:
             raise words.fault("the pole is beyond any machine", None, "At most 1000 m")
-        state.pole_m, state.polar_point = (pole[0], pole[1]), None
+        state.pole_axes, state.pole_m, state.polar_point = axes, (pole[0], pole[1]), None
+
+    def _pole_plane(self, words: PathWords, named: list[int]) -> Plane:
+        """Plane of a CC: that of the two axes it names; with one, the plane of X and Y where it has this axis."""
+        if len(named) == 2:
+            return next(axes for axes in PLANES.values() if set(axes[:2]) == set(named))
+        if len(named) == 3 or 2 in named or (named and self._state.pole_axes != MAIN_PLANE):
+            raise words.fault("the plane of a CC is not clear", AXES[named[-1]],
+                              "Name the two axes of its plane: CC Y+20 Z-5")  # fmt: skip
+        return MAIN_PLANE
 
     def _pole(self, words: PathWords, axis: int, here_m: float) -> float:
         """One coordinate of a CC that names one or both, m in programmed axes."""
-        state, letter, given = self._state, "XY"[axis], words.coordinate("XY"[axis])
+        state, letter, given = self._state, AXES[axis], words.coordinate(AXES[axis])
         if given is None:
             if state.pole_m is None:
                 raise words.fault(f"CC without {letter}, and none before", None, "CC X+10 Y+20")

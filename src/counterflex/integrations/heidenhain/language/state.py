@@ -15,6 +15,11 @@ from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Modal
 _UPRIGHT = (0.0, 0.0, 1.0)
 Polar = tuple[float, float]
 """Radius, m, and angle, rad, about the pole."""
+Plane = tuple[int, int, int]
+"""First and second axis of a plane, and the one that completes them to a right-handed frame."""
+MAIN_PLANE: Plane = (0, 1, 2)
+PLANES: dict[int, Plane] = {17: MAIN_PLANE, 18: (2, 0, 1), 19: (1, 2, 0)}
+"""Planes by the number that G-code gives them."""
 
 
 @dataclass
@@ -36,7 +41,9 @@ class KlartextState:
     shifted: set[int] = field(default_factory=set)  # Axes whose zero has changed since they were named absolutely
     # Axes that a rotation, mirror image or scale mixes and that must be named together first
     settle: frozenset[int] = frozenset()
-    pole_m: tuple[float, float] | None = None  # (2,) pole CC in programmed axes, m
+    pole_m: tuple[float, float] | None = None  # (2,) pole CC along ``pole_axes``, m
+    pole_axes: Plane = MAIN_PLANE  # Plane of the pole: X and Y, Y and Z, or Z and X; its angles count from the first
+    plane: Plane = MAIN_PLANE  # That of the path function last executed
     polar_point: Polar | None = None  # Where the last motion ended, if its words were polar
     aligned: bool = True  # The tool stands at right angles to the working plane
     motion: str = "G80"
@@ -97,6 +104,7 @@ class KlartextState:
         if np.array_equal(before[0], A) and np.array_equal(before[1], t):
             return
         self.pole_m = self.polar_point = None
+        self.pole_axes = MAIN_PLANE
         turned = np.abs(before[0] - A).max(axis=0) > 0.0
         moved = np.abs(self.to_work(self.p_part) - np.linalg.solve(before[0], self.p_part - before[1])) > 1e-12
         self.shifted |= {int(axis) for axis in np.flatnonzero(turned | moved)}
@@ -113,7 +121,7 @@ class KlartextState:
         reason = self.frames.has("8", "26")
         return Modal(
             motion=self.motion,
-            plane=17,
+            plane=next(code for code, axes in PLANES.items() if axes == self.plane),
             unit_m=self.unit_m,
             absolute=True,
             arc_absolute=True,

@@ -122,6 +122,7 @@ _PATHS: Final = {
     "PLANE RESET": ("untilted plane", "PLANE RESET STAY"),
     "FUNCTION TCPM": ("as M128", "FUNCTION TCPM F TCP AXIS POS PATHCTRL AXIS"),
     "FUNCTION RESET TCPM": ("as M129", "FUNCTION RESET TCPM"),
+    "FUNCTION MODE MILL": ("milling on a machine that also turns", "FUNCTION MODE MILL"),
     "CYCL DEF 7": ("datum shift", "CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 X+0"),
     "CYCL DEF 8": ("mirror image", "CYCL DEF 8.0 MIRROR IMAGE\nCYCL DEF 8.1 X"),
     "CYCL DEF 9": ("dwell", "CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL 0.5"),

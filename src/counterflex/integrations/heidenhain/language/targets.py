@@ -143,7 +143,7 @@ class Targets:
         Args:
             words: Their axes are used.
             rapid: Axes of a new plane may be named one after the other.
-            p_plane: X and Y in programmed axes, m, where polar words gave them.
+            p_plane: Coordinates in the plane of the state, m, where polar words gave them.
         """
         state = self._state
         given: dict[int, tuple[float, bool]] = {}
@@ -151,7 +151,8 @@ class Targets:
             named = words.coordinate(letter)
             if named is not None:
                 given[axis] = named[0] * state.unit_m, named[1]
-        given |= {} if p_plane is None else {0: (p_plane[0], False), 1: (p_plane[1], False)}
+        for axis, value in zip(state.plane, p_plane or (), strict=False):
+            given[axis] = value, False
         self._check_frame(words, given)
         if state.partial is not None:
             return self._named_in_new_plane(words, given, rapid)

@@ -133,6 +133,8 @@ class Job:
                 )  # fmt: skip
 
     def _begin(self, code: str, at: int) -> None:
+        if code.startswith("'"):
+            return
         if code.upper() != "/JOB":
             raise self.fault(at, "the file does not begin with /JOB", "/JOB", "Give the job itself (.JBI)")
         self._part = "/JOB"
@@ -152,7 +154,7 @@ class Job:
                 self._position_header(word, match[3].strip(), at, at + match.start(3))
             elif not code.startswith("'"):
                 self._entry(code, at)
-        elif self._part != "//ARGINFO":
+        elif self._part != "//ARGINFO" and not (self._part == "//NAME" and word == "FOLDERNAME"):
             raise self.fault(at, "a line of the header that is not understood", "//POS or //INST")
 
     _after_pos: int = 0

@@ -139,12 +139,16 @@ class BlockWords:
             raise self.fault(f"{letter} needs a whole number from {least} to {most}", letter)
         return number
 
-    def finish(self) -> None:
+    def finish(self, idle: str = "") -> None:
         """Refuse words that nothing used.
+
+        Args:
+            idle: Letters that may stand without a use.
 
         Raises:
             ProgramError: There is one.
         """
+        self._unused -= set(idle)
         if self._unused:
             letter = min(self._unused, key=lambda name: self._columns[name])
             hint = "Name the motion code, for example G1" if letter in codes.AXES else None

@@ -308,7 +308,7 @@ class Interpreter(FlowRunner):
     def _move(self, block: BlockWords, motion: int | None, machine: bool) -> bool:
         """Make the motion that a block's words ask for; whether it was a canned cycle."""
         state, maker = self._state, self._maker
-        active, moved = state.motion, block.has("XYZABC")
+        active, moved = state.motion_of(machine), block.has("XYZABC")
         vector = active in (0, 10) and state.tool_centre == TOOL_VECTOR and block.has("IJK")
         if not (moved or (active in (20, 30) and block.has("IJKR")) or vector):
             if machine:
@@ -351,7 +351,7 @@ class Interpreter(FlowRunner):
         modal = self._refresh(machine)
         jump = self._subprogram(source, block)
         cycle = self._move(block, motion, machine) or cycle
-        block.finish()
+        block.finish(state.idle)
         if "input" in block.m:
             self._parameters.forget_input()
         if stop in (20, 300):

@@ -236,7 +236,7 @@ class MotionMaker:
         radius = block.take("R")
         given = {axis: value for axis in (first, second) if (value := block.take(_CENTRE_LETTERS[axis])) is not None}
         wrong = _CENTRE_LETTERS[third]
-        if block.has(wrong):
+        if block.take(wrong):
             raise block.fault(f"{wrong} has no place in an arc of plane G{state.plane}", wrong)
         a, b = (start[first], start[second]), (target[first], target[second])
         try:

@@ -48,6 +48,11 @@ class MillingMachine:
     # The program is read to be listed: motions to and from places that are not known are kept and marked
     listed: bool = False
 
+    @property
+    def names_open(self) -> bool:
+        """The program is listed and no tool has a name to compare with: the number of a tool called by name is 0."""
+        return self.listed and not self.tool_names
+
 
 def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
     """Read a parameter file of LinuxCNC (``.var``).

@@ -23,6 +23,13 @@ from counterflex.programs.source_text import read_text
 Point = tuple[float, float, float]
 FURTHER_OFFSET: Final = re.compile(r"\bG(54\.1|154)\s*P|\bG54\s*P", re.IGNORECASE)
 """A further work offset of Fanuc or Haas, so that L20 of G10 is that of Fanuc."""
+FANUC: Final = re.compile(
+    r"^\s*(?:N\d+\s*)?[O:]\d{1,8}\b(?!\s*(?:sub|call|if|while|do|repeat|end\w*|else\w*|break|continue|return)\b)"
+    r"|\bM9[789]\b|\bG(?:65|66|54\.1|154|0?5\.1|1[12]\d|187)\b|\b(?:IF|WHILE)\s*\[.*\]\s*(?:GOTO|THEN|DO)",
+    re.IGNORECASE,
+)
+"""Number or code of a program that was written for Fanuc or Haas, in a line without its comments."""
+COMMENT: Final = re.compile(r"\([^()]*\)|;.*")
 _HERE: Final[Point] = (0.0, 0.0, 0.0)
 COORDINATES_OF_THE_PART: Final = MillingMachine()
 """A machine whose coordinates are those of the part, with nothing else known."""
@@ -99,6 +106,7 @@ def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> State:
     state = State(
         work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
         unknown=set() if machine.known else {0, 1, 2},
+        of_fanuc=any(FANUC.search(COMMENT.sub("", line)) for line in lines),
         fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
         g92_known=machine.known,
         lengths_known=machine.known or machine.tool_lengths is not None,

@@ -65,9 +65,19 @@ class State:
     cycle_began: tuple[int, float] = (17, 0.0)
     frame: Frame = field(default_factory=Frame)  # Rotation (G68), mirror image (G51.1) and polar coordinates (G16)
     polar: dict[int, float] = field(default_factory=dict)  # Radius (m) and angle (deg) in force by axis, under G16
+    of_fanuc: bool = False  # The program was written for Fanuc or Haas: D selects an offset, G53 is a rapid
     fanuc_offsets: bool = False  # G10 L20 sets the offsets of G54.1, which the program uses; else those of LinuxCNC
     lengths_known: bool = True  # Tool lengths are those of the machine's tool table
     g92_known: bool = True  # No offset that an earlier program left can come back by G92.3
+
+    @property
+    def idle(self) -> str:
+        """Words that any block may have: D of Fanuc selects a cutter radius offset, which G41 alone uses."""
+        return "D" if self.of_fanuc else ""
+
+    def motion_of(self, machine: bool) -> int:
+        """Motion code in force, in tenths; a block of Fanuc with G53 (``machine``) is a rapid under any of them."""
+        return 0 if machine and self.of_fanuc and self.motion != 10 else self.motion
 
     @property
     def origin(self) -> Six:

@@ -348,7 +348,7 @@ class MoveMaker:
         """Centre from I J K, which count from the start unless AC says otherwise; None where the block has none."""
         first, second, third = PLANE_AXES[self._state.plane]
         wrong = _CENTRE[third]
-        if block.has(wrong):
+        if block.take(wrong):
             raise block.fault(f"{wrong} has no place in an arc of plane G{self._state.plane}", wrong)
         if not block.has(_CENTRE[first], _CENTRE[second]):
             return None

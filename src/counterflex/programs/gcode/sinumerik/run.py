@@ -40,6 +40,7 @@ class Run:
 
     def __init__(self, source: SinumerikSource, machine: MillingMachine, library: Library = no_library) -> None:
         self._main, self._tool_names = source, machine.tool_names
+        self._names_open = machine.names_open
         self.flow = Flow(source, library)
         vectors = any(_VECTOR_WORD.match(line) for line in source.lines)
         self._state = SinumerikState(
@@ -305,17 +306,22 @@ class Run:
             else:
                 state.speed_rpm = value
 
+    def _tool_number(self, block: Block, tool: str) -> int:
+        number = self._tool_names.get(tool.strip().upper())
+        if number is not None or (tool.isdecimal() and int(tool) <= 99_999):
+            return int(tool) if number is None else number
+        if self._names_open and not tool.isdecimal():
+            return 0
+        raise block.fault(
+            "a tool is called by a name that no tool of the cell has alone", "T",
+            hint="Give the tool this name in [[tools]] of the cell file, or write T1",
+        )  # fmt: skip
+
     def _tool(self, block: Block) -> None:
         state = self._state
         tool = block.take_text("T")
         if tool is not None:
-            number = self._tool_names.get(tool.strip().upper())
-            if number is None and (not tool.isdecimal() or int(tool) > 99_999):
-                raise block.fault(
-                    "a tool is called by a name that no tool of the cell has alone", "T",
-                    hint="Give the tool this name in [[tools]] of the cell file, or write T1",
-                )  # fmt: skip
-            state.prepared = int(tool) if number is None else number
+            state.prepared = self._tool_number(block, tool)
         for name in ("D", "H"):
             block.take(name)
         for name in ("SPOS", "SPOSA"):

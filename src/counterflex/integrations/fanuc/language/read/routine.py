@@ -22,6 +22,8 @@ POSITION: Final = re.compile(r"P\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", re.IGNORECASE)
 _LABEL: Final = re.compile(r"LBL\s*\[\s*(\d+)", re.IGNORECASE)
 _CALLED: Final = re.compile(r"\b(?:CALL|RUN)\s+([A-Za-z_][\w-]*)", re.IGNORECASE)
 _OPENS: Final = re.compile(r"(IF)\b.*\bTHEN|(FOR)\b.*", re.IGNORECASE | re.DOTALL)
+_OF_ARM: Final = re.compile(r"^(U(?:TOOL|FRAME)_NUM)\s*\[\s*GP\s*1\s*\]", re.IGNORECASE)
+"""Frame of motion group 1, which is the arm, as the simulator of the maker spells it."""
 _CLOSED_BY: Final = {"IF": "ENDIF", "FOR": "ENDFOR"}
 
 
@@ -51,7 +53,7 @@ class Routine:
         """Divide it."""
         self.positions = self.listing.positions()
         self.statements = list(self.listing.statements())
-        self.texts = [statement.code.strip() for statement in self.statements]
+        self.texts = [_OF_ARM.sub(r"\1", statement.code.strip()) for statement in self.statements]
         self._match_blocks()
 
     @property
