@@ -35,9 +35,9 @@ class PathErrors:
     nodes: Nodes
     error_m: Float  # (draws, k, 3) m, part axes, actual - nominal
 
-    def scaled(self, other: Float) -> PathErrors:
-        """The same nodes with other errors (draws, k, 3)."""
-        return replace(self, error_m=other)
+    def first(self, draws: int) -> PathErrors:
+        """The first of the draws."""
+        return replace(self, error_m=self.error_m[:draws])
 
 
 def points_of(plan: Plan, cell: Cell, program: str) -> CutPoints:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import scipy
 
 from counterflex.app.correction.decide import tool_response_of
 from counterflex.app.inputs import faults_in, read_in_plane, setting_of
@@ -97,11 +96,7 @@ class Today:
     def errors(self, kept: dict[str, float] | None = None) -> PathErrors:
         """Errors of the compensated program on the draws that remedies are compared on."""
         points = points_of(self.plan, self.cell, self.program.name)
-        return _few(path_errors(self.plan, self.cell, points, kept=ALL if kept is None else kept))
-
-    def quoted(self, errors: PathErrors) -> Quoted:
-        """Features with other errors."""
-        return self.drawing.quoted(errors)
+        return path_errors(self.plan, self.cell, points, kept=ALL if kept is None else kept).first(DRAWS)
 
 
 def remedies(today: Today, progress: Progress = silent) -> tuple[Remedy, ...]:
@@ -119,9 +114,9 @@ def remedies(today: Today, progress: Progress = silent) -> tuple[Remedy, ...]:
     tries.append((FINISH, "append the program to itself", lambda: _finished(today)))
     tries.append((ONLINE, "counterflex run with the sensor of the cell file", lambda: _online(today)))
     how = next_command("correct", program, cell=cell, plan="plan", scan="scan", out="plan-2")
-    tries.append((SECOND, how, lambda: today.quoted(_second_part(today))))
+    tries.append((SECOND, how, lambda: today.drawing.quoted(_second_part(today))))
     parts = in_parts(progress, {"today": 1.0} | {name: 1.0 for name, _, _ in tries})
-    base = today.quoted(today.errors())
+    base = today.drawing.quoted(today.errors())
     out = []
     for name, how, quoted in tries:
         parts[name](0.0)
@@ -137,10 +132,6 @@ def remedies(today: Today, progress: Progress = silent) -> tuple[Remedy, ...]:
     return tuple(sorted(out, key=lambda one: one.gain, reverse=True))
 
 
-def _few(errors: PathErrors) -> PathErrors:
-    return errors.scaled(errors.error_m[:DRAWS])
-
-
 def _measured(today: Today, recipes: tuple[str, ...]) -> Quoted | str:
     """The same plan, made with what these recipes find."""
     before = doubts(today.cell, points_of(today.plan, today.cell, today.program.name))
@@ -153,7 +144,7 @@ def _measured(today: Today, recipes: tuple[str, ...]) -> Quoted | str:
             kept[recipe] = 1.0
     if all(value == 1.0 for value in kept.values()):
         return "it is known as well already"
-    return today.quoted(today.errors(kept))
+    return today.drawing.quoted(today.errors(kept))
 
 
 def _in_posture(today: Today) -> Quoted | str:
@@ -185,7 +176,7 @@ def _planned_anew(today: Today, cell: Cell, best: Held) -> Quoted:
         plan = make_plan(job.path, job.line_of_motion, changed.stock(), setting_of(changed, job), feeds=job.feeds)
     points = points_of(plan, changed, today.program.name)
     drawing = replace(today.drawing, cell=changed, job=job)
-    return drawing.quoted(_few(path_errors(plan, changed, points)))
+    return drawing.quoted(path_errors(plan, changed, points).first(DRAWS))
 
 
 def _resolved(cell: Cell, tables: object) -> Cell:
@@ -202,7 +193,7 @@ def _finished(today: Today) -> Quoted | str:
     lines = np.concatenate([job.line_of_motion, job.line_of_motion])
     with faults_in(job):
         plan = make_plan(twice, lines, cell.stock(), setting_of(cell))
-    return today.quoted(_few(path_errors(plan, cell, points_of(plan, cell, today.program.name))))
+    return today.drawing.quoted(path_errors(plan, cell, points_of(plan, cell, today.program.name)).first(DRAWS))
 
 
 def repeated(path: ToolPath) -> ToolPath:
@@ -222,11 +213,11 @@ def _online(today: Today) -> Quoted | str:
     tables = today.cell.tables
     if tables.tracker is not None:
         errors = today.errors()
-        return today.quoted(errors.scaled(tracked(errors)))
+        return today.drawing.quoted(replace(errors, error_m=tracked(errors)))
     if tables.sensor is None and tables.holder is None:
         return "the cell file has no [sensor], [holder] or [tracker]"
     doubt = doubts(today.cell, points_of(today.plan, today.cell, today.program.name)).get("cutting", 0.0)
-    return today.quoted(today.errors({"cutting": min(1.0, SENSOR / doubt) if doubt > 0.0 else 1.0}))
+    return today.drawing.quoted(today.errors({"cutting": min(1.0, SENSOR / doubt) if doubt > 0.0 else 1.0}))
 
 
 def tracked(errors: PathErrors) -> Float:
@@ -258,12 +249,5 @@ def _second_part(today: Today) -> PathErrors:
     for k, error in enumerate(errors.error_m):
         left = np.tensordot(rng.standard_normal(len(response.gain)), response.patterns(error), 1)
         left += response.aside(error) * rng.standard_normal(3)
-        out[k] = left + LOCAL * rng.standard_normal() * error + SCATTER_M * _slow_noise(rng, len(rows))
-    return errors.scaled(out)
-
-
-def _slow_noise(rng: np.random.Generator, nodes: int) -> Float:
-    """(nodes, 3) noise of standard deviation 1 that changes over ten nodes."""
-    noise = scipy.ndimage.gaussian_filter1d(rng.standard_normal((nodes, 3)), 10.0, axis=0, mode="nearest")
-    out: Float = noise / max(float(noise.std()), 1e-9)
-    return out
+        out[k] = left + LOCAL * rng.standard_normal() * error + SCATTER_M * rng.standard_normal(3)
+    return replace(errors, error_m=out)

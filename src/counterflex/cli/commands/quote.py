@@ -31,7 +31,7 @@ def quote(
         int,
         option(
             "--placements",
-            "Places of the part that are tried as a remedy; 0: none. 256 take minutes.",
+            "Places of the part to try as a remedy; 256 take minutes.",
             min=0,
             max=65536,
         ),
