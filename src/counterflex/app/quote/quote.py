@@ -94,7 +94,7 @@ def quote(
     points = points_of(plan, cell, program.name)
     quoted = drawing.quoted(path_errors(plan, cell, points))
     as_it_is = drawing.quoted(path_errors(plan, cell, points, compensated=False))
-    found = remedies(Today(program, drawing, plan, placements), parts[COMPARING])
+    ranked = remedies(Today(program, drawing, plan, placements), parts[COMPARING])
     summary = {
         "job": "quote",
         "program": program.name,
@@ -102,9 +102,9 @@ def quote(
         "cell": cell.name,
         "robot": cell.chain.name,
         **_shown(quoted, as_it_is),
-        "remedies": [_remedy(one) for one in found if one.all_held is not None],
+        "remedies": [_remedy(one) for one in ranked if one.quoted is not None],
         "remedies_not_looked_at": [
-            {"remedy": one.name, "why": one.why_not, "how": one.how} for one in found if one.all_held is None
+            {"remedy": one.name, "why": one.why_not, "how": one.how} for one in ranked if one.quoted is None
         ],
         "unknown": [{"what": one.name, "known_from": one.known_from} for one in sources(cell, points)],
         "causes_not_looked_at": list(CAUSES),
@@ -113,7 +113,7 @@ def quote(
         "counterflex": __version__,
     }
     progress(1.0)
-    return Quotation(quoted, found, summary)
+    return Quotation(quoted, ranked, summary)
 
 
 def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> Drawing:
@@ -157,10 +157,10 @@ def run(
     cell = read_cell(cell_file, assume_class=assume_class)
     with atomic.atomic_folder(out) as staging:
         inputs = inputs_of(program, cell_file)
-        found = quote(part, program, cell, progress=progress, **options)
-        summary = found.summary | {"inputs": inputs}
+        done = quote(part, program, cell, progress=progress, **options)
+        summary = done.summary | {"inputs": inputs}
         write_folder_summary(staging, summary)
-        write_page(QuoteData(summary, [one.off_m / MM for one in found.quoted.features]).page(), staging / REPORT)
+        write_page(QuoteData(summary, [one.off_m / MM for one in done.quoted.features]).page(), staging / REPORT)
     return summary
 
 
@@ -195,14 +195,14 @@ def _feature(one: DrawnFeature, before: DrawnFeature | None) -> dict[str, Any]:
 
 
 def _remedy(one: Remedy) -> dict[str, Any]:
-    share = one.all_held
-    assert share is not None
+    quoted = one.quoted
+    assert quoted is not None
     return {
         "remedy": one.name,
         "how": one.how,
-        "all_hold": round(share.probability, 4),
+        "all_hold": round(quoted.all_held.probability, 4),
         "gain": round(one.gain[0], 4),
-        "mean": round(one.mean, 4),
+        "mean": round(quoted.mean, 4),
         "mean_gain": round(one.gain[1], 4),
-        "draws": share.of,
+        "draws": quoted.all_held.of,
     }

@@ -19,7 +19,7 @@ from counterflex.app.placement.placement import placement_of
 from counterflex.app.posture import posture_of
 from counterflex.app.prediction_interval import SERVO
 from counterflex.app.quote.path_errors import ALL, PathErrors, doubts, path_errors, points_of
-from counterflex.app.quote.probability import Drawing, Quoted, Share
+from counterflex.app.quote.probability import Drawing, Quoted
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
@@ -65,18 +65,17 @@ class Remedy:
 
     name: str
     how: str  # The command, or what to do
-    all_held: Share | None = None
-    mean: float = 0.0  # Of the features
-    today: Share | None = None  # On the same draws
-    today_mean: float = 0.0
+    quoted: Quoted | None = None
+    today: Quoted | None = None  # On the same draws
     why_not: str = ""
 
     @property
     def gain(self) -> tuple[float, float]:
         """Rise of the probability that all features hold, and of their mean."""
-        if self.all_held is None or self.today is None:
+        if self.quoted is None or self.today is None:
             return -1.0, -1.0
-        return self.all_held.probability - self.today.probability, self.mean - self.today_mean
+        before, after = self.today, self.quoted
+        return after.all_held.probability - before.all_held.probability, after.mean - before.mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +120,13 @@ def remedies(today: Today, progress: Progress = silent) -> tuple[Remedy, ...]:
     for name, how, quoted in tries:
         parts[name](0.0)
         try:
-            found = quoted()
+            result = quoted()
         except CounterflexError as fault:
-            found = str(fault)
-        if isinstance(found, str):
-            out.append(Remedy(name, how, why_not=found))
+            result = str(fault)
+        if isinstance(result, str):
+            out.append(Remedy(name, how, why_not=result))
         else:
-            out.append(Remedy(name, how, found.all_held, found.mean, base.all_held, base.mean))
+            out.append(Remedy(name, how, result, base))
     progress(1.0)
     return tuple(sorted(out, key=lambda one: one.gain, reverse=True))
 
@@ -148,8 +147,8 @@ def _measured(today: Today, recipes: tuple[str, ...]) -> Quoted | str:
 
 
 def _in_posture(today: Today) -> Quoted | str:
-    found = posture_of(today.program, today.cell)
-    best, present = found.chosen.best, found.chosen.present
+    chosen = posture_of(today.program, today.cell).chosen
+    best, present = chosen.best, chosen.present
     if present is not None and best.share_m > 0.99 * present.share_m:
         return "the planner offers no stiffer one"
     return _planned_anew(today, today.cell, best)
@@ -160,10 +159,10 @@ def _in_place(today: Today) -> Quoted | str:
         return "a search takes minutes: --placements 256"
     if today.cell.tables.external_axes:
         return "the cell has external axes: plan placement chooses their values too"
-    found = placement_of(today.program, today.cell, count=today.placements)
-    part = today.cell.part.model_copy(update=found.stand.part)
+    placed = placement_of(today.program, today.cell, count=today.placements)
+    part = today.cell.part.model_copy(update=placed.stand.part)
     moved = _resolved(today.cell, today.cell.tables.model_copy(update={"part": part}))
-    return _planned_anew(today, moved, found.chosen.best)
+    return _planned_anew(today, moved, placed.chosen.best)
 
 
 def _planned_anew(today: Today, cell: Cell, best: Held) -> Quoted:

@@ -49,7 +49,7 @@ def quote(
     stiffness, force, play or drives, another posture or place, a finishing pass, online correction, a second part.
     What is not looked at is listed, and never counts as held. Writes into DIR: report.html, summary.json.
 
-    Example: `counterflex quote part.step part.ngc cell.toml --out quote`
+    Example: `counterflex quote tolerances.csv part.ngc cell.toml --out quote`
     """
     keep_inputs(out, part, program, cell, parameters)
     from counterflex.app.inputs import Reading
