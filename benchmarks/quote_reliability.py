@@ -30,7 +30,7 @@ from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import Reference, judge, outline_of, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.quote.path_errors import path_errors, points_of
-from counterflex.app.quote.probability import Drawing, Quoted
+from counterflex.app.quote.probability import Quoted, QuotedPart
 from counterflex.core import atomic
 from counterflex.core.units import MM
 from counterflex.evaluate.features import FeatureRow, Machined, measure_features
@@ -66,7 +66,7 @@ class Case:
     job: Job
     plan: Plan
     reference: Reference
-    drawing: Drawing
+    drawing: QuotedPart
     quoted: dict[str, Quoted]  # By variant
 
 
@@ -77,7 +77,7 @@ def case_of(name: str) -> Case:
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), feeds=job.feeds)
     reference = reference_of(job, cell)
     assert reference.surface is not None
-    drawing = Drawing(job, cell, reference.surface)
+    drawing = QuotedPart(job, cell, reference.surface)
     points = points_of(plan, cell, name)
     quoted = {
         variant: drawing.quoted(path_errors(plan, cell, points, compensated=variant == "compensated"))

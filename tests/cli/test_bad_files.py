@@ -219,11 +219,11 @@ def _options() -> list[Option]:
         for name, info in infos.items():
             if info.callback not in FILE_CHECKS:
                 continue
-            words = [*flags[name], "@"]
             beside = BESIDE.get((" ".join(path), name), BESIDE.get((" ".join(path), ""), {}))
-            for other in dict.fromkeys([*needed, *beside]):
-                if other != name:
-                    words += [*flags[other], beside.get(other) or _value(other, infos[other])]
+            words: list[str] = []
+            for other in (one for one in infos if one in {*needed, *beside, name}):  # arguments in their order
+                value = "@" if other == name else beside.get(other) or _value(other, infos[other])
+                words += [*flags[other], value]
             found.append(Option(path, name, tuple(words)))
     return found
 

@@ -65,17 +65,17 @@ def test_faces_of_a_step_file_are_quoted_as_the_features_of_the_program(
 
     zones = [("floor", "Flatness", 0.3), ("left", "Straightness", 0.1)]
     step_parts.write_step(tmp_path / "part.step", [grooved], name, unit="MM", zones=zones)
-    found = quote(tmp_path / "part.step", PROGRAM, read_cell(CELL))
-    features = {(one.feature, one.quantity): one for one in found.quoted.features}
+    quoted, _ = quote(tmp_path / "part.step", PROGRAM, read_cell(CELL))
+    features = {(one.feature, one.quantity): one for one in quoted.features}
     floor, depth = features["floor", "position"], features["groove 1", "depth"]
     # the groove is measured on its middle, the face all over: off by as much but for a twentieth of a millimetre
     assert np.median(np.abs(floor.off_m + depth.off_m)) < 0.05 * MM
     assert features["floor", "flatness"].tolerance_m == pytest.approx(0.3 * MM)
     assert features["floor", "flatness"].tolerance_source == "PMI of part.step"
-    left_out = {one.what for one in found.quoted.not_looked_at}
+    left_out = {what for what, _ in quoted.not_looked_at}
     assert any("Straightness" in what for what in left_out)
     assert sum(what.startswith("face") for what in left_out) >= 6  # sides, bottom and top of the blank
-    assert not any(one.feature.startswith("face") for one in found.quoted.features)
+    assert not any(one.feature.startswith("face") for one in quoted.features)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from counterflex.app.inputs import read_job, setting_of
 from counterflex.app.prediction_interval import foreseen
 from counterflex.app.proof.judge import reference_of
 from counterflex.app.quote.path_errors import PathErrors, doubts, path_errors, points_of
-from counterflex.app.quote.probability import Drawing, DrawnFeature, Share
+from counterflex.app.quote.probability import DrawnFeature, QuotedPart, Share
 from counterflex.app.quote.remedies import TRACKED, repeated, tracked
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
@@ -31,15 +31,15 @@ def cell() -> Cell:
 
 
 @pytest.fixture(scope="module")
-def drawing(cell: Cell) -> Drawing:
+def drawing(cell: Cell) -> QuotedPart:
     job = read_job(EXAMPLES / "programs" / NAME, cell)
     surface = reference_of(job, cell).surface
     assert surface is not None
-    return Drawing(job, cell, surface)
+    return QuotedPart(job, cell, surface)
 
 
 @pytest.fixture(scope="module")
-def plan(drawing: Drawing, cell: Cell) -> Plan:
+def plan(drawing: QuotedPart, cell: Cell) -> Plan:
     job = drawing.job
     return make_plan(job.path, job.line_of_motion, cell.stock(), setting_of(cell), feeds=job.feeds)
 
@@ -82,7 +82,7 @@ def test_no_number_of_draws_makes_it_certain() -> None:
     assert wide / narrow == pytest.approx(math.sqrt(10.0), rel=0.02)
 
 
-def test_a_shifted_path_shifts_walls_and_floor_by_as_much(drawing: Drawing, errors: PathErrors) -> None:
+def test_a_shifted_path_shifts_walls_and_floor_by_as_much(drawing: QuotedPart, errors: PathErrors) -> None:
     shift = np.array([[0.03, 0.04, -0.05], [0.0, 0.0, 0.0], [0.0, -0.1, 0.2]]) * MM
     moved = replace(errors, error_m=np.tile(shift[:, None], (1, len(errors.nodes), 1)))
     off = {one.quantity: one.off_m for one in drawing.quoted(moved).features}
@@ -122,11 +122,10 @@ def test_less_doubt_of_the_force_leaves_less_scatter(plan: Plan, cell: Cell, err
     assert found["cutting"] > found["stiffness"] > 0.0
 
 
-def test_a_tolerance_of_what_is_not_cut_or_not_drawn_is_not_looked_at(drawing: Drawing, errors: PathErrors) -> None:
+def test_a_tolerance_of_what_is_not_cut_or_not_drawn_is_not_looked_at(drawing: QuotedPart, errors: PathErrors) -> None:
     given = {("groove 1", "depth"): 0.1 * MM, ("bore 7", "diameter"): 0.1 * MM, ("groove 1", "roughness"): 0.01 * MM}
     found = replace(drawing, tolerances_m=given).quoted(errors.first(20))
-    left_out = {one.what: one.why for one in found.not_looked_at}
-    assert left_out == {
+    assert dict(found.not_looked_at) == {
         "diameter of bore 7": "the program cuts no such feature",
         "roughness of groove 1": "no draw informs a tolerance of this kind",
     }
@@ -136,7 +135,7 @@ def test_a_tolerance_of_what_is_not_cut_or_not_drawn_is_not_looked_at(drawing: D
         replace(drawing, tolerances_m={("bore 7", "diameter"): 0.1 * MM}).quoted(errors.first(20))
 
 
-def test_all_hold_no_more_often_than_the_one_that_holds_least(drawing: Drawing, errors: PathErrors) -> None:
+def test_all_hold_no_more_often_than_the_one_that_holds_least(drawing: QuotedPart, errors: PathErrors) -> None:
     found = drawing.quoted(errors.first(100))
     each = [one.held().held for one in found.features]
     assert sum(each) - 100 * (len(each) - 1) <= found.all_held.held <= min(each)
@@ -154,7 +153,7 @@ def test_a_tracker_takes_back_what_lasts_and_leaves_what_is_quick(errors: PathEr
     assert np.all(np.abs(left) <= 0.1 * MM)
 
 
-def test_a_repeated_path_is_the_path_twice(drawing: Drawing) -> None:
+def test_a_repeated_path_is_the_path_twice(drawing: QuotedPart) -> None:
     path = drawing.job.path
     twice = repeated(path)
     assert len(twice) == 2 * len(path)

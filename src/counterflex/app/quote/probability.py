@@ -91,20 +91,12 @@ class DrawnFeature:
         return float(np.quantile(np.abs(self.off_m), _WIDEST))
 
 
-@dataclass(frozen=True)
-class NotLookedAt:
-    """Something that no probability is given of."""
-
-    what: str
-    why: str
-
-
 @dataclass(frozen=True, eq=False)
 class Quoted:
     """Features of a part over the drawn cells."""
 
     features: tuple[DrawnFeature, ...]
-    not_looked_at: tuple[NotLookedAt, ...]
+    not_looked_at: tuple[tuple[str, str], ...]  # What no probability is given of, and why
 
     @property
     def all_held(self) -> Share:
@@ -119,7 +111,7 @@ class Quoted:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
+class QuotedPart:
     """Part that is quoted: the surface that the program makes, faces of a solid, tolerances."""
 
     job: Job
@@ -140,16 +132,16 @@ class Drawing:
         drawn = DrawnParts(errors, self.surface, path.p_part_tcp, outline, cell.cutter)
         parts = drawn.parts()
         rows = measure_features(self.surface, path.p_part_tcp, self.features, parts, given, outline=outline)
-        left_out = [NotLookedAt(name, NO_TOLERANCE_KIND) for name in self.not_measured]
+        left_out = [(name, NO_TOLERANCE_KIND) for name in self.not_measured]
         if self.faces is not None:
             of_faces, untouched = self.faces.drawn(drawn.left)
             rows = (*rows, *of_faces)
-            left_out += [NotLookedAt(name, UNTOUCHED) for name in untouched]
+            left_out += [(name, UNTOUCHED) for name in untouched]
         left_out += self._without_rows(rows)
         looked_at = []
         for row in rows:
             if len(row.worst_m) < len(parts) or any(row.partly(name) for name in row.worst_m):
-                left_out.append(NotLookedAt(f"{row.quantity} of {row.feature}", PARTLY))
+                left_out.append((f"{row.quantity} of {row.feature}", PARTLY))
             else:
                 looked_at.append(_drawn(row, parts))
         if not looked_at:
@@ -165,7 +157,7 @@ class Drawing:
         made = Machined(self.surface.nominal, path.p_part_tcp, None, outline)
         return features_shown(self.surface, path.p_part_tcp, candidates_of(path, self.cell), made, outline)
 
-    def _without_rows(self, rows: Sequence[FeatureRow]) -> list[NotLookedAt]:
+    def _without_rows(self, rows: Sequence[FeatureRow]) -> list[tuple[str, str]]:
         """Tolerances of what the program does not make, or of what no draw informs."""
         measured = {(row.feature, row.quantity) for row in rows}
         made = {row.feature for row in rows}
@@ -177,7 +169,7 @@ class Drawing:
                 limit=", ".join(f"{row.quantity} of {row.feature}" for row in rows) or "nothing",
             )
         return [
-            NotLookedAt(f"{quantity} of {feature}", NO_TOLERANCE_KIND if feature in made else UNTOUCHED)
+            (f"{quantity} of {feature}", NO_TOLERANCE_KIND if feature in made else UNTOUCHED)
             for feature, quantity in missing
         ]
 

@@ -7,7 +7,6 @@ each (``drawn_part``) -> features (``probability``) -> remedies (``remedies``).
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from counterflex.app.cost_of_unknown_stiffness import assumed, require_stiffness
 from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.inspection.judging import nominal_of
 from counterflex.app.quote.path_errors import path_errors, points_of
-from counterflex.app.quote.probability import Drawing, DrawnFeature, Quoted, Share
+from counterflex.app.quote.probability import DrawnFeature, Quoted, QuotedPart, Share
 from counterflex.app.quote.remedies import Remedy, Today, remedies
 from counterflex.app.robot_programs import inputs_of
 from counterflex.app.unknowns import sources
@@ -48,15 +47,6 @@ READING, PLANNING, DRAWING, COMPARING = "reading", "planning", "drawing cells", 
 WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
 
 
-@dataclass(frozen=True, eq=False)
-class Quotation:
-    """Result of the job."""
-
-    quoted: Quoted  # Of the compensated program
-    remedies: tuple[Remedy, ...]
-    summary: dict[str, Any]  # What ``summary.json`` holds
-
-
 def quote(
     part: Path,
     program: Path,
@@ -65,13 +55,16 @@ def quote(
     reading: Reading = AS_IT_IS,
     placements: int = 0,
     progress: Progress = silent,
-) -> Quotation:
+) -> tuple[Quoted, dict[str, Any]]:
     """Quote a part before any cut.
 
     Args:
         part: CAD solid (STEP, part frame), whose faces and tolerances count beside the features of the program; or a
             table of tolerances of the features of the program.
         placements: Places of the part that are tried as a remedy; 0: none.
+
+    Returns:
+        Features of the compensated program over the drawn cells, and what ``summary.json`` holds.
 
     Raises:
         CounterflexError: Part, program or cell do not allow it; one line says what and where.
@@ -113,10 +106,10 @@ def quote(
         "counterflex": __version__,
     }
     progress(1.0)
-    return Quotation(quoted, ranked, summary)
+    return quoted, summary
 
 
-def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> Drawing:
+def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> QuotedPart:
     """Read the part that is quoted, see :func:`quote`."""
     ending = part.suffix.lower()
     if ending not in (*ENDINGS, *TABLES):
@@ -132,8 +125,8 @@ def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_I
     nominal = nominal_of(job, cell, None if ending in TABLES else part)
     solid = nominal.shape if isinstance(nominal.shape, CadSolid) else None
     if solid is None:
-        return Drawing(job, cell, nominal.surface, None, tolerances)
-    return Drawing(job, cell, nominal.surface, CadFeatures(solid, part.name), None, tuple(solid.not_measured))
+        return QuotedPart(job, cell, nominal.surface, None, tolerances)
+    return QuotedPart(job, cell, nominal.surface, CadFeatures(solid, part.name), None, tuple(solid.not_measured))
 
 
 def run(
@@ -157,10 +150,10 @@ def run(
     cell = read_cell(cell_file, assume_class=assume_class)
     with atomic.atomic_folder(out) as staging:
         inputs = inputs_of(program, cell_file)
-        done = quote(part, program, cell, progress=progress, **options)
-        summary = done.summary | {"inputs": inputs}
+        quoted, summary = quote(part, program, cell, progress=progress, **options)
+        summary |= {"inputs": inputs}
         write_folder_summary(staging, summary)
-        write_page(QuoteData(summary, [one.off_m / MM for one in done.quoted.features]).page(), staging / REPORT)
+        write_page(QuoteData(summary, [one.off_m / MM for one in quoted.features]).page(), staging / REPORT)
     return summary
 
 
@@ -171,7 +164,7 @@ def _shown(quoted: Quoted, as_it_is: Quoted) -> dict[str, Any]:
         "all_hold": _share(quoted.all_held),
         "all_hold_as_it_is": _share(as_it_is.all_held),
         "features": [_feature(one, before.get((one.feature, one.quantity))) for one in quoted.features],
-        "not_looked_at": [{"what": one.what, "why": one.why} for one in quoted.not_looked_at],
+        "not_looked_at": [{"what": what, "why": why} for what, why in quoted.not_looked_at],
     }
 
 

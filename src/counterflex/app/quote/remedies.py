@@ -19,7 +19,7 @@ from counterflex.app.placement.placement import placement_of
 from counterflex.app.posture import posture_of
 from counterflex.app.prediction_interval import SERVO
 from counterflex.app.quote.path_errors import ALL, PathErrors, doubts, path_errors, points_of
-from counterflex.app.quote.probability import Drawing, Quoted
+from counterflex.app.quote.probability import Quoted, QuotedPart
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
@@ -83,7 +83,7 @@ class Today:
     """The quotation that remedies are compared with."""
 
     program: Path
-    drawing: Drawing
+    drawing: QuotedPart
     plan: Plan
     placements: int = 0  # Places of the part that are tried; 0: none
 
