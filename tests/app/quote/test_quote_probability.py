@@ -17,6 +17,7 @@ from counterflex.app.quote.probability import DrawnFeature, QuotedPart, Share
 from counterflex.app.quote.remedies import TRACKED, repeated, tracked
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM, UM
+from counterflex.evaluate.feature_finding import Groove
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
@@ -87,7 +88,8 @@ def test_a_shifted_path_shifts_walls_and_floor_by_as_much(drawing: QuotedPart, e
     moved = replace(errors, error_m=np.tile(shift[:, None], (1, len(errors.nodes), 1)))
     off = {one.quantity: one.off_m for one in drawing.quoted(moved).features}
     groove = drawing.features[0]
-    run = (groove.end - groove.start)[:2] / np.linalg.norm((groove.end - groove.start)[:2])  # type: ignore[union-attr]
+    assert isinstance(groove, Groove)
+    run = (groove.end - groove.start)[:2] / np.linalg.norm((groove.end - groove.start)[:2])
     aside = shift[:, :2] @ np.array([-run[1], run[0]])
     assert np.allclose(off["wall left"], aside, atol=0.1 * UM)
     assert np.allclose(off["wall right"], -aside, atol=0.1 * UM)
