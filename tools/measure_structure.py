@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1226,
-    "lines": 216_576,
+    "lines": 216_561,
     _BIG: 7,
     _WIDE: 7,
     _PATHS: 0,
@@ -50,7 +50,7 @@ CEILINGS = {
     "circles": 0,
     "dataclasses that only carry data": 426,
     "class names used twice or more": 57,
-    "import lines": 15_118,
+    "import lines": 15_117,
     "module docstrings that begin with What, How, Which": 0,
     "words in hand-written docs": 92_010,
     "links of docs/index.md": 25,
