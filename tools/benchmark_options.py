@@ -74,6 +74,13 @@ RUNS: Final[dict[str, tuple[tuple[str, ...], ...]]] = {
         ("--show", "--out", f"{FOLDER}/none"),
         ("--short",),
     ),
+    "quote_reliability": (
+        (
+            *("--quick", "--store", "--out", f"{FOLDER}/out", "--programs", "groove", "--family", "wide"),
+            *("--variants", "compensated", "--seeds", "1-1"),
+        ),
+        ("--show",),
+    ),
     "remaining_time": (("--quick", "--cold", "--only", "--period", "0.5", "--out", f"{FOLDER}/figures.json"),),
     "removal": (
         ("--quick", "--json", f"{FOLDER}/figures.json"),

@@ -61,6 +61,7 @@ BESIDE: Final[dict[tuple[str, str], dict[str, str]]] = {
     ("reveal", "prediction"): {"measured": "data.toml"},
     ("reveal", "measured"): {"prediction": "cell.toml"},
     ("firstcut", ""): {"program": "part.ngc", "cell": "cell.toml", "out": "new/out"},
+    ("quote", ""): {"part": "tolerances.csv", "program": "part.ngc", "cell": "cell.toml", "out": "new/out"},
     ("diff", ""): {"before": "part.ngc", "after": "part.ngc"},
     ("iso9283", ""): {"files": "log.csv", "poses": "poses.ngc"},
     ("iso9283", "path"): {"files": "log.csv"},
@@ -218,11 +219,11 @@ def _options() -> list[Option]:
         for name, info in infos.items():
             if info.callback not in FILE_CHECKS:
                 continue
-            words = [*flags[name], "@"]
             beside = BESIDE.get((" ".join(path), name), BESIDE.get((" ".join(path), ""), {}))
-            for other in dict.fromkeys([*needed, *beside]):
-                if other != name:
-                    words += [*flags[other], beside.get(other) or _value(other, infos[other])]
+            words: list[str] = []
+            for other in (one for one in infos if one in {*needed, *beside, name}):  # arguments in their order
+                value = "@" if other == name else beside.get(other) or _value(other, infos[other])
+                words += [*flags[other], value]
             found.append(Option(path, name, tuple(words)))
     return found
 
@@ -251,9 +252,8 @@ def given(machined: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a sound file for every option."""
     folder = tmp_path_factory.mktemp("given") / "work"
     shutil.copytree(machined.folder, folder)
-    names = (
-        "tap_test.csv touches.csv holders/across.toml certificates/ball_bar.xml controller/poses.csv egm/dangerous.mod"
-    )
+    names = "tap_test.csv touches.csv tolerances.csv holders/across.toml controller/poses.csv egm/dangerous.mod"
+    names += " certificates/ball_bar.xml"
     for name in (*names.split(), *(f"robot_tests/{kind}.ngc" for kind in ("poses", "circle", "square"))):
         shutil.copy(EXAMPLES / name, folder)
     shutil.copy(EXAMPLES / "scans" / "groove.ply", folder / "scan.ply")

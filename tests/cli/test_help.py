@@ -197,6 +197,8 @@ def test_example(folder: Path, counterflex: Any, machined: Any, monkeypatch: pyt
         table = folder / "coupon" / "measure.csv"
         header, *rows = table.read_text(encoding="utf-8").splitlines()
         table.write_text("\n".join([header, *(row + row.split(",")[6] for row in rows)]), encoding="utf-8")
+    if words[0] == "quote":
+        (folder / "tolerances.csv").write_text("feature,quantity,tolerance_mm\nslot 1,width,0.2\n", encoding="utf-8")
     if words[0] == "thermal":
         shutil.copy(Path(__file__).parents[2] / "examples" / "touches.csv", folder)
     if "axis.csv" in words:

@@ -30,6 +30,7 @@ COMMANDS: Final = {
     "firstcut": "PROGRAM --cell CELL --out OUT",
     "campaign": "PROGRAM --cell CELL --out OUT --seeds 1",
     "cell check": "CELL --program PROGRAM",
+    "quote": "PART PROGRAM CELL --out OUT",
     "correct": "PROGRAM --cell CELL --plan PLAN --scan SCAN --out OUT",
     "twin track": "PROGRAM --cell CELL --truth TRUTH --out OUT",
     "twin cell": "PROGRAM --cell CELL --truth TRUTH --out OUT --egm 127.0.0.1:6510",
@@ -91,6 +92,8 @@ def test_a_unit_that_is_not_said_is_named_once(
     for word in ("SCAN", "PLAN"):
         files[word] = tmp_path / word.lower()
     files["SCAN"].write_text("0 0 40\n1 0 40\n0 1 40\n", encoding="utf-8")
+    files["PART"] = tmp_path / "part.csv"
+    files["PART"].write_text("feature,quantity,tolerance_mm\ngroove 1,width,0.1\n", encoding="utf-8")
     files["PLAN"].mkdir()
     if command not in _FULL:
         monkeypatch.setattr(inputs, "_in_plane_of", stop)

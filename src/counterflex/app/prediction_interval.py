@@ -22,8 +22,9 @@ the cell file say, a controller by rules of its own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -54,6 +55,11 @@ of the controller at corners the rest. With exact constants the swings of 24 tun
 and groove) had 0.55 to 1.8 times the predicted size; 0.4 leaves no helix above its range, 0.3 one in twelve."""
 SHARP_RAD: Final = 30.0 * DEG
 """Turn of the path from which on a controller slows down or stops by rules of its own."""
+SERVO: Final = "servo"
+"""Recipe that measures how far the motors yield."""
+MODEL: Final = "model"
+"""In place of a recipe: the form of the model."""
+Kept = Mapping[str, float]
 _CHANGE_S: Final = 0.3
 """So long before and after a row its force is compared with."""
 _CHANGED: Final = 0.3
@@ -85,11 +91,9 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     if points is None or np.all(np.isnan(plan.deviation_compensated_part)):
         return None
     off, R_base_part = _unknown_displacement(plan, cell, points, places), _part_axes(plan, cell, points, places)
-    period_s = 1.0 / at_largest_force(cell, plan).mode.hz
-    more = np.exp(SWING * np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))) - 1.0
     sizes = []
     for deviation in (plan.deviation_nominal_part, plan.deviation_compensated_part):
-        swing = deviation - lasting(deviation, plan.path.time_s, period_s)
+        swing, more = swings(plan, cell, deviation)
         predicted, swinging = (
             np.einsum("...ij,...j->...i", R_base_part, values[points.row]) for values in (deviation, swing)
         )
@@ -97,6 +101,24 @@ def foreseen(plan: Plan, cell: Cell, places: ExternalPlaces | None = None) -> Fo
     nominal, compensated = sizes
     worse = float(np.mean(compensated > nominal))
     return Foreseen(expected(nominal, points.of), expected(compensated, points.of), worse)
+
+
+def swings(plan: Plan, cell: Cell, deviation: Float) -> tuple[Float, Float]:
+    """Swing (n, 3) m of a predicted deviation about its mean, and how much more of it each draw has (draws, 1, 1)."""
+    swing: Float = deviation - lasting(deviation, plan.path.time_s, 1.0 / at_largest_force(cell, plan).mode.hz)
+    more = np.exp(SWING * np.random.default_rng(_SWING_SEED).standard_normal((ROBOTS, 1, 1))) - 1.0
+    return swing, more
+
+
+def unknown_in_part(plan: Plan, cell: Cell, points: CutPoints, kept: Kept) -> Float:
+    """(draws, n, 3) m, part axes: what all unknowns together leave at points of a plan.
+
+    Args:
+        kept: Share of each unknown that counts, by the word of its recipe; 1 where it is not listed.
+    """
+    R_base_part = _part_axes(plan, cell, points, None)
+    out: Float = _unknown_displacement(plan, cell, points, kept=kept) @ R_base_part
+    return out
 
 
 def with_intervals(
@@ -170,20 +192,28 @@ def _part_axes(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces
     return out
 
 
-def _unknown_displacement(plan: Plan, cell: Cell, points: CutPoints, places: ExternalPlaces | None = None) -> Float:
+def _unknown_displacement(
+    plan: Plan,
+    cell: Cell,
+    points: CutPoints,
+    places: ExternalPlaces | None = None,
+    kept: Kept = MappingProxyType({}),
+) -> Float:
     """(draws, n, 3) m, base axes: what all unknowns together leave."""
     bend = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1)
     rng = np.random.default_rng(_SEED)
-    out = _left_open(sources(cell, points), bend, rng)
+    out = _left_open(sources(cell, points), bend, rng, kept)
+    yielding = kept.get(SERVO, 1.0)
     given = cell.class_drives
     if given is not None and given.servo_axes:
         sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
         softer = np.exp(sigma * rng.standard_normal((ROBOTS, 1, 1)) - 0.5 * sigma**2) - 1.0
         R_base_part = _part_axes(plan, cell, points, places)
-        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, drives_yield(plan, cell)[points.row])
+        yields = yielding * drives_yield(plan, cell)[points.row]
+        out = out + softer * np.einsum("...ij,...j->...i", R_base_part, yields)
     elif cell.chain.servo is None:
         changing = np.linalg.norm(bend, axis=1) * _changing(plan, points)
-        out = out + DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
+        out = out + yielding * DRIVES * changing[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     return out
 
 
@@ -196,12 +226,15 @@ def drives_yield(plan: Plan, cell: Cell) -> Float:
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
 
 
-def _left_open(unknown: Sequence[Source], bend: Float, rng: np.random.Generator) -> Float:
+def _left_open(
+    unknown: Sequence[Source], bend: Float, rng: np.random.Generator, kept: Kept = MappingProxyType({})
+) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
-    out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
+    structure = kept.get(MODEL, 1.0) * STRUCTURE
+    out: Float = structure * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     for one in unknown:
         if one.displacements is not None:
-            out = out + one.displacements
+            out = out + kept.get(one.recipe.split()[0], 1.0) * one.displacements
     return out
 
 

@@ -89,7 +89,7 @@ _QUESTIONS: Final = ("cell", "robots", "pose", "deflection")
 _PROVE: Final = ("demo", "prove", "truth", "simulate", "evaluate", "mesh", "report", "predict", "reveal")
 PANELS: Final = {
     "Start": ("studio",),
-    "Plan": (*_QUESTIONS, "path", "modes", "plan", "preflight", "compensate", "diff", "convert", "correct"),
+    "Plan": (*_QUESTIONS, "path", "modes", "plan", "preflight", "compensate", "diff", "convert", "correct", "quote"),
     "Prove": (*_PROVE, "inspect", "benchmark-part"),
     "Identify": ("identify", "firstcut", "production", "dataset", "dcc", "holder", "campaign"),
     "Measure": ("iso9283", "iso230", "thermal"),

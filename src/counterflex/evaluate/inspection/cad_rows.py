@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -96,6 +96,22 @@ class CadFeatures:
             if values:
                 out += [self._row(places, row) for row in places.rows(values) if row[3]]
         return tuple(out)
+
+    def drawn(self, left: Callable[[Float, Float], Float]) -> tuple[tuple[FeatureRow, ...], tuple[str, ...]]:
+        """Rows of the faces on many parts, by number, and the names of faces that the program does not make.
+
+        Args:
+            left: Gives the material left, (m, parts) m, at places (m, 3) with outward normals; nan where none was made.
+        """
+        out: list[FeatureRow] = []
+        untouched = []
+        for places in self._places:
+            values = left(places.points, places.normals)
+            if np.isfinite(values).any(axis=1).sum() < _LEAST:
+                untouched.append(places.face.name)
+                continue
+            out += [self._row(places, row) for row in places.rows({str(k): v for k, v in enumerate(values.T)})]
+        return tuple(out), tuple(untouched)
 
     def place_sigma_m(self, part: ScannedPart, feature: str) -> float:
         """Standard deviation of a place of a face by the noise of the scan alone, median, m."""

@@ -11,11 +11,13 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.evaluate.feature_finding import Feature
-from counterflex.evaluate.features import ZONES, FeatureRow, measure_features, uncovered
+from counterflex.evaluate.features import ZONES, FeatureRow, Machined, measure_features, uncovered
 from counterflex.evaluate.inspection.scanned_part import ScannedPart
 from counterflex.evaluate.inspection.sections import InspectedPart
 from counterflex.evaluate.inspection.size_errors import ScaleEstimate
+from counterflex.evaluate.measured_values import MeasurablePart
 from counterflex.evaluate.prismatic.finding import PrismaticFeature, find_prismatic
+from counterflex.evaluate.surface import NominalSurface
 
 _DRAWS: Final = 24
 _ONCE_MORE: Final = float(np.sqrt(2.0)) - 1.0
@@ -127,8 +129,18 @@ def features_of_part(part: InspectedPart, candidates: Sequence[Feature]) -> tupl
         part: Inspected; its nominal part counts.
         candidates: Grooves and pockets that the moves may have made.
     """
-    surface = part.part.surface
-    rows = measure_features(surface, part.p_part_tcp, candidates, {"part": part}, outline=part.nominal_outline)
+    return features_shown(part.part.surface, part.p_part_tcp, candidates, part, part.nominal_outline)
+
+
+def features_shown(
+    surface: NominalSurface,
+    p_part_tcp: Float,
+    candidates: Sequence[Feature],
+    part: Machined | MeasurablePart,
+    outline: Float | None,
+) -> tuple[Feature | PrismaticFeature, ...]:
+    """Features of a part that can be measured, see :func:`features_of_part` and :func:`.measure_features`."""
+    rows = measure_features(surface, p_part_tcp, candidates, {"part": part}, outline=outline)
     shown, walls, floors = uncovered(surface, candidates, rows)
     return (*shown, *find_prismatic(surface, walls, floors))
 

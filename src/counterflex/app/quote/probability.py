@@ -1,0 +1,179 @@
+"""Probability that a feature keeps its tolerance: the share of drawn cells in which it does.
+
+A share of draws is itself known by their number only: of k of n that hold, the probability is that of Jeffreys' prior,
+
+    p = (k + 1/2) / (n + 1),   90 % of it within the quantiles of Beta(k + 1/2, n - k + 1/2)
+
+so that it is never 0 or 1. Source: Brown, Cai and DasGupta 2001, "Interval estimation for a binomial proportion".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import scipy
+
+from counterflex.app.inputs import Job
+from counterflex.app.proof.judge import candidates_of, outline_of
+from counterflex.app.quote.drawn_part import DrawnParts
+from counterflex.app.quote.path_errors import PathErrors
+from counterflex.core.arrays import Bool, Float
+from counterflex.core.errors import InputError
+from counterflex.evaluate.feature_finding import Feature
+from counterflex.evaluate.features import FeatureRow, Machined, measure_features
+from counterflex.evaluate.inspection.cad_rows import CadFeatures
+from counterflex.evaluate.inspection.feature_rows import features_shown
+from counterflex.evaluate.prismatic.finding import PrismaticFeature
+from counterflex.evaluate.surface import NominalSurface
+from counterflex.files.cell.cell import Cell
+
+_WIDE: Final = (0.05, 0.95)
+_WIDEST: Final = 0.9
+UNTOUCHED: Final = "the program cuts no such feature"
+PARTLY: Final = "the program cuts a part of it"
+NO_TOLERANCE_KIND: Final = "no draw informs a tolerance of this kind"
+Tolerances = Mapping[tuple[str, str], float]
+
+
+@dataclass(frozen=True)
+class Share:
+    """Probability by the share of draws, with what the number of draws leaves open."""
+
+    held: int
+    of: int
+
+    @property
+    def probability(self) -> float:
+        """Mean of it."""
+        return (self.held + 0.5) / (self.of + 1.0)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Ends between which it lies in nine of ten cases, as far as the number of draws goes."""
+        low, high = scipy.stats.beta.ppf(_WIDE, self.held + 0.5, self.of - self.held + 0.5)
+        return float(low), float(high)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFeature:
+    """A quantity of a feature over the drawn cells."""
+
+    feature: str
+    quantity: str
+    nominal_m: float
+    tolerance_m: float
+    tolerance_source: str
+    off_m: Float  # (draws,) m, worst value less nominal
+
+    def ok(self, tolerance_m: float | None = None) -> Bool:
+        """(draws,) whether it holds the tolerance, its own or another one."""
+        out: Bool = np.abs(self.off_m) <= (self.tolerance_m if tolerance_m is None else tolerance_m)
+        return out
+
+    def held(self, tolerance_m: float | None = None) -> Share:
+        """Probability to hold the tolerance, its own or another one."""
+        ok = self.ok(tolerance_m)
+        return Share(int(np.count_nonzero(ok)), len(ok))
+
+    @property
+    def off_90_m(self) -> tuple[float, float]:
+        """Ends of what it is off in nine of ten cells, m."""
+        low, high = np.quantile(self.off_m, _WIDE)
+        return float(low), float(high)
+
+    @property
+    def held_90_m(self) -> float:
+        """Tolerance, +- m, that nine of ten cells hold."""
+        return float(np.quantile(np.abs(self.off_m), _WIDEST))
+
+
+@dataclass(frozen=True, eq=False)
+class Quoted:
+    """Features of a part over the drawn cells."""
+
+    features: tuple[DrawnFeature, ...]
+    not_looked_at: tuple[tuple[str, str], ...]  # What no probability is given of, and why
+
+    @property
+    def all_held(self) -> Share:
+        """Probability that all features that are looked at hold at once."""
+        ok = np.all([one.ok() for one in self.features], axis=0)
+        return Share(int(np.count_nonzero(ok)), len(ok))
+
+    @property
+    def mean(self) -> float:
+        """Mean probability of the features."""
+        return float(np.mean([one.held().probability for one in self.features]))
+
+
+@dataclass(frozen=True, eq=False)
+class QuotedPart:
+    """Part that is quoted: the surface that the program makes, faces of a solid, tolerances."""
+
+    job: Job
+    cell: Cell
+    surface: NominalSurface
+    faces: CadFeatures | None = None
+    tolerances_m: Tolerances | None = None
+    not_measured: tuple[str, ...] = ()  # Names of tolerances of the CAD file that no face holds
+
+    def quoted(self, errors: PathErrors) -> Quoted:
+        """Measure the features on every drawn part.
+
+        Raises:
+            InputError: No tolerance is of a feature that the program makes.
+        """
+        path, cell, given = self.job.path, self.cell, self.tolerances_m or {}
+        outline = outline_of(path, cell)
+        drawn = DrawnParts(errors, self.surface, path.p_part_tcp, outline, cell.cutter)
+        parts = drawn.parts()
+        rows = measure_features(self.surface, path.p_part_tcp, self.features, parts, given, outline=outline)
+        left_out = [(name, NO_TOLERANCE_KIND) for name in self.not_measured]
+        if self.faces is not None:
+            of_faces, untouched = self.faces.drawn(drawn.left)
+            rows = (*rows, *of_faces)
+            left_out += [(name, UNTOUCHED) for name in untouched]
+        left_out += self._without_rows(rows)
+        looked_at = []
+        for row in rows:
+            if len(row.worst_m) < len(parts) or any(row.partly(name) for name in row.worst_m):
+                left_out.append((f"{row.quantity} of {row.feature}", PARTLY))
+            else:
+                looked_at.append(_drawn(row, parts))
+        if not looked_at:
+            raise InputError(
+                "the program makes no feature whose tolerance could be quoted", where=self.job.program.name
+            )
+        return Quoted(tuple(looked_at), tuple(left_out))
+
+    @cached_property
+    def features(self) -> tuple[Feature | PrismaticFeature, ...]:
+        """Features that the undisturbed program makes."""
+        path, outline = self.job.path, outline_of(self.job.path, self.cell)
+        made = Machined(self.surface.nominal, path.p_part_tcp, None, outline)
+        return features_shown(self.surface, path.p_part_tcp, candidates_of(path, self.cell), made, outline)
+
+    def _without_rows(self, rows: Sequence[FeatureRow]) -> list[tuple[str, str]]:
+        """Tolerances of what the program does not make, or of what no draw informs."""
+        measured = {(row.feature, row.quantity) for row in rows}
+        made = {row.feature for row in rows}
+        missing = [key for key in self.tolerances_m or {} if key not in measured]
+        if missing and len(missing) == len(self.tolerances_m or {}):
+            raise InputError(
+                "none of the tolerances is of what the program makes",
+                value=f"{missing[0][1]} of {missing[0][0]}",
+                limit=", ".join(f"{row.quantity} of {row.feature}" for row in rows) or "nothing",
+            )
+        return [
+            (f"{quantity} of {feature}", NO_TOLERANCE_KIND if feature in made else UNTOUCHED)
+            for feature, quantity in missing
+        ]
+
+
+def _drawn(row: FeatureRow, parts: Mapping[str, object]) -> DrawnFeature:
+    off = np.array([row.worst_m[name] for name in parts]) - row.nominal_m
+    return DrawnFeature(row.feature, row.quantity, row.nominal_m, row.tolerance_m, row.tolerance_source, off)

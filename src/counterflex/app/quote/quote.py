@@ -1,0 +1,201 @@
+"""The job ``quote``: probability that each feature of a part keeps its tolerance, and what raises it most.
+
+read -> plan (as ``compensate``) -> errors of the path over the cells that this one may be (``path_errors``) -> part of
+each (``drawn_part``) -> features (``probability``) -> remedies (``remedies``).
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from counterflex import __version__
+from counterflex.app.cost_of_unknown_stiffness import assumed, require_stiffness_for
+from counterflex.app.inputs import AS_IT_IS, Reading, faults_in, read_in_plane, setting_of
+from counterflex.app.inspection.judging import nominal_of
+from counterflex.app.quote.path_errors import path_errors, points_of
+from counterflex.app.quote.probability import DrawnFeature, Quoted, QuotedPart, Share
+from counterflex.app.quote.remedies import Remedy, Today, remedies
+from counterflex.app.robot_programs import inputs_of
+from counterflex.app.unknowns import sources
+from counterflex.core import atomic
+from counterflex.core.errors import InputError
+from counterflex.core.progress import Progress, in_parts, silent
+from counterflex.core.units import MM
+from counterflex.evaluate.inspection.cad_rows import CadFeatures
+from counterflex.evaluate.inspection.mesh_shape import CadSolid
+from counterflex.files.cell.cell import Cell, read_cell
+from counterflex.files.small_table import read_tolerances
+from counterflex.files.step_file import ENDINGS
+from counterflex.files.summary_file import write_folder_summary
+from counterflex.plan.compensate import plan as make_plan
+from counterflex.programs.compensated import refuse_compensated
+
+REPORT, SUMMARY = "report.html", "summary.json"
+TABLES: Final = (".csv",)
+CAUSES: Final = (
+    "heat of robot, spindle and part",
+    "wear of the tool during the program",
+    "runout and bending of the tool",
+    "fixture and clamping of the part",
+    "where and how large the blank is",
+    "roughness",
+)
+"""Causes that no draw holds."""
+READING, PLANNING, DRAWING, COMPARING = "reading", "planning", "drawing cells", "comparing remedies"
+WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
+
+
+def quote(
+    part: Path,
+    program: Path,
+    cell: Cell,
+    *,
+    reading: Reading = AS_IT_IS,
+    placements: int = 0,
+    progress: Progress = silent,
+) -> tuple[Quoted, dict[str, Any]]:
+    """Quote a part before any cut.
+
+    Args:
+        part: CAD solid (STEP, part frame), whose faces and tolerances count beside the features of the program; or a
+            table of tolerances of the features of the program.
+        placements: Places of the part that are tried as a remedy; 0: none.
+
+    Returns:
+        Features of the compensated program over the drawn cells, and what ``summary.json`` holds.
+
+    Raises:
+        CounterflexError: Part, program or cell do not allow it; one line says what and where.
+    """
+    begin, parts = time.perf_counter(), in_parts(progress, WORK)
+    parts[READING](0.0)
+    drawing = drawing_of(part, program, cell, reading)
+    job, cell = drawing.job, drawing.cell
+    require_stiffness_for(job, cell, silent)
+    with faults_in(job):
+        plan = make_plan(
+            job.path,
+            job.line_of_motion,
+            cell.stock(),
+            setting_of(cell, job),
+            feeds=job.feeds,
+            progress=parts[PLANNING],
+        )
+    parts[DRAWING](0.0)
+    points = points_of(plan, cell, program.name)
+    quoted = drawing.quoted(path_errors(plan, cell, points))
+    as_it_is = drawing.quoted(path_errors(plan, cell, points, compensated=False))
+    ranked = remedies(Today(program, drawing, plan, placements), parts[COMPARING])
+    summary = {
+        "job": "quote",
+        "program": program.name,
+        "part": part.name,
+        "cell": cell.name,
+        "robot": cell.chain.name,
+        **_shown(quoted, as_it_is),
+        "remedies": [_remedy(one) for one in ranked if one.quoted is not None],
+        "remedies_not_looked_at": [
+            {"remedy": one.name, "why": one.why_not, "how": one.how} for one in ranked if one.quoted is None
+        ],
+        "unknown": [{"what": one.name, "known_from": one.known_from} for one in sources(cell, points)],
+        "causes_not_looked_at": list(CAUSES),
+        **assumed(cell),
+        "seconds": round(time.perf_counter() - begin, 3),
+        "counterflex": __version__,
+    }
+    progress(1.0)
+    return quoted, summary
+
+
+def drawing_of(part: Path, program: Path, cell: Cell, reading: Reading = AS_IT_IS) -> QuotedPart:
+    """Read the part that is quoted, see :func:`quote`."""
+    ending = part.suffix.lower()
+    if ending not in (*ENDINGS, *TABLES):
+        raise InputError(
+            "a part is quoted from a CAD solid or a table of tolerances",
+            where=str(part),
+            value=ending or "no ending",
+            limit=", ".join((*ENDINGS, *TABLES)),
+        )
+    tolerances = read_tolerances(part) if ending in TABLES else None
+    cell, job = read_in_plane(program, cell, reading=reading)
+    refuse_compensated(job.program)
+    nominal = nominal_of(job, cell, None if ending in TABLES else part)
+    solid = nominal.shape if isinstance(nominal.shape, CadSolid) else None
+    if solid is None:
+        return QuotedPart(job, cell, nominal.surface, None, tolerances)
+    return QuotedPart(job, cell, nominal.surface, CadFeatures(solid, part.name), None, tuple(solid.not_measured))
+
+
+def run(
+    part: Path,
+    program: Path,
+    cell_file: Path,
+    out: Path,
+    *,
+    assume_class: bool = False,
+    progress: Progress = silent,
+    **options: Any,
+) -> dict[str, Any]:
+    """Write ``report.html`` and ``summary.json`` into ``out``: both or none.
+
+    Args:
+        assume_class: Give axes that no stiffness is known of the median of the robot's class, and say so.
+    """
+    from counterflex.report.page import write_page
+    from counterflex.report.quote_page import QuoteData
+
+    cell = read_cell(cell_file, assume_class=assume_class)
+    with atomic.atomic_folder(out) as staging:
+        inputs = inputs_of(program, cell_file)
+        quoted, summary = quote(part, program, cell, progress=progress, **options)
+        summary |= {"inputs": inputs}
+        write_folder_summary(staging, summary)
+        write_page(QuoteData(summary, [one.off_m / MM for one in quoted.features]).page(), staging / REPORT)
+    return summary
+
+
+def _shown(quoted: Quoted, as_it_is: Quoted) -> dict[str, Any]:
+    before = {(one.feature, one.quantity): one for one in as_it_is.features}
+    return {
+        "draws": quoted.all_held.of,
+        "all_hold": _share(quoted.all_held),
+        "all_hold_as_it_is": _share(as_it_is.all_held),
+        "features": [_feature(one, before.get((one.feature, one.quantity))) for one in quoted.features],
+        "not_looked_at": [{"what": what, "why": why} for what, why in quoted.not_looked_at],
+    }
+
+
+def _share(share: Share) -> dict[str, Any]:
+    low, high = share.interval
+    return {"probability": round(share.probability, 4), "probability_90": [round(low, 4), round(high, 4)]}
+
+
+def _feature(one: DrawnFeature, before: DrawnFeature | None) -> dict[str, Any]:
+    return {
+        "feature": one.feature,
+        "quantity": one.quantity,
+        "nominal_mm": round(one.nominal_m / MM, 4),
+        "tolerance_mm": round(one.tolerance_m / MM, 4),
+        "tolerance_source": one.tolerance_source,
+        **_share(one.held()),
+        "probability_as_it_is": None if before is None else round(before.held().probability, 4),
+        "off_90_mm": [round(value / MM, 4) for value in one.off_90_m],
+        "tolerance_held_90_mm": round(one.held_90_m / MM, 4),
+    }
+
+
+def _remedy(one: Remedy) -> dict[str, Any]:
+    quoted = one.quoted
+    assert quoted is not None
+    return {
+        "remedy": one.name,
+        "how": one.how,
+        "all_hold": round(quoted.all_held.probability, 4),
+        "gain": round(one.gain[0], 4),
+        "mean": round(quoted.mean, 4),
+        "mean_gain": round(one.gain[1], 4),
+        "draws": quoted.all_held.of,
+    }
