@@ -171,18 +171,22 @@ def _taken(fault: OSError, host: str, port: int) -> OutputError:
 
 
 def _document_server(host: str, port: int, document: bytes) -> http.server.ThreadingHTTPServer:
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            if self.path != "/netftapi2.xml":
-                self.send_error(404)
-                return
-            self.send_response(200)
-            self.send_header("Content-Type", "text/xml")
-            self.send_header("Content-Length", str(len(document)))
-            self.end_headers()
-            self.wfile.write(document)
+    handler = type("Handler", (_DocumentHandler,), {"document": document})
+    return http.server.ThreadingHTTPServer((host, port), handler)
 
-        def log_message(self, *_: object) -> None:
-            """Say nothing."""
 
-    return http.server.ThreadingHTTPServer((host, port), Handler)
+class _DocumentHandler(http.server.BaseHTTPRequestHandler):
+    document: bytes  # Of a subclass: the server makes a handler for each request
+
+    def do_GET(self) -> None:
+        if self.path != "/netftapi2.xml":
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/xml")
+        self.send_header("Content-Length", str(len(self.document)))
+        self.end_headers()
+        self.wfile.write(self.document)
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Final
 
@@ -302,11 +303,12 @@ class Control:
             given[match[1].upper()] = value
             self.values.set(match[1], value)
 
-        def fault(what: str, name: str, hint: str) -> ProgramError:
-            at = next((m.start() for m in _PARAMETER.finditer(part.code) if m[1].upper() == name), None)
-            return self._fault(part, what, at, None, hint)
+        return drilling(number, given, self._state.unit_m, functools.partial(self._cycle_fault, part))
 
-        return drilling(number, given, self._state.unit_m, fault)
+    def _cycle_fault(self, part: Statement, what: str, name: str, hint: str) -> ProgramError:
+        """Return the fault of a parameter of a cycle."""
+        at = next((m.start() for m in _PARAMETER.finditer(part.code) if m[1].upper() == name), None)
+        return self._fault(part, what, at, None, hint)
 
     def _dwell(self, part: Statement) -> tuple[Word, ...]:
         match = re.search(rf"CYCL\s+DEF\s+9\.1\s+(?:[A-Z. ]*?)({VALUE})\s*$", part.code, re.IGNORECASE)

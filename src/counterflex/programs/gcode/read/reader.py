@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -179,26 +180,26 @@ def read_gcode_file(
         ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
     """
     file = Path(path)
-    folder = file.parent
-
-    def include(label: str) -> tuple[str, str] | None:
-        for name in _file_names(label, file.suffix):
-            neighbour = folder / name
-            if neighbour.parent == folder and neighbour != file and neighbour.is_file():
-                return name, read_text(neighbour)[0]
-        return None
-
     text, encoding = read_text(file)
     program = read_gcode(
         text,
         name=file.name,
         machine=machine,
         step_limit=step_limit,
-        includes=include,
+        includes=functools.partial(_subroutine_beside, file),
         block_delete=block_delete,
         complete=complete,
     )
     return replace(program, encoding=encoding)
+
+
+def _subroutine_beside(file: Path, label: str) -> tuple[str, str] | None:
+    """Name and text of the file of a subroutine in the folder of a program; None where there is none."""
+    for name in _file_names(label, file.suffix):
+        neighbour = file.parent / name
+        if neighbour.parent == file.parent and neighbour != file and neighbour.is_file():
+            return name, read_text(neighbour)[0]
+    return None
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -23,6 +23,7 @@ from counterflex.integrations.abb.language.read.scanner import Source, Statement
 from counterflex.integrations.abb.language.read.targets import Targets
 from counterflex.integrations.abb.language.table import ACTS, FORMS, TABLE
 from counterflex.programs.expression import ExpressionError, is_number
+from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.program import Block, Word
 from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 from counterflex.programs.statement_table import Treatment
@@ -41,10 +42,8 @@ _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:
 class Interpreter(Flow, Instructions, Calls):
     """State of the controller while a program runs."""
 
-    def __init__(
-        self, source: Source, modules: Modules, cell: RapidCell | None, lines: Sequence[str], part_object: str = ""
-    ) -> None:
-        self.source, self.modules, self.cell, self._lines = source, modules, cell, lines
+    def __init__(self, source: Source, modules: Modules, cell: RapidCell | None, part_object: str = "") -> None:
+        self.source, self.modules, self.cell, self._lines = source, modules, cell, split_lines(source.text)
         self.memory = Memory(source, modules)
         self.memory.evaluator = self
         self.frames: Frames = Frames(cell, self.memory, part_object)
@@ -56,6 +55,21 @@ class Interpreter(Flow, Instructions, Calls):
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
         self._count, self._still, self._made, self.main_line = 0, 0, 0, 1
         self._seen: dict[int, int] = {}
+
+    @classmethod
+    def executed(
+        cls,
+        source: Source,
+        modules: Modules,
+        cell: RapidCell | None,
+        part_object: str,
+        kept_from: Mapping[int, object] | None,
+    ) -> Interpreter:
+        """Return the state after the program has run, with the values that persistent data begins with."""
+        interpreter = cls(source, modules, cell, part_object)
+        interpreter.memory.kept_from = kept_from
+        interpreter.run()
+        return interpreter
 
     def run(self) -> None:
         """Execute the program.

@@ -23,7 +23,6 @@ from counterflex.integrations.abb.language.read.interpreter import Interpreter, 
 from counterflex.integrations.abb.language.read.memory import LAST_RUN
 from counterflex.integrations.abb.language.read.routines import Modules
 from counterflex.integrations.abb.language.read.scanner import FilePart, Source
-from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.program import same_motions
 from counterflex.programs.source_text import read_text, refuse_mark
 
@@ -323,19 +322,12 @@ def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Inter
 def _run(
     source: Source, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
 ) -> Interpreter:
-    def executed(part_object: str) -> Interpreter:
-        interpreter = Interpreter(source, modules, cell, lines, part_object)
-        interpreter.memory.kept_from = kept_from
-        interpreter.run()
-        return interpreter
-
-    lines = split_lines(source.text)
-    first = executed("")
+    first = Interpreter.executed(source, modules, cell, "", kept_from)
     objects = first.frames.objects
     if len(objects) < 2:
         return first
     try:  # without a cell: most motions are in the part frame
-        return executed(max(objects, key=lambda key: objects[key]))
+        return Interpreter.executed(source, modules, cell, max(objects, key=lambda key: objects[key]), kept_from)
     except ProgramError:  # that frame begins unknown, because the program itself changes it
         return first
 

@@ -71,6 +71,12 @@ class Module:
         """Lines without their comments."""
         return tuple(code_of(line) for line in self.lines)
 
+    def fault(self, what: str, line: int, hint: str) -> ProgramError:
+        """Return the fault of a line, 1-based."""
+        code = self.codes[line - 1]
+        column = "" if "not closed" in what else f":{len(code) - len(code.lstrip()) + 1}"
+        return ProgramError(what, where=f"{self.file.name}:{line}{column}", value=code.strip()[:60], hint=hint)
+
     @cached_property
     def routines(self) -> dict[str, Routine]:
         """Routines by name in capitals, in the order of the file."""

@@ -267,15 +267,7 @@ class Routines(Execution, ABC):
 
     def _blocks_in(self, routine: Routine) -> Blocks:
         if routine.key not in self._blocks_of:
-
-            def fault(what: str, line: int, hint: str) -> ProgramError:
-                code = routine.module.codes[line - 1]
-                column = "" if "not closed" in what else f":{len(code) - len(code.lstrip()) + 1}"
-                return ProgramError(
-                    what, where=f"{routine.module.file.name}:{line}{column}", value=code.strip()[:60], hint=hint
-                )
-
-            words = self._words_in(routine.module)
+            words, fault = self._words_in(routine.module), routine.module.fault
             self._blocks_of[routine.key] = blocks_of(words, routine.module.codes, routine.first + 1, routine.end, fault)
         return self._blocks_of[routine.key]
 
