@@ -32,7 +32,7 @@ from counterflex.app.cut_points import CutPoints, points_of_plan
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
-from counterflex.app.unknowns import Source, sources
+from counterflex.app.unknowns import DisplacementSource, sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
@@ -196,7 +196,7 @@ def drives_yield(plan: Plan, cell: Cell) -> Float:
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)
 
 
-def _left_open(unknown: Sequence[Source], bend: Float, rng: np.random.Generator) -> Float:
+def _left_open(unknown: Sequence[DisplacementSource], bend: Float, rng: np.random.Generator) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
     out: Float = STRUCTURE * np.linalg.norm(bend, axis=1)[:, None] * rng.standard_normal((ROBOTS, 1, 3))
     for one in unknown:

@@ -56,7 +56,7 @@ _LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.i
 
 
 @kernel(inline=True)
-def lower(row: Float32, k: Whole, low: Real, meets: bool, s: Real, w: Real, out: Float32, at: Whole) -> bool:
+def lower(row: Float32, k: Whole, low: Real, meets: bool, s: Real, w: Real, out: Float32, at: Whole) -> Whole:
     """Lower a cell of a block to a height where the cutter meets it, and note the results; whether it was lowered."""
     old = row[k]
     new = low if meets & (low < old) else old

@@ -30,7 +30,7 @@ COLUMNS: Final = ("number", "face", "axis", "x_mm", "y_mm", "z_mm", "nominal_mm"
 
 
 @dataclass(frozen=True)
-class Place:
+class MeasuringPlace:
     """A place to measure: the coordinate of a face along an axis of the part."""
 
     face: str
@@ -43,7 +43,7 @@ class Coupon:
     """Program and places."""
 
     text: str
-    places: tuple[Place, ...]
+    places: tuple[MeasuringPlace, ...]
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _between(begin: float, end: float, count: int = 3) -> tuple[float, ...]:
     return tuple(begin + (end - begin) * k / (count - 1) for k in range(count))
 
 
-def _places(one: _Stretch, top: float) -> list[Place]:
+def _places(one: _Stretch, top: float) -> list[MeasuringPlace]:
     """Places on the walls of a stretch, at half their depth, and on its floor."""
     out = []
     feed = 0 if one.begin[1] == one.end[1] else 1
@@ -150,11 +150,11 @@ def _places(one: _Stretch, top: float) -> list[Place]:
         for station in stations:
             p = [0.0, 0.0, top - 0.5 * one.depth]
             p[axis], p[feed] = value, station
-            out.append(Place(f"{one.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
+            out.append(MeasuringPlace(f"{one.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
     for station in one.floor:
         p = [one.begin[0], one.begin[1], top - one.depth]
         p[feed] = station
-        out.append(Place(f"{one.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        out.append(MeasuringPlace(f"{one.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
     return out
 
 
@@ -173,7 +173,7 @@ def _program(stretches: list[_Stretch], tool: int, d: float, top: float, feed_mm
     return "\n".join([*lines, "M5", "M30", ""])
 
 
-def table(places: tuple[Place, ...]) -> str:
+def table(places: tuple[MeasuringPlace, ...]) -> str:
     """The places as a table to fill in: the last column is what is measured."""
     rows = [",".join(COLUMNS)]
     for number, one in enumerate(places, 1):

@@ -17,7 +17,7 @@ from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expe
 from counterflex.core.units import DEG, MM, PERCENT, RPM
 
 if TYPE_CHECKING:
-    from counterflex.app.strategy.advice import Operation
+    from counterflex.app.strategy.advice import WallOperation
 
 
 def _range(name: str, what: str) -> Any:
@@ -68,12 +68,12 @@ class WallOptions:
     ] = 100.0
     rows: Annotated[int, option("--rows", "Length of the table.", min=1, max=100)] = 8
 
-    def operation(self) -> Operation:
+    def operation(self) -> WallOperation:
         """Operation that is asked for, in SI."""
-        from counterflex.app.strategy.advice import Operation
+        from counterflex.app.strategy.advice import WallOperation
 
         point = arguments.numbers(self.at, "--at-mm", 3)
-        return Operation(
+        return WallOperation(
             tool=self.tool,
             ae_m=_scaled(self.ae, "--ae-mm", MM),
             ap_m=_scaled(self.ap, "--ap-mm", MM),
@@ -95,7 +95,7 @@ def strategy(
     cell: CellFile,
     program: Annotated[Path | None, argument("G-code file that finishes a wall.", arguments.file, "PROGRAM")] = None,
     *,
-    asked: WallOptions,
+    requested: WallOptions,
     assume_class: AssumeClass = False,
     source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
@@ -116,7 +116,7 @@ def strategy(
 
     with progress_bar("strategy" if program is None else f"strategy for {program.name}") as progress:
         answer = advice_table.run(
-            cell, program, asked.operation(), assume_class=assume_class, reading=source.reading(), progress=progress
+            cell, program, requested.operation(), assume_class=assume_class, reading=source.reading(), progress=progress
         )
     print_result(answer, as_json, _show)
 

@@ -48,9 +48,8 @@ class ArcPoint:
         out: Float = self.T[:3, 3]
         return out
 
-    def arc(self, p_start: Float, centre_normal: tuple[Float, Float], turn: float) -> Motion:
+    def arc(self, p_start: Float, p_centre: Float, normal: Float, turn: float) -> Motion:
         """Return the arc to it, about centre and normal of a circle."""
-        p_centre, normal = centre_normal
         return Motion(self.block, "arc", p_start, self.p, self.feed_m_s, self.rpm * RPM, self.tool,
                       p_centre=p_centre, normal=normal, turn_rad=turn)  # fmt: skip
 
@@ -107,10 +106,10 @@ def arcs_of(row: Sequence[ArcPoint], start: Point | None) -> dict[int, Made]:
     if _is_one(row, turns):
         through = tuple(node.point for node in row[1:-1])
         move = InformMotion("MOVC", end.point, end.form.exact, end.form.rounding_m, through, start)
-        return {end.block: (end.arc(points[0], parts, sum(turns)), end.R, move)}
+        return {end.block: (end.arc(points[0], *parts, sum(turns)), end.R, move)}
     return {
         node.block: (
-            node.arc(before.p, parts, turn),
+            node.arc(before.p, *parts, turn),
             node.R,
             InformMotion("MOVC", node.point, node.form.exact, piece=True),
         )

@@ -12,11 +12,11 @@ from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.foreign_language import foreign_language
-from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
+from counterflex.programs.gcode.read.flow import GcodeSource, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import WorkOffsets
 from counterflex.programs.program import Block, Motion, Program
 from counterflex.programs.source_text import read_text
@@ -76,7 +76,7 @@ def read_gcode(
     state = _state_at_start(machine, lines)
     zero = state.position[:3]
     try:
-        source = Source(name, lines)
+        source = GcodeSource(name, lines)
         interpreter = Interpreter(
             source, state, machine, includes, step_limit=step_limit, block_delete=block_delete, complete=complete,
             plain=plain_lines,
@@ -96,8 +96,8 @@ def read_gcode(
     )
 
 
-def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> State:
-    state = State(
+def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> ModalState:
+    state = ModalState(
         work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
         unknown=set() if machine.known else {0, 1, 2},
         fanuc_offsets=any(FURTHER_OFFSET.search(line) for line in lines),
