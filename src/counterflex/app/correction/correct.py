@@ -6,6 +6,7 @@ the path (``estimate``) -> next step (``learning``) -> plan (``plan.measured_cor
 
 from __future__ import annotations
 
+import datetime
 import json
 import shutil
 import time
@@ -47,6 +48,26 @@ from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.report import correction_page as page
+
+
+def correction_page(result: Corrected) -> str:
+    """The page, as HTML text."""
+    nodes, last = result.measured[-1].estimate.nodes, result.measured[-1].estimate
+    begin = np.diff(nodes.chain, prepend=-1) != 0
+    way = np.cumsum(np.where(begin, 0.0, np.diff(nodes.station_m, prepend=0.0)))
+    data = page.CorrectionData(
+        title=f"{result.summary['program']}, corrected from {len(result.summary['correct']['parts'])} part(s)",
+        subtitle=f"on {result.cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        summary=result.summary["correct"],
+        way_m=way,
+        error_m=page.broken(last.error_m, nodes.chain),
+        sigma_m=last.sigma_m,
+        change_m=page.broken(result.change_m[nodes.row], nodes.chain),
+    )
+    return data.page()
+
 
 PARTS: Final = "parts"
 ERROR, SCAN, FACTS = "path-error.parquet", "deviations.parquet", "part.json"
@@ -340,7 +361,6 @@ def run(
         keep_parts(folder, staging, new, about)
         write_folder_summary(staging, summary)
         if report:
-            from counterflex.app.correction.page import correction_page
             from counterflex.report.page import write_page
 
             write_page(correction_page(result), staging / "report.html")

@@ -55,6 +55,21 @@ class _Stretch:
     walls: tuple[tuple[int, float, tuple[float, ...]], ...]  # axis, coordinate, stations along the feed
     floor: tuple[float, ...]  # stations along the feed
 
+    def places(self, top: float) -> list[MeasuringPlace]:
+        """Places on the walls of a stretch, at half their depth, and on its floor."""
+        out = []
+        feed = 0 if self.begin[1] == self.end[1] else 1
+        for axis, value, stations in self.walls:
+            for station in stations:
+                p = [0.0, 0.0, top - 0.5 * self.depth]
+                p[axis], p[feed] = value, station
+                out.append(MeasuringPlace(f"{self.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        for station in self.floor:
+            p = [self.begin[0], self.begin[1], top - self.depth]
+            p[feed] = station
+            out.append(MeasuringPlace(f"{self.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        return out
+
 
 def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: float | None = None) -> Coupon:
     """The coupon for the blank and a tool of a cell.
@@ -102,7 +117,7 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
             "the shoulders are deeper than the flutes are long", value=f"{2.0 * a:g} mm", limit=f"<= {flute:g} mm"
         )
     stretches = _stretches((x0, x1, y0, y1), d, a)
-    places = [place for one in stretches for place in _places(one, top)]
+    places = [place for one in stretches for place in one.places(top)]
     return Coupon(_program(stretches, tool, d, top, feed_mm_min, rpm), tuple(places))
 
 
@@ -140,22 +155,6 @@ def _stretches(box: tuple[float, float, float, float], d: float, a: float) -> li
 def _between(begin: float, end: float, count: int = 3) -> tuple[float, ...]:
     """Places (count,) evenly between two, the ends included."""
     return tuple(begin + (end - begin) * k / (count - 1) for k in range(count))
-
-
-def _places(one: _Stretch, top: float) -> list[MeasuringPlace]:
-    """Places on the walls of a stretch, at half their depth, and on its floor."""
-    out = []
-    feed = 0 if one.begin[1] == one.end[1] else 1
-    for axis, value, stations in one.walls:
-        for station in stations:
-            p = [0.0, 0.0, top - 0.5 * one.depth]
-            p[axis], p[feed] = value, station
-            out.append(MeasuringPlace(f"{one.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
-    for station in one.floor:
-        p = [one.begin[0], one.begin[1], top - one.depth]
-        p[feed] = station
-        out.append(MeasuringPlace(f"{one.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
-    return out
 
 
 def _program(stretches: list[_Stretch], tool: int, d: float, top: float, feed_mm_min: float, rpm: float) -> str:
