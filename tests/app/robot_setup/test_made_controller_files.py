@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
-from counterflex.integrations.abb.link.setup import RsiMakeSettings as EgmSettings
+from counterflex.integrations.abb.link.setup import EgmMakeSettings as EgmSettings
 from counterflex.integrations.kuka.link.setup import CheckSettings, RsiMakeSettings
 
 PORTS = {  # type of object: its number, inputs, outputs

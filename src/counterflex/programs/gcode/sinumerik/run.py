@@ -22,7 +22,7 @@ from counterflex.programs.gcode.sinumerik.scanner import Line, ScannedName, scan
 from counterflex.programs.gcode.sinumerik.source import Library, SinumerikSource, head_of, no_library
 from counterflex.programs.gcode.sinumerik.state import SinumerikState
 from counterflex.programs.gcode.sinumerik.words import AXES, M_END, ROTARY, SINUMERIK, VECTOR, WordTable
-from counterflex.programs.program import Modal, Program, SinumerikBlock as ReadBlock
+from counterflex.programs.program import Block as ReadBlock, Modal, Program
 from counterflex.programs.unknown import known
 
 _HEADER: Final = re.compile(r"\s*(%|;\$PATH=)", re.IGNORECASE)
