@@ -60,6 +60,16 @@ WithoutEnd = Annotated[
 ]
 
 
+JudgedSurface = Annotated[
+    str,
+    option(
+        "--surface",
+        "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+        arguments.one_of(("both", "wall", "floor"), "surface"),
+    ),
+]
+
+
 @dataclass(frozen=True)
 class MachineOptions:
     """Options by which a program in the language of its ending is read."""

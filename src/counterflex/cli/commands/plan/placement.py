@@ -8,7 +8,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
@@ -59,14 +59,7 @@ def placement(
             "blank.",
         ),
     ] = False,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(("both", "wall", "floor"), "surface"),
-        ),
-    ] = "both",
+    surface: JudgedSurface = "both",
     *,
     source: ReadingOptions,
 ) -> None:

@@ -6,15 +6,12 @@ from typing import Annotated, Any, Final, cast
 
 import typer
 
-from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG
-
-_SURFACES: Final = ("both", "wall", "floor")
 
 
 @with_records
@@ -22,14 +19,7 @@ def posture(
     program: Program,
     cell: CellFile,
     out: Out,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(_SURFACES, "surface"),
-        ),
-    ] = "both",
+    surface: JudgedSurface = "both",
     rotations: Annotated[
         int, option("--rotations", "Rotations about the tool axis that are tried.", min=4, max=720)
     ] = 72,

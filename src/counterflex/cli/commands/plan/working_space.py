@@ -8,7 +8,7 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
 from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
@@ -30,14 +30,7 @@ def working_space(
         ),
     ] = None,
     points: Annotated[int, option("--points", "Places along each axis of a map.", min=2, max=200)] = 21,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(("both", "wall", "floor"), "surface"),
-        ),
-    ] = "both",
+    surface: JudgedSurface = "both",
     *,
     source: ReadingOptions,
 ) -> None:

@@ -23,6 +23,7 @@ _CENTRE: Final = "IJK"
 _SHORTEST_VECTOR: Final = 1e-3
 _LONGEST_DWELL_S: Final = 1e6
 _ARC_ENDS: Final = "Write I J K, CR= or AR="
+PlanePoint = tuple[float, float]  # m, in the plane of an arc
 
 
 class SinumerikMoveMaker:
@@ -318,13 +319,7 @@ class SinumerikMoveMaker:
         return int(value)
 
     def _plane_arc(
-        self,
-        block: SinumerikBlock,
-        a: tuple[float, float],
-        b: tuple[float, float],
-        in_plane: bool,
-        clockwise: bool,
-        turns: int,
+        self, block: SinumerikBlock, a: PlanePoint, b: PlanePoint, in_plane: bool, clockwise: bool, turns: int
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state
