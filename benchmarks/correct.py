@@ -29,10 +29,10 @@ import numpy as np
 from counterflex.app import examples
 from counterflex.app.compensation.languages import write
 from counterflex.app.correction.decide import LEAST_M, measured_error, next_step
-from counterflex.app.correction.scans import NOISE_M, Scan, simulated_scan
+from counterflex.app.correction.scans import NOISE_M, PartScan, simulated_scan
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import Judged, Reference, judge, reference_of
+from counterflex.app.proof.judge import JudgedRun, ProofReference, judge, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.progress import silent
@@ -42,7 +42,7 @@ from counterflex.evaluate.path_error.learning import expected
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.part_deviations import MeasuredPart
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.inputs import Inputs
+from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
@@ -83,7 +83,7 @@ def files_of(name: str, folder: Path) -> tuple[Path, Path]:
     return cell.parent / "part.ngc", cell
 
 
-def machined(job: Job, cell: Cell, plan: Plan, truth: Truth, reference: Reference) -> Judged:
+def machined(job: Job, cell: Cell, plan: Plan, truth: Truth, reference: ProofReference) -> JudgedRun:
     """A part made by a plan."""
     with tempfile.TemporaryDirectory() as scratch:
         files, _ = write(job, plan, cell, "gcode")
@@ -94,13 +94,13 @@ def machined(job: Job, cell: Cell, plan: Plan, truth: Truth, reference: Referenc
 
 
 @functools.cache
-def prepared(name: str, out: str) -> tuple[Cell, Job, Plan, LoadedRobot, Reference]:
+def prepared(name: str, out: str) -> tuple[Cell, Job, Plan, LoadedRobot, ProofReference]:
     """Cell, program, plan of the catalogue, robot under load, and the undisturbed part."""
     program, cell_file = files_of(name, Path(out))
     cell = read_cell(cell_file)
     job, setting = read_job(program, cell), setting_of(cell)
     plan = make_plan(job.path, job.line_of_motion, cell.stock(), setting, feeds=job.feeds, predict=False)
-    inputs = Inputs(plan.path, plan.line, cell.stock(), setting, plan.q)
+    inputs = CompensationInputs(plan.path, plan.line, cell.stock(), setting, plan.q)
     return cell, job, plan, loaded_robot(inputs, undisturbed_cut(inputs, silent)), reference_of(job, cell)
 
 
@@ -125,7 +125,7 @@ def one(name: str, family: str, seed: int, out: str) -> list[dict[str, Any]]:
         if number == PARTS:
             break
         scan = simulated_scan(reference.surface, judged, seed=10 * seed + number)
-        measured = measured_error(Scan(scan, _NONE, simulated=True), plan, nodes, cell, taken)
+        measured = measured_error(PartScan(scan, _NONE, simulated=True), plan, nodes, cell, taken)
         parts.append(measured.error)
         step = next_step(plan, loaded, parts)
         ahead = step.next_error_m[nodes.row] - measured.error.error_m[nodes.row]
@@ -146,7 +146,7 @@ def noise_only(name: str, seed: int, out: str) -> dict[str, Any]:
     scan = simulated_scan(reference.surface, judged, seed=seed)
     noise = NOISE_M * np.random.default_rng(seed).standard_normal(len(scan))
     right = replace(scan, deviation_m=noise)
-    measured = measured_error(Scan(right, _NONE, simulated=True), plan, nodes, cell, np.zeros((len(plan.path), 3)))
+    measured = measured_error(PartScan(right, _NONE, simulated=True), plan, nodes, cell, np.zeros((len(plan.path), 3)))
     step = next_step(plan, loaded, [measured.error])
     change = np.linalg.norm(step.plan.correction_part - plan.correction_part, axis=1)
     return {

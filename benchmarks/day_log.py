@@ -21,8 +21,8 @@ from typing import Any, Final
 
 from counterflex.app.environment import environment
 from counterflex.app.run.log import show
-from counterflex.files.logs.run_log import RunLog
-from counterflex.files.logs.segments import Segment, read_brief, read_segment
+from counterflex.files.logs.run_log import RunLogWriter
+from counterflex.files.logs.segments import LogSegment, read_brief, read_segment
 from counterflex.runtime.record_ring import column
 from counterflex_lab.composed import endurance
 
@@ -51,16 +51,16 @@ def main() -> None:
         given.json.write_text(json.dumps({**found, "machine": environment()}, indent=1) + "\n", encoding="utf-8")
 
 
-def source(folder: Path) -> Segment:
+def source(folder: Path) -> LogSegment:
     """Records of a cell that corrects for 20 s of its virtual time."""
     endurance.run(folder, minutes=20.0 / 60.0, keep_log=True)
     return read_segment(folder / endurance.LOG / "run-000.mcap")
 
 
-def write(folder: Path, hours: float, source: Segment) -> None:
+def write(folder: Path, hours: float, source: LogSegment) -> None:
     """Write so many hours of the records of a segment, again and again."""
     cycle, times = column("cycle"), [column("received_ns"), column("sent_ns")]
-    log = RunLog(folder, {"repeated": source.name})
+    log = RunLogWriter(folder, {"repeated": source.name})
     total, done, lap = round(hours * 3600.0 / PERIOD_S), 0, 0
     while done < total:
         rows = source.rows[: total - done].copy()

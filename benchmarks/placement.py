@@ -27,7 +27,7 @@ import numpy as np
 from counterflex.app import examples
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import operations_job, placement
-from counterflex.app.placement.frame import Frame
+from counterflex.app.placement.frame import ProgramInCell
 from counterflex.app.placement.region import Wish
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
@@ -55,7 +55,7 @@ CELL: Final = SHIPPED / "cells" / "kr300_d16_small.toml"
 def speed(count: int) -> bool:
     """Print the time of a search; True where the goal is met."""
     _, cell, task = placement.task_of(GROOVE, read_cell(CELL), AS_IT_IS, "both")
-    frame = Frame(cell, placement.middle_of(task))
+    frame = ProgramInCell(cell, placement.middle_of(task))
     site, region = site_of(task, placement.stretches_of_task(task, cell)), Wish().region(frame)
     search(site, region, frame.seen, 1)
     wall, processor = time.perf_counter(), time.process_time()

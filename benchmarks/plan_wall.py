@@ -31,7 +31,7 @@ from counterflex.app.inputs import read_job
 from counterflex.app.placement import placement
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.strategy.advice import Operation, advise
+from counterflex.app.strategy.advice import WallOperation, advise
 from counterflex.app.strategy.advice_table import shown
 from counterflex.core import atomic
 from counterflex.core.errors import SimulationError
@@ -94,7 +94,7 @@ def _placed(program: Path, cell_file: Path, folder: Path, surface: Surface, coun
 
 def _advised(program: Path, cell_file: Path) -> dict[str, Any]:
     """The cut that is advised for a program at its place."""
-    advice = advise(read_cell(cell_file), Operation(), program)
+    advice = advise(read_cell(cell_file), WallOperation(), program)
     best = shown(advice.choices, advice.best[0], advice.law)
     return {key: best[key] for key in ("milling", "ae_mm", "ap_mm", "fz_mm")} | {"rpm": best["spindle_rpm"]}
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from counterflex.core.units import MM
 from counterflex.cutting.stability import lobes, low_frequency, semi_discretisation
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.process import Process, process_of_arc
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "references"))
@@ -113,7 +113,7 @@ def _timed(what: str, job: Callable[[], object]) -> None:
     print(f"{what}: {time.process_time() - begin:.3f} s")
 
 
-def _by_semi_discretisation(modes: Modes, process: Process, count: int) -> None:
+def _by_semi_discretisation(modes: TipModes, process: Process, count: int) -> None:
     periods = 30.0 / np.linspace(5000.0, 25000.0, count)
     grid = lobes.frequencies_for(modes)
     zeroth, _ = lobes.limits(process.mean, modes.response(grid), grid, periods)

@@ -28,7 +28,7 @@ import numpy as np
 from counterflex.app.inputs import read_job
 from counterflex.app.proof import simulate
 from counterflex.app.proof.truth import truth_of
-from counterflex.app.strategy.advice import Operation, advise
+from counterflex.app.strategy.advice import WallOperation, advise
 from counterflex.app.strategy.advice_table import shown
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
@@ -114,7 +114,7 @@ def variants(folder: Path, material: dict[str, Any]) -> dict[str, dict[str, Any]
     """The programmed cut, the advised one, and what its parts and a rule of thumb do."""
     own = {"milling": "down", **{key: material[key] for key in ("ae_mm", "ap_mm", "fz_mm", "rpm")}}
     program, cell = files(folder / "own", own, material["table"])
-    advice = advise(read_cell(cell), Operation(), program)
+    advice = advise(read_cell(cell), WallOperation(), program)
     best = shown(advice.choices, advice.best[0], advice.law)
     advised = {key: best[key] for key in ("milling", "ae_mm", "ap_mm", "fz_mm")} | {"rpm": best["spindle_rpm"]}
     assert advice.before is not None

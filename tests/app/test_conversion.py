@@ -17,11 +17,11 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, OutputError, ProgramError
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell, read_cell
-from counterflex.programs.convert.steps import Move, Process, steps
+from counterflex.programs.convert.steps import MachineFunction, Move, steps
 from counterflex.programs.program import Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted
-from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, turned_path
 from counterflex.programs.stated.two_readings import doubtful_readings
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -164,7 +164,7 @@ def gap(points: Float, line: Float) -> float:
 
 def words(program: Program) -> list[tuple[tuple[str, float], ...]]:
     """Process words in order."""
-    return [s.words for s in steps(program, lambda _: np.eye(3), to_robot=False) if isinstance(s, Process)]
+    return [s.words for s in steps(program, lambda _: np.eye(3), to_robot=False) if isinstance(s, MachineFunction)]
 
 
 @pytest.mark.parametrize(("there", "back"), PAIRS)
@@ -268,7 +268,7 @@ def test_rotary_words_become_orientations(language: str, on: str, off: str, tmp_
     cell = read_cell(tmp_path / "cell.toml")
     made = read(main_file(tmp_path / "out"), cell)
     source = fitted(read(tmp_path / "part.ngc", cell), machine_of(cell))
-    truth = turned_path(source, Words.of(source, machine_of(cell)), step_m=0.3e-3, rapid_speed_m_s=0.2).path
+    truth = turned_path(source, RotaryWords.of(source, machine_of(cell)), step_m=0.3e-3, rapid_speed_m_s=0.2).path
     points = [np.asarray(motion.p_end) for motion in made.motions if motion.kind != "dwell"]
     axes = [np.asarray(motion.abc_end) for motion in made.motions if motion.kind != "dwell"]
     line = np.hstack([np.array(points), 0.3 * np.array(axes)])

@@ -129,9 +129,9 @@ def test_probability_of_worse_of_one_linear_unknown(
         deviation_compensated_part=np.zeros_like(plan.deviation_compensated_part),
     )  # fmt: skip
 
-    def scaling(_: Cell, points: CutPoints) -> list[unknowns.Source]:
+    def scaling(_: Cell, points: CutPoints) -> list[unknowns.DisplacementSource]:
         d = plan.deflection_part[points.row, :3] @ cell.T_base_part[:3, :3].T
-        return [unknowns.Source("force", "test", (x - 1.0)[:, None, None] * d, "cutting")]
+        return [unknowns.DisplacementSource("force", "test", (x - 1.0)[:, None, None] * d, "cutting")]
 
     monkeypatch.setattr(prediction_interval, "sources", scaling)
     assert found(exact, cell).worse_share == pytest.approx(np.mean(x < 0.5), abs=0.002)

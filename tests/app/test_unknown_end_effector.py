@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app.cut_points import corner_points
 from counterflex.app.unknown_stiffness import unknown_stiffness
-from counterflex.app.unknowns import Source, sources
+from counterflex.app.unknowns import DisplacementSource, sources
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.compliance import shares
@@ -29,7 +29,7 @@ def cell(tmp_path: Path, compliance: str) -> Cell:
     return read_cell(file)
 
 
-def of_end_effector(one: Cell) -> list[Source]:
+def of_end_effector(one: Cell) -> list[DisplacementSource]:
     return [source for source in sources(one, corner_points(one)) if "end effector (" in source.name]
 
 

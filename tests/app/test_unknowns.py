@@ -16,7 +16,7 @@ from counterflex.app.lowest_mode import identified_sigma
 from counterflex.app.prediction_interval import foreseen
 from counterflex.app.questions import check_cell
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, cost_at_blank
-from counterflex.app.unknowns import HANDBOOK, Unknown, first_measurement, unknowns
+from counterflex.app.unknowns import HANDBOOK, CellUnknown, first_measurement, unknowns
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
@@ -29,7 +29,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 ABB, KUKA = (EXAMPLES / "cells" / f"{name}.toml" for name in ("irb6640_d16", "kr300_d16_small"))
 
 
-def named(cell: Cell, points: CutPoints | None = None) -> dict[str, Unknown]:
+def named(cell: Cell, points: CutPoints | None = None) -> dict[str, CellUnknown]:
     return {one.name: one for one in unknowns(cell, corner_points(cell) if points is None else points)}
 
 
@@ -37,7 +37,7 @@ def replace_values(entry: IdentifiedTable, rows: tuple[IdentifiedValue, ...]) ->
     return entry.model_copy(update={"values": rows})
 
 
-def median_mm(one: Unknown) -> float:
+def median_mm(one: CellUnknown) -> float:
     assert one.cost is not None
     return 1e3 * one.cost.median_m
 
@@ -58,7 +58,7 @@ def with_identified(cell: Cell, recipe: str, values: dict[str, float] | None = N
 def test_what_is_measured_first_takes_away_the_most(costs: list[tuple[str, float | None]]) -> None:
     """Independent unknowns of one measurement add as squares; the figures are shown in their places."""
     ranked = [
-        Unknown(f"{k}", "-", None if m is None else Expected(m, 0.5 * m, 3.0 * m, "x"), f"{recipe} --propose 9")
+        CellUnknown(f"{k}", "-", None if m is None else Expected(m, 0.5 * m, 3.0 * m, "x"), f"{recipe} --propose 9")
         for k, (recipe, m) in enumerate(costs)
     ]
     total = {name: np.sqrt(sum(m**2 for r, m in costs if r == name and m is not None)) for name in "abc"}

@@ -25,7 +25,7 @@ from counterflex.evaluate.loop_timing import LoopSamples
 from counterflex.files.benchmark_result import MEASURED, BenchmarkResult, FeatureResult, write_benchmark_result
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.writer import write_dataset
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.protocols.system.machine import Machine
 from counterflex.protocols.system.realtime import Granted
 from counterflex.runtime import record_ring as record
@@ -272,7 +272,7 @@ def run_log(folder: Path) -> None:
         loop.run()
         row[record.GIVEN : record.MONITOR] = np.r_[*loop.inputs, *loop.answers]
         row[record.MONITOR :] = np.r_[*loop.monitor.columns[1:], loop.cycle]
-    log = RunLog(folder / "log", {})
+    log = RunLogWriter(folder / "log", {})
     log.add(rows)
     log.close()
 

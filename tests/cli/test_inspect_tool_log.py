@@ -17,7 +17,7 @@ from counterflex.app.proof import judge
 from counterflex.core.arrays import Float
 from counterflex.files import parquet_table
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.run_file import read_run
 from counterflex.files.tool_path_file import KIND, LAYOUT, VERSION, ToolPathRows
 from counterflex.geometry import pose, rotation
@@ -215,7 +215,7 @@ def run_rows() -> Float:
 def test_a_run_log_says_which_position_is_judged(
     work: Path, counterflex: Callable[..., Any], position: str | None, up: float
 ) -> None:
-    log = RunLog(work / "run", {"counterflex": "0.1.0"})
+    log = RunLogWriter(work / "run", {"counterflex": "0.1.0"})
     log.add(run_rows(), 1.0)
     log.close()
     more = () if position is None else ("--position", position)
@@ -273,7 +273,7 @@ def straight(folder: Path) -> None:
 def two_runs(folder: Path) -> None:
     """A folder with two runs."""
     for _ in range(2):
-        log = RunLog(folder / "bad", {})
+        log = RunLogWriter(folder / "bad", {})
         log.add(run_rows()[:100], 1.0)
         log.close()
 

@@ -19,7 +19,7 @@ from counterflex.app.run.missing import counted
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.mcap_salvage import MAGIC, salvage
-from counterflex.files.logs.run_log import LAYOUT, RunLog
+from counterflex.files.logs.run_log import LAYOUT, RunLogWriter
 from counterflex.files.logs.segments import read_log, read_segment
 from counterflex.files.summary_file import write_summary
 from counterflex.geometry import pose, rotation
@@ -106,7 +106,7 @@ def write(
         "machine": environment(),
         **({LAYOUT: layout or loop.layout} if layout or not states else {}),
     }
-    log = RunLog(folder / name, about)
+    log = RunLogWriter(folder / name, about)
     for k in range(0, len(rows), 20):
         found = [(states or {}).get(int(row[record.CYCLE])) for row in rows[k : k + 20]]
         log.add(rows[k : k + 20], 0.2 * (k + 1), state=next((one for one in found if one is not None), None))
@@ -226,7 +226,9 @@ def test_runs_whose_segments_alternate(
 ) -> None:
     """Each is replayed by itself, and gaps are counted by run and cycle; the second misses cycles 61 to 80."""
     loop = online_loop(read_cell(folder / "cell.toml"), None, compensated=False)
-    logs = [RunLog(folder / "two", {"compensated": True, "loop_sha256": loop.sha256(), "who": k}) for k in range(2)]
+    logs = [
+        RunLogWriter(folder / "two", {"compensated": True, "loop_sha256": loop.sha256(), "who": k}) for k in range(2)
+    ]
     monkeypatch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)  # a segment of its own for every piece
     for k in range(0, CYCLES, 20):
         logs[0].add(logged[k : k + 20], 0.2 * (k + 1))

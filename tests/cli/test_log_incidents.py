@@ -14,7 +14,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.evaluate.incidents import MOST_INCIDENTS, IncidentFinder
 from counterflex.files.logs.columns import headings, unit_of
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.supervisor import Cause, State
@@ -42,7 +42,7 @@ def synthetic(n: int = 1500, seed: int = 1) -> Float:
 
 
 def write(folder: Path, rows: Float) -> None:
-    log = RunLog(folder, {})
+    log = RunLogWriter(folder, {})
     for k in range(0, len(rows), 25):
         log.add(rows[k : k + 25], 0.1 * (k + 1))
     log.close()

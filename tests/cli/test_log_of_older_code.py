@@ -15,7 +15,7 @@ from counterflex.app.run import log as job
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs import segment as run_log_segment
-from counterflex.files.logs.run_log import LAYOUT, RunLog
+from counterflex.files.logs.run_log import LAYOUT, RunLogWriter
 from counterflex.files.logs.segments import read_log, read_segment
 from counterflex.runtime.record_ring import COLUMNS, WIDTH
 from counterflex.runtime.state.states import Cause, State
@@ -48,7 +48,7 @@ def write(folder: Path, columns: tuple[str, ...], monkeypatch: pytest.MonkeyPatc
     places = [COLUMNS.index(name) if name in COLUMNS else 0 for name in columns]
     with monkeypatch.context() as patched:
         patched.setattr(run_log_segment, "COLUMNS", columns)
-        log = RunLog(folder / "log", {"counterflex": "0.0.7", "compensated": True})
+        log = RunLogWriter(folder / "log", {"counterflex": "0.0.7", "compensated": True})
         log.add(rows()[:, places], 1.0)
         log.close()
     file = folder / "log" / "run-000.mcap"

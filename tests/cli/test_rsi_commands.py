@@ -19,7 +19,7 @@ from counterflex.integrations.kuka.link.calls import read_calls
 from counterflex.integrations.kuka.link.config import read_config
 from counterflex.integrations.kuka.link.context import read_context
 from counterflex.integrations.kuka.link.link import RsiLink
-from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings
+from counterflex.integrations.kuka.link.setup import CheckSettings, RsiMakeSettings
 from counterflex.integrations.kuka.simulated import CORRECTING, FakeRsi, RsiContext
 from counterflex.twin.devices.commanded_motion import Report
 
@@ -52,7 +52,7 @@ def shop(folder: Path) -> Path:
 
 
 def made(shop: Path, **settings: Any) -> Path:
-    MakeSettings(shop / "cell.toml", **settings).make(shop / "robot")
+    RsiMakeSettings(shop / "cell.toml", **settings).make(shop / "robot")
     return shop / "robot"
 
 
@@ -303,7 +303,7 @@ def test_a_folder_that_cannot_be_written_stays_as_it_was(shop: Path) -> None:
     (shop / "robot").mkdir()
     (shop / "robot" / "README.txt").mkdir()
     with pytest.raises(OutputError):
-        MakeSettings(shop / "cell.toml").make(shop / "robot")
+        RsiMakeSettings(shop / "cell.toml").make(shop / "robot")
     assert [path.name for path in (shop / "robot").iterdir()] == ["README.txt"]
 
 
@@ -361,20 +361,20 @@ def test_a_program_that_may_leave_its_path_with_the_correction_on_is_refused(sho
     assert new in text
     (shop / "krl/part.src").write_text(text, encoding="latin-1")
     with pytest.raises(ProgramError):
-        MakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "again")
+        RsiMakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "again")
     assert not (shop / "again").exists()
 
 
 def test_the_compensated_program_is_not_written_over(shop: Path) -> None:
     with pytest.raises(InputError, match="written over"):
-        MakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "krl")
+        RsiMakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "krl")
     assert (shop / "krl/part.src").read_text(encoding="latin-1") == COMPENSATED
 
 
 def test_a_program_of_no_plan_is_told(shop: Path) -> None:
-    summary = MakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "robot")
+    summary = RsiMakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "robot")
     assert any("0 marks of a job" in line for line in summary["warnings"])
     marked = COMPENSATED.replace("; a comment", "; counterflex job 452f96504e90f0b6")
     (shop / "krl/part.src").write_text(marked, encoding="latin-1")
-    summary = MakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "again")
+    summary = RsiMakeSettings(shop / "cell.toml", shop / "krl/part.src").make(shop / "again")
     assert not any("marks of a job" in line for line in summary["warnings"])

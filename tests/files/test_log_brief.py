@@ -12,7 +12,7 @@ from counterflex.core.arrays import Float
 from counterflex.evaluate.run_record import RunRecord
 from counterflex.files.logs import run_log
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import read_brief, segments
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.state.states import Cause, State
@@ -38,7 +38,7 @@ def rows(n: int) -> Float:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Some segments of a run, finished."""
     monkeypatch.setattr(run_log, "SEGMENT_BYTES", 1 << 20)
-    log, data = RunLog(tmp_path, {"counterflex": "x"}), rows(4000)
+    log, data = RunLogWriter(tmp_path, {"counterflex": "x"}), rows(4000)
     for k in range(0, len(data), 25):
         log.add(data[k : k + 25], 4e-3 * k)
         if k == 1000:
@@ -108,7 +108,7 @@ def test_a_count_that_is_not_the_index_own_is_not_believed(folder: Path, monkeyp
     """A digest of other records than the file's, by the number that the file's index says."""
     right = RunRecord.sums
     monkeypatch.setattr(RunRecord, "sums", lambda self: {**right(self), "records": 7})
-    log = RunLog(folder, {})
+    log = RunLogWriter(folder, {})
     log.add(rows(100), 0.0)
     log.close()
     last = max(folder.glob("run-*.mcap"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from counterflex.files.logs.place import GONE, LOOKED_S, trouble_message
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import read_log
 from counterflex.runtime.record_ring import WIDTH
 
@@ -36,7 +36,7 @@ def _replaced(log: Path) -> None:
 
 @pytest.mark.parametrize("happens", [_removed, _file_removed, _moved, _replaced])
 def test_it_is_noticed_within_a_second_and_counted(tmp_path: Path, happens: Callable[[Path], None]) -> None:
-    log = RunLog(tmp_path / "log", {})
+    log = RunLogWriter(tmp_path / "log", {})
     rows = np.zeros((10, WIDTH))
     now = 100.0
     for _ in range(5):
@@ -55,7 +55,7 @@ def test_it_is_noticed_within_a_second_and_counted(tmp_path: Path, happens: Call
 
 
 def test_a_folder_that_is_there_again_is_written_to_and_what_was_lost_stays_counted(tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "log", {})
+    log = RunLogWriter(tmp_path / "log", {})
     rows = np.zeros((10, WIDTH))
     log.add(rows, 100.0)
     shutil.rmtree(tmp_path / "log")
@@ -70,9 +70,9 @@ def test_a_folder_that_is_there_again_is_written_to_and_what_was_lost_stays_coun
     assert len(read_log(tmp_path / "log")[0]) == 10
 
 
-def _segments(folder: Path, monkeypatch: pytest.MonkeyPatch, *, refused: bool) -> RunLog:
+def _segments(folder: Path, monkeypatch: pytest.MonkeyPatch, *, refused: bool) -> RunLogWriter:
     """A log with 10 records in each of two segments before the present one, which holds 10 too."""
-    log = RunLog(folder, {})
+    log = RunLogWriter(folder, {})
     rows = np.zeros((10, WIDTH))
     for k in range(2):
         with monkeypatch.context() as patch:
@@ -129,7 +129,7 @@ def test_a_folder_that_is_removed_takes_all_segments_with_it_and_each_record_is_
 
 
 def test_one_that_is_removed_just_before_the_end_is_noticed_too(tmp_path: Path) -> None:
-    log = RunLog(tmp_path / "log", {})
+    log = RunLogWriter(tmp_path / "log", {})
     log.add(np.zeros((10, WIDTH)), 100.0)
     shutil.rmtree(tmp_path / "log")
     log.close()

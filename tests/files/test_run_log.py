@@ -11,7 +11,7 @@ import pytest
 from counterflex.app.run.missing import LogMissing
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import read_log, read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, ROWS, WIDTH, RecordRing
 
@@ -27,7 +27,7 @@ def test_columns_are_as_wide_as_a_record() -> None:
 
 
 def test_round_trip_bit_for_bit(tmp_path: Path) -> None:
-    log, data = RunLog(tmp_path, {"seed": 3}), rows(500)
+    log, data = RunLogWriter(tmp_path, {"seed": 3}), rows(500)
     for k in range(0, 500, 7):
         log.add(data[k : k + 7], k * 0.028)
     log.close()
@@ -39,7 +39,7 @@ def test_round_trip_bit_for_bit(tmp_path: Path) -> None:
 
 
 def test_cut_at_any_byte_all_but_the_last_chunk_reads_back(tmp_path: Path) -> None:
-    log, data = RunLog(tmp_path, {}), rows(200)
+    log, data = RunLogWriter(tmp_path, {}), rows(200)
     for k in range(0, 200, 25):
         log.add(data[k : k + 25], 0.1 * k)
     log.close()
@@ -61,7 +61,7 @@ def test_cut_at_any_byte_all_but_the_last_chunk_reads_back(tmp_path: Path) -> No
 
 
 def test_a_segment_that_was_never_finished_reads_back(tmp_path: Path) -> None:
-    log, data = RunLog(tmp_path, {}), rows(100)
+    log, data = RunLogWriter(tmp_path, {}), rows(100)
     for k in range(0, 100, 25):
         log.add(data[k : k + 25], 0.1 * (k + 1))
     found, _, cut = read_log(tmp_path)
@@ -73,7 +73,7 @@ def test_a_segment_that_was_never_finished_reads_back(tmp_path: Path) -> None:
 def test_a_full_disk_ends_the_segment_and_writing_goes_on_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log, data = RunLog(tmp_path, {}), rows(300)
+    log, data = RunLogWriter(tmp_path, {}), rows(300)
     log.add(data[:100], 0.2)
 
     def full(_: object, **_kwargs: object) -> None:
@@ -98,7 +98,7 @@ def test_a_full_disk_ends_the_segment_and_writing_goes_on_later(
 
 def test_a_new_run_leaves_the_old_segments_alone(tmp_path: Path) -> None:
     for k in range(2):
-        log = RunLog(tmp_path, {"run": k})
+        log = RunLogWriter(tmp_path, {"run": k})
         log.add(rows(10, k), 0.2)
         log.close()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run-000.mcap", "run-001.mcap"]
@@ -108,7 +108,7 @@ def test_two_runs_that_write_to_one_folder_at_once_keep_their_own_segments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1)
-    logs = [RunLog(tmp_path, {"who": k}) for k in range(2)]
+    logs = [RunLogWriter(tmp_path, {"who": k}) for k in range(2)]
     data = [rows(40, 1), rows(40, 1001)]
     for one in data:
         one[:, CYCLE] = np.arange(1, 41)
@@ -135,7 +135,7 @@ def test_a_number_that_is_taken_while_a_log_begins_is_left_alone(
     monkeypatch.setattr(
         "counterflex.files.logs.run_log.Path.glob", lambda *_: iter(())
     )  # not there yet when looked for
-    log = RunLog(tmp_path, {})
+    log = RunLogWriter(tmp_path, {})
     log.add(rows(10), 0.2)
     log.close()
     assert (tmp_path / "run-000.mcap").read_bytes() == b"another run's"

@@ -20,7 +20,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
 from counterflex.files.logs.mcap_salvage import salvage
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import UNKNOWN, RunLog
+from counterflex.files.logs.run_log import UNKNOWN, RunLogWriter
 from counterflex.files.logs.segments import read_segment, segments
 from counterflex.runtime.record_ring import COLUMNS, CYCLE, WIDTH
 from counterflex.runtime.state_slots import LoopState
@@ -41,7 +41,7 @@ def rows(first: int, last: int) -> Float:
 
 def write(folder: Path, *, finished: bool = True, blocks: tuple[tuple[int, int], ...] = ((1, CYCLES),)) -> bytes:
     """A log with a state of the loop every 60 cycles; the content of its first segment."""
-    log = RunLog(folder, {"seed": 3})
+    log = RunLogWriter(folder, {"seed": 3})
     for first, last in blocks:
         for k in range(first, last, BLOCK):
             data = rows(k, min(k + BLOCK - 1, last))
@@ -231,7 +231,7 @@ def test_repair_counts_what_is_missing_before_each_segment_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     """A later segment of a run begins above cycle 1 and misses nothing before it."""
-    log = RunLog(tmp_path, {"seed": 3})
+    log = RunLogWriter(tmp_path, {"seed": 3})
     for k in range(1, CYCLES, BLOCK):
         with monkeypatch.context() as patch:
             if k + BLOCK > CYCLES // 2:
@@ -274,7 +274,7 @@ def test_the_loss_of_the_beginning_does_not_lose_what_the_run_was(tmp_path: Path
 
 def test_one_unreadable_file_does_not_hide_the_others(tmp_path: Path) -> None:
     for k in range(3):
-        log = RunLog(tmp_path, {})
+        log = RunLogWriter(tmp_path, {})
         log.add(rows(1, 20), 0.1)
         log.close()
         assert (tmp_path / f"run-{k:03d}.mcap").exists()
@@ -288,7 +288,7 @@ def test_one_unreadable_file_does_not_hide_the_others(tmp_path: Path) -> None:
 def test_a_segment_that_lost_its_facts_goes_on_with_the_run_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = RunLog(tmp_path, {"seed": 3})
+    log = RunLogWriter(tmp_path, {"seed": 3})
     with monkeypatch.context() as patch:
         patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1000)
         log.add(rows(1, 40), 0.1)
@@ -307,7 +307,7 @@ def test_a_segment_that_lost_its_facts_goes_on_with_the_run_before_it(
 def test_a_segment_without_records_in_between_does_not_part_a_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    log = RunLog(tmp_path, {"seed": 3})
+    log = RunLogWriter(tmp_path, {"seed": 3})
     with monkeypatch.context() as patch:
         patch.setattr("counterflex.files.logs.run_log.SEGMENT_BYTES", 1000)
         log.add(rows(1, 40), 0.1)

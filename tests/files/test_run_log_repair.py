@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError, InputError, OutputError
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import read_log, read_segment, segments
 from counterflex.runtime.record_ring import WIDTH
 
@@ -32,7 +32,7 @@ def rows(n: int) -> Float:
 
 
 def unfinished(folder: Path, data: Float) -> Path:
-    log = RunLog(folder, {"seed": 3})
+    log = RunLogWriter(folder, {"seed": 3})
     for k in range(0, len(data), 25):
         log.add(data[k : k + 25], 0.1 * (k + 1))
     file = folder / "run-000.mcap"
@@ -114,7 +114,7 @@ def test_a_segment_that_a_living_process_holds_is_left_alone_and_a_dead_one_s_is
     tmp_path: Path,
 ) -> None:
     """A log whose robot is silent, or whose disk stands still, is not written to for minutes; clocks may be wrong."""
-    log = RunLog(tmp_path, {"seed": 3})
+    log = RunLogWriter(tmp_path, {"seed": 3})
     log.add(rows(50), 1.0)
     file = tmp_path / "run-000.mcap"
     before = file.read_bytes()
@@ -198,7 +198,7 @@ def test_an_empty_segment_does_not_hide_the_others(tmp_path: Path) -> None:
     data = rows(50)
     unfinished(tmp_path, data)
     (tmp_path / "run-001.mcap").write_bytes(b"")
-    log = RunLog(tmp_path, {})
+    log = RunLogWriter(tmp_path, {})
     log.add(data, 1.0)
     log.close()
     found = list(segments(tmp_path))

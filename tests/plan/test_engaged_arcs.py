@@ -12,7 +12,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stability import lobes
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.cutting.stock import BlankBox, HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
@@ -24,7 +24,7 @@ CELL_M = 0.5 * MM
 SPINDLE = 6000.0 / 60.0 * 2.0 * np.pi
 FLAT = Cutter(0.016, flutes=3, flute_length_m=0.035)
 BULL = Cutter(0.016, 0.003, flutes=3, flute_length_m=0.035)
-ROBOT = Modes(
+ROBOT = TipModes(
     2.0 * np.pi * np.array([9.0, 10.5, 15.0, 33.0, 49.0]),
     np.full(5, 0.1),
     np.array([[0.05, 0.02, -0.03, 0.04, 0.02], [0.02, 0.06, 0.03, -0.05, 0.06], [0.03, -0.02, 0.05, 0.03, 0.01]]),

@@ -15,7 +15,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.feed_limits import LimitedFeed, curvature, known, limit_feed, uses
 from counterflex.plan.feed_schedule import LEAST, FeedGroups
-from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.inputs import CompensationInputs, solve_joints
 from counterflex.plan.process_limits import ProcessLimits
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -34,21 +34,21 @@ HIGH = ProcessLimits(
 
 
 @pytest.fixture(scope="module")
-def groove(path_of: Callable[..., ToolPath], cell_of: Callable[..., Cell]) -> Inputs:
+def groove(path_of: Callable[..., ToolPath], cell_of: Callable[..., Cell]) -> CompensationInputs:
     return made(path_of(GROOVE), cell_of())
 
 
-def made(path: ToolPath, cell: Cell) -> Inputs:
+def made(path: ToolPath, cell: Cell) -> CompensationInputs:
     line = path.motion + 4
     setting = setting_of(cell)
-    return Inputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    return CompensationInputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
 
 
 def groups(path: ToolPath) -> FeedGroups:
     return FeedGroups(np.arange(len(path)), np.zeros(len(path), dtype=np.bool_))
 
 
-def limited(inputs: Inputs, limits: ProcessLimits) -> LimitedFeed:
+def limited(inputs: CompensationInputs, limits: ProcessLimits) -> LimitedFeed:
     return limit_feed(inputs, groups(inputs.path), lambda _: limits)
 
 
@@ -63,7 +63,9 @@ def limited(inputs: Inputs, limits: ProcessLimits) -> LimitedFeed:
         ("deflection", lambda most: ProcessLimits(deflection_m=most * 1e-6)),
     ],
 )
-def test_a_limit_alone_is_kept_and_named(name: str, limits: Callable[[float], ProcessLimits], groove: Inputs) -> None:
+def test_a_limit_alone_is_kept_and_named(
+    name: str, limits: Callable[[float], ProcessLimits], groove: CompensationInputs
+) -> None:
     most = float(uses(groove, undisturbed_cut(groove, silent), lambda _: HIGH)[name].max())
     result = limited(groove, limits(0.75 * most))
     (line,) = result.lines
@@ -78,14 +80,14 @@ def test_a_limit_alone_is_kept_and_named(name: str, limits: Callable[[float], Pr
     assert np.all(free.share == 1.0)
 
 
-def test_what_the_least_feed_does_not_reach_is_told(groove: Inputs) -> None:
+def test_what_the_least_feed_does_not_reach_is_told(groove: CompensationInputs) -> None:
     result = limited(groove, ProcessLimits(force_n=20.0))
     assert result.share.min() == pytest.approx(LEAST)
     assert result.lines[0].after_share > 1.5
 
 
 @pytest.mark.parametrize("allowed", [False, True])
-def test_chips_stay_within_the_range_of_the_constants(allowed: bool, groove: Inputs) -> None:
+def test_chips_stay_within_the_range_of_the_constants(allowed: bool, groove: CompensationInputs) -> None:
     """The least feed leaves it, and such a plan would be refused; unless the cell file allows that."""
     cut = undisturbed_cut(groove, silent)
     thinnest = 0.72 * float(np.median(cut.cut.chip_m[cut.contact]))
@@ -100,7 +102,7 @@ def test_chips_stay_within_the_range_of_the_constants(allowed: bool, groove: Inp
     assert (float(np.median(kept)) >= thinnest) != allowed
 
 
-def test_of_several_limits_the_hardest_binds(groove: Inputs) -> None:
+def test_of_several_limits_the_hardest_binds(groove: CompensationInputs) -> None:
     full = uses(groove, undisturbed_cut(groove, silent), lambda _: HIGH)
     most = {name: float(values.max()) for name, values in full.items()}
     result = limited(groove, ProcessLimits(force_n=0.9 * most["force"], power_w=0.7 * most["spindle power"]))

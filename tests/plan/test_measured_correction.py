@@ -16,7 +16,7 @@ from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.inputs import Inputs, Limits
+from counterflex.plan.inputs import CompensationInputs, CorrectionLimits
 from counterflex.plan.measured_correction import ENTRY_LEAD_S, LEAD_S, earlier, lead_s, leaving_share, with_measured
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
@@ -35,7 +35,7 @@ def made(path_of: Callable[..., ToolPath], cell: Cell) -> tuple[Plan, LoadedRobo
     path = path_of(GROOVE)
     lines = np.arange(1, int(path.motion.max()) + 2)
     plan = make_plan(path, lines, cell.stock(), setting_of(cell), predict=False)
-    inputs = Inputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
+    inputs = CompensationInputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
     return plan, loaded_robot(inputs, undisturbed_cut(inputs, silent))
 
 
@@ -71,7 +71,9 @@ def test_changes_beyond_their_limits_are_refused(made: tuple[Plan, LoadedRobot])
         ModelError, match=r"line \d+: what the part shows .* 9[0-9] um; expected <= 60 um \(--limit-um\)"
     ):
         with_measured(plan, loaded, error, error, 60 * UM)
-    tight = replace(loaded.inputs.setting, limits=Limits(correction_m=0.5 * np.max(np.abs(plan.correction_part))))
+    tight = replace(
+        loaded.inputs.setting, limits=CorrectionLimits(correction_m=0.5 * np.max(np.abs(plan.correction_part)))
+    )
     bound = replace(loaded, inputs=replace(loaded.inputs, setting=tight))
     with pytest.raises(ModelError, match="beyond its bound"):
         with_measured(plan, bound, error, error, 500 * UM)

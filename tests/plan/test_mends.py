@@ -13,7 +13,7 @@ from counterflex.core.progress import silent
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan import compensate as room
-from counterflex.plan.inputs import MENDED, TRIAL, UNCOMPENSATED, Inputs, solve_joints
+from counterflex.plan.inputs import MENDED, TRIAL, UNCOMPENSATED, CompensationInputs, solve_joints
 from counterflex.plan.static_correction import Command, loaded_robot, static_correction
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -38,7 +38,7 @@ def test_only_the_cut_that_leaves_much_is_mended_again(
     path, cell = path_of(TWO_CUTS), cell_of()
     setting = setting_of(cell)
     line = path.motion + 1
-    inputs = Inputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
     loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
     displacement, static = static_correction(loaded, silent)
     first = path.p_part_tcp[:, 1] < 0.03

@@ -15,19 +15,19 @@ from counterflex.core.units import MM
 from counterflex.cutting.coefficients import KienzleLaw
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stability import semi_discretisation
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.compensate import _cuts, chattering, limit_of_row
-from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.inputs import CompensationInputs, solve_joints
 from counterflex.plan.lowest_mode import ASSUMED, ASSUMED_DAMPING, DAMPING_INTERVAL, Damping
 from counterflex.plan.placement import chatter as placement_chatter
 from counterflex.plan.placement.chatter import Feeding, feeding
 from counterflex.plan.stability.along import Structure, margins
 from counterflex.plan.stability.criterion import least_damping, robot_limit
 from counterflex.plan.static_correction import loaded_robot
-from counterflex.plan.strategy.chatter import Standing, depth_used
+from counterflex.plan.strategy.chatter import WallPosture, depth_used
 from counterflex.plan.strategy.side_cut import SideCuts, feed_axes
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -35,13 +35,13 @@ MILL = Cutter(0.016, flutes=3, flute_length_m=0.035)
 NORMAL = np.array([0.0, 1.0, 0.0])
 
 
-def _robot(rng: np.random.Generator) -> Modes:
+def _robot(rng: np.random.Generator) -> TipModes:
     n = int(rng.integers(2, 9))
     omega = 2.0 * np.pi * np.sort(rng.uniform(6.0, 140.0, n))
-    return Modes(omega, np.full(n, ASSUMED_DAMPING), 0.12 * rng.normal(size=(3, n)))
+    return TipModes(omega, np.full(n, ASSUMED_DAMPING), 0.12 * rng.normal(size=(3, n)))
 
 
-def _cases(count: int) -> list[tuple[Modes, SideCuts, Float]]:
+def _cases(count: int) -> list[tuple[TipModes, SideCuts, Float]]:
     rng = np.random.default_rng(41)
     out = []
     for _ in range(count):
@@ -63,7 +63,7 @@ def test_strategy_stability_and_placement_agree_on_random_processes(law: Kienzle
         R = feed_axes(cuts.up, NORMAL)[0]
         A, T = R @ process.mean @ R.T, 2.0 * math.pi / (3.0 * float(speed[0]))
         margin = robot_limit(robot, A, T).factor
-        used = float(depth_used(cuts, law, speed, (Standing(robot, NORMAL),))[0, 0])
+        used = float(depth_used(cuts, law, speed, (WallPosture(robot, NORMAL),))[0, 0])
         assert used == pytest.approx(1.0 / min(margin, 100.0), rel=0.02)  # matrices within half a percent are one
         if abs(margin - 1.0) > 0.02:
             left = least_damping(robot, A, T)
@@ -114,7 +114,7 @@ def test_placement_and_trial_say_of_a_program_what_stability_says(
     judged = margins(walls, cell.stock(), setting, Structure(setting.damping, None), cell.blank_box())
     line = walls.motion
     q = solve_joints(walls, line, setting).q
-    inputs = Inputs(walls, line, cell.stock(), setting, q)
+    inputs = CompensationInputs(walls, line, cell.stock(), setting, q)
     loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
     compared = 0
     for at in judged[5::4]:

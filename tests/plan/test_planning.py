@@ -17,7 +17,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.geometry import pose, wrench
 from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_poses
 from counterflex.plan.compensate import plan
-from counterflex.plan.inputs import Limits, Setting
+from counterflex.plan.inputs import CorrectionLimits, Setting
 from counterflex.plan.plan import Plan, across
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.kinematics.inverse import inverse_path
@@ -207,13 +207,13 @@ def test_sag_is_corrected_in_the_cut_only(cell_of: CellOf, groove: ToolPath) -> 
 @pytest.mark.parametrize(
     ("limits", "error", "what"),
     [
-        (Limits(correction_m=0.1 * MM), ModelError, "correction_mm"),
-        (Limits(joint_margin_rad=200 * DEG), ReachError, "joint_margin_deg"),
-        (Limits(wrist_rad=89 * DEG), ReachError, "wrist_singularity_deg"),
+        (CorrectionLimits(correction_m=0.1 * MM), ModelError, "correction_mm"),
+        (CorrectionLimits(joint_margin_rad=200 * DEG), ReachError, "joint_margin_deg"),
+        (CorrectionLimits(wrist_rad=89 * DEG), ReachError, "wrist_singularity_deg"),
     ],
 )
 def test_limits_are_refused_never_clipped(
-    cell: Cell, groove: ToolPath, setting: Setting, limits: Limits, error: type[CounterflexError], what: str
+    cell: Cell, groove: ToolPath, setting: Setting, limits: CorrectionLimits, error: type[CounterflexError], what: str
 ) -> None:
     with pytest.raises(error, match=what) as caught:
         planned(groove, cell, replace(setting, limits=limits))
@@ -223,7 +223,7 @@ def test_limits_are_refused_never_clipped(
 
 def test_orientation_limit(cell: Cell, groove: ToolPath, setting: Setting) -> None:
     with pytest.raises(ModelError, match="correction_deg"):
-        planned(groove, cell, replace(setting, orientation=True, limits=Limits(rotation_rad=1e-6)))
+        planned(groove, cell, replace(setting, orientation=True, limits=CorrectionLimits(rotation_rad=1e-6)))
 
 
 def test_a_part_out_of_reach_names_the_line(cell_of: CellOf, groove: ToolPath) -> None:

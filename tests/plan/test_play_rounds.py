@@ -14,7 +14,7 @@ from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan import static_correction as room
-from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.inputs import CompensationInputs, solve_joints
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
 GROOVE = "G0 Z60\nG0 X-12 Y15\nG0 Z36\nG1 X52 F1500\nG0 Z60"
@@ -33,7 +33,7 @@ def test_the_round_that_changed_least_is_kept(
     path, cell = path_of(GROOVE), cell_of()
     setting = setting_of(cell)
     line = path.motion + 1
-    inputs = Inputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
     loaded = room.loaded_robot(inputs, undisturbed_cut(inputs, silent))
 
     def correction(rounds: tuple[int, ...]) -> Float:

@@ -13,7 +13,7 @@ from counterflex.core.progress import silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import Inputs, settling_rows, solve_joints, with_settling
+from counterflex.plan.inputs import CompensationInputs, settling_rows, solve_joints, with_settling
 from counterflex.plan.static_correction import loaded_robot, static_correction
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -27,7 +27,7 @@ def test_the_correction_is_taken_back_only_where_more_is_relieved_than_a_stop_wo
     path, cell = with_settling(path_of(BLIND)), cell_of()
     setting = replace(setting_of(cell), swing_m=swing_um * UM)
     line = path.motion + 1
-    inputs = Inputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(path, line, cell.stock(), setting, solve_joints(path, line, setting).q)
     loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
     (stop,) = np.flatnonzero(settling_rows(path))
     assert np.array_equal(path.p_part_tcp[stop], path.p_part_tcp[stop - 1])

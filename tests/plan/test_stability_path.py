@@ -10,7 +10,7 @@ import pytest
 
 from counterflex.app.inputs import setting_of
 from counterflex.core.errors import ModelError, ProgramError
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.response import Response
 from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import ToolPath
@@ -112,7 +112,7 @@ def test_needed_damping_is_where_the_margin_is_one(path: ToolPath, cell: Cell) -
     half = replace(worst.process, arcs=worst.process.arcs[worst.process.arcs[:, 1] < 1.6])
     at = replace(worst, process=half, robot=robot, R_part_feed=np.eye(3))
     needed = needed_damping(at)
-    lively = Modes(robot.omega_rad_s, np.array([needed]), robot.shape)
+    lively = TipModes(robot.omega_rad_s, np.array([needed]), robot.shape)
     assert robot_limit(lively, half.mean, worst.stretch.period_s).factor == pytest.approx(1.0, rel=0.02)
 
 

@@ -16,7 +16,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan import stock_grain
 from counterflex.plan.compensate import plan
-from counterflex.plan.inputs import Inputs, feed_runs
+from counterflex.plan.inputs import CompensationInputs, feed_runs
 from counterflex.plan.plan import across
 from counterflex.plan.static_correction import between_walls
 from counterflex.plan.stock_grain import FINEST_M, GRAIN_M, fine_enough, grain_per_cell
@@ -112,7 +112,7 @@ def test_a_tool_between_its_walls_is_still_corrected(cell: Cell, groove: ToolPat
     setting = setting_of(cell)
     x, low = groove.p_part_tcp[:, 0] / MM, groove.p_part_tcp[:, 2] < 34.5 * MM
     contact = low & (x > -8.0) & (x <= 40.0)
-    inputs = Inputs(groove, np.zeros(len(x), np.int64), cell.stock(), setting, np.zeros((len(x), 6)))
+    inputs = CompensationInputs(groove, np.zeros(len(x), np.int64), cell.stock(), setting, np.zeros((len(x), 6)))
     between = between_walls(inputs, contact, feed_runs(groove))
     assert np.all(between[low & (x > 40.0) & (x < 48.5)])
     assert not np.any(between[low & (x > 49.5)])

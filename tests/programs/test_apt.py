@@ -23,7 +23,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.reading import read_program_file
 from counterflex.programs.rotary.fitted import fitted
-from counterflex.programs.rotary.poses import Words, commanded_words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "programs"
@@ -274,7 +274,7 @@ def test_a_tool_that_turns_gets_the_same_points_and_axes_in_both_languages() -> 
     targets = []
     for text, read, write in ((mpf, read_sinumerik, write_gcode), (apt, read_apt, write_apt)):
         program = fitted(read(text), None)
-        words = Words.of(program, None)
+        words = RotaryWords.of(program, None)
         turned = turned_path(program, words, step_m=1e-3, rapid_speed_m_s=0.5)
         fed = (turned.path.kind == FEED)[:, None]
         shift, tilt = np.where(fed, [2e-4, -1e-4, 3e-4], 0.0), np.where(fed, [0.0, 3e-4, -2e-4], 0.0)

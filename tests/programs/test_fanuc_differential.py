@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.integrations.fanuc.language.read.reader import read_fanuc
-from counterflex.integrations.fanuc.language.read.routine import Folder
+from counterflex.integrations.fanuc.language.read.routine import TpFolder
 from counting_programs import NAMES, RANDOM_PROGRAMS, Counting, Op, Text, leaf, name, programs, small
 from fanuc_listings import entry, listing
 
@@ -275,7 +275,7 @@ def test_a_program_makes_the_motions_of_the_reference(called: list[Path], ops: l
     reference.conditions = {"offset": (0,) * 6, "tool": (0,) * 6}
     reference.run(ops)
     assume(reference.is_small())
-    made = read_fanuc(source(ops), name="part.ls", folder=Folder(called))
+    made = read_fanuc(source(ops), name="part.ls", folder=TpFolder(called))
     assert made.Rs_part_tcp is not None
     assert len(made.motions) == len(reference.ends) + 1
     for motion, R, ((turned, p), speed) in zip(made.motions[1:], made.Rs_part_tcp[1:], reference.ends, strict=True):

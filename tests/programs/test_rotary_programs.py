@@ -16,7 +16,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import Program
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryAxis, RotaryMachine
-from counterflex.programs.rotary.poses import Words, commanded_words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
 
 X, Y, Z = np.eye(3)
 TRUNNION = RotaryMachine(
@@ -28,11 +28,11 @@ MACHINES = {"table-table": (TRUNNION, "A"), "head-table": (MIXED, "B"), "head-he
 HEAD = "G21 G17 G90 G94\nM6 T1\nM3 S9000\n"
 
 
-def sampled(text: str, machine: RotaryMachine | None, step_m: float = 1e-3) -> tuple[Program, Words, TurnedPath]:
+def sampled(text: str, machine: RotaryMachine | None, step_m: float = 1e-3) -> tuple[Program, RotaryWords, TurnedPath]:
     read = read_gcode(text, name="five.ngc")
     assert turns(read)
     program = fitted(read, machine)
-    words = Words.of(program, machine)
+    words = RotaryWords.of(program, machine)
     return program, words, turned_path(program, words, step_m=step_m, rapid_speed_m_s=0.25)
 
 
@@ -148,7 +148,7 @@ def test_corrected_poses_come_back_from_the_written_words(name: str, mode: str) 
     result = write_gcode(program, CompensatedPath.nominal(turned.programmed), words=asked, tolerance_m=tolerance)
     assert result.moved_motions == 3
     back = fitted(read_gcode(result.text), machine)
-    back_words = Words.of(back, machine)
+    back_words = RotaryWords.of(back, machine)
     read = turned_path(back, back_words, step_m=1e-4, rapid_speed_m_s=0.25)
     p = turned.path.p_part_tcp + correction
     axis = np.einsum("nij,nj->ni", rotation.exp(rotvec), turned.path.axis_part)

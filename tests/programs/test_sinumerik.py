@@ -31,7 +31,7 @@ from counterflex.programs.gcode.write.writer import write_gcode
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Program
 from counterflex.programs.reading import dialect_of, read_program_file, require_linuxcnc
 from counterflex.programs.rotary.fitted import fitted
-from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, turned_path
 from counterflex.programs.stated.two_readings import doubtful_readings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -115,7 +115,7 @@ def test_the_tilted_groove_is_the_same_path_with_tool_vectors_and_with_rotary_wo
     rows = []
     for ending in ("mpf", "ngc"):
         program = fitted(read_program_file(EXAMPLES / f"tilted_groove.{ending}"), machine_of(cell))
-        words = Words.of(program, machine_of(cell))
+        words = RotaryWords.of(program, machine_of(cell))
         path = turned_path(program, words, step_m=1e-3, rapid_speed_m_s=0.5).path
         first = int(np.argmax(path.kind == FEED))
         rows.append(np.hstack([path.p_part_tcp, path.axis_part, path.feed_m_s[:, None]])[first:])

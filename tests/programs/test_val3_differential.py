@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
-from counterflex.integrations.staubli.language.read.application import Folder
+from counterflex.integrations.staubli.language.read.application import Val3Folder
 from counterflex.integrations.staubli.language.read.reader import read_val3
 from counting_programs import NAMES, NEVER, RANDOM_PROGRAMS, Counting, Op, Text, leaf, programs, small
 from val3_files import at, data, program
@@ -257,7 +257,7 @@ def test_a_program_makes_the_motions_of_the_reference(called: Path, ops: list[Op
     reference.run(ops)
     assume(reference.is_small())
     text = program("movej(p[0],tMill,mRun)", *Val3Text().lines(ops))
-    made = read_val3(text, name="part.pgx", data=variables(), data_name="part.dtx", folder=Folder(called))
+    made = read_val3(text, name="part.pgx", data=variables(), data_name="part.dtx", folder=Val3Folder(called))
     assert made.Rs_part_tcp is not None
     assert len(made.motions) == len(reference.ends) + 1
     for motion, R, ((turned, p), speed) in zip(made.motions[1:], made.Rs_part_tcp[1:], reference.ends, strict=True):

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from counterflex.app.run import log as job
 from counterflex.files.logs.repair import repair_segment
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.protocols.processes.actions import COMMAND_LANE, PANEL_LANE, WORDS, Actions, actions_path, note_command
 from counterflex.protocols.processes.shared_words import SharedWords
 from counterflex.runtime.record_ring import CYCLE, WIDTH
@@ -76,7 +76,7 @@ def rows(count: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
 
 
 def test_the_run_log_keeps_them_and_repair_too(tmp_path: Path) -> None:
-    log = RunLog(tmp_path, {})
+    log = RunLogWriter(tmp_path, {})
     log.add(rows(10))
     log.note({"time_ns": 1_500_000_000, "who": "anna", "from": "127.0.0.1", "action": "stop", "done": True})
     log.close()

@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.app.production.runs import planned_cut
 from counterflex.core.arrays import Float
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.plan_file import read_plan
 from counterflex.identify.production.alignment import PlannedCut, force_of
 from counterflex.runtime.record_ring import WIDTH, column
@@ -76,7 +76,7 @@ def write_rows(
     }
     if change is not None:
         change(about)
-    log = RunLog(folder, about)
+    log = RunLogWriter(folder, about)
     log.add(rows, 1.0)
     log.close()
     return folder

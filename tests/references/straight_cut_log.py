@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from counterflex.core.arrays import Float
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.runtime.record_ring import WIDTH, column
 from counterflex.runtime.state.supervisor import Cause, State
 
@@ -66,7 +66,7 @@ def write(
         "compensated": plan,
         "wall_minus_monotonic_ns": round((1.8e9 + begun_s) * 1e9),
     }
-    log = RunLog(folder, about)
+    log = RunLogWriter(folder, about)
     log.add(rows, 1.0)
     log.note({"time_ns": int(1.5e9), "who": "anna", "action": "stop", "done": True})
     log.close()

@@ -14,7 +14,7 @@ import pytest
 from tests.runtime.test_replay import loop
 
 from counterflex.core.errors import InputError
-from counterflex.files.logs.segments import Segment, read_segment
+from counterflex.files.logs.segments import LogSegment, read_segment
 from counterflex.runtime.record_ring import column
 from counterflex.runtime.replay import Replay
 from counterflex.runtime.settings import ForceMode, TrackerMode
@@ -36,7 +36,7 @@ def same_but_for_what_is_mended(name: str, replay: Replay) -> bool:
     return name == "pilot" and other.column.startswith("wanted_") and other.columns <= 3
 
 
-def log_of(name: str) -> Segment:
+def log_of(name: str) -> LogSegment:
     return read_segment(LOGS / name / "run-000.mcap")
 
 

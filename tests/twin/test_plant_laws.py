@@ -20,7 +20,7 @@ from counterflex.twin.plant.controller import Controller, as_it_is, interpolate,
 from counterflex.twin.plant.friction import play_torque
 from counterflex.twin.plant.mjcf import coordinates as coordinates_of
 from counterflex.twin.plant.other_forces import PostureSprings, gear_torque, wind_up
-from counterflex.twin.plant.process import LAG_CELLS, Process, as_ground
+from counterflex.twin.plant.process import LAG_CELLS, StockCutting, as_ground
 from counterflex.twin.plant.slow_changes import Hose, SlowChanges
 from counterflex.twin.truth.other import ControllerKind, HosePack, OtherPhysics, Thermal, ToolOff
 from counterflex.twin.truth.truth import CuttingTruth, Truth
@@ -228,7 +228,7 @@ def test_material_is_taken_out_a_few_cells_behind_the_tool(cutting: CuttingTruth
     rng, cell = np.random.default_rng(number), 0.5 * MM
     block = HeightMap.from_box((0.0, 0.0, 0.0), (40.0 * MM, 10.0 * MM, 5.0 * MM), cell)
     tool = Cutter(diameter_m=4.0 * MM)
-    process = Process(block, tool, cutting, 1e-3, np.eye(4))
+    process = StockCutting(block, tool, cutting, 1e-3, np.eye(4))
     row, lag = int(np.argmin(np.abs(block.y_m() - 5.0 * MM))), LAG_CELLS * cell
     x = -3.0 * MM
     process.restart(np.array([x, 5.0 * MM, 3.0 * MM]))
@@ -252,7 +252,7 @@ def test_a_spindle_that_turns_left_remembers_as_long_as_one_that_turns_right(
 ) -> None:
     """The time of one tooth, whichever way it turns; one that is too slow is refused either way."""
     block = HeightMap.from_box((0.0, 0.0, 0.0), (10.0 * MM, 10.0 * MM, 5.0 * MM), 0.5 * MM)
-    process = Process(block, Cutter(diameter_m=4.0 * MM), cutting, 1e-3, np.eye(4))
+    process = StockCutting(block, Cutter(diameter_m=4.0 * MM), cutting, 1e-3, np.eye(4))
     process.spindle(speed_rad_s)
     right = process._delay
     process.spindle(-speed_rad_s)

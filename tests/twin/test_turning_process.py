@@ -10,7 +10,7 @@ from counterflex.core.errors import SimulationError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.geometry import rotation
-from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.process import StockCutting
 from counterflex.twin.plant.turning.column_material import ColumnMaterial, outline_of, place_tool
 from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import CuttingTruth
@@ -24,7 +24,7 @@ def block(cell: float = 0.25e-3) -> HeightMap:
     return HeightMap.from_box((0.0, 0.0, -0.016), (0.024, 0.020, 0.0), cell)
 
 
-def machined(process: Process, tips: Float, R: Float, axes: Float | None = None) -> Float:
+def machined(process: StockCutting, tips: Float, R: Float, axes: Float | None = None) -> Float:
     """(n, 7) force, moment, depth at each step; axes are taken on through the live view of the tool frame."""
     out = np.zeros((len(tips), 7))
     process.restart(tips[0])
@@ -56,7 +56,7 @@ def straight(start: Float, end: Float) -> Float:
 def test_an_upright_tool_cuts_as_the_height_map_has_it(mill: Cutter) -> None:
     tips = straight(np.array([-0.006, 0.009, -0.003]), np.array([0.016, 0.011, -0.0035]))
     R = DOWN.copy()
-    upright = machined(Process(block(), mill, LAW, STEP, np.eye(4)), tips, R)
+    upright = machined(StockCutting(block(), mill, LAW, STEP, np.eye(4)), tips, R)
     process = TurningProcess(block(), mill, LAW, STEP, np.eye(4), R)
     turned = machined(process, tips, R)
     steady = tips[:, 0] > 0.006

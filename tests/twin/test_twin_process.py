@@ -13,7 +13,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError, SimulationError
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
-from counterflex.twin.plant.process import Process
+from counterflex.twin.plant.process import StockCutting
 from counterflex.twin.truth.truth import CuttingTruth
 
 RADIUS, TEETH, SPEED, FEED, DEPTH = 8e-3, 3, 13000.0 / 60.0, 25e-3, 6e-3
@@ -47,7 +47,7 @@ def slot(
     start: float = -0.022,
     end: float = 0.0,
     depth: float = DEPTH,
-) -> tuple[Float, Float, Process]:
+) -> tuple[Float, Float, StockCutting]:
     """Feed straight through a block; travel (n,) m and force in feed, left, up axes (n, 3) N."""
     stock = HeightMap.from_box((-0.025, -0.02, -0.01), (0.025, 0.02, 0.0), 1e-4)
     u = np.array([math.cos(angle), math.sin(angle)])
@@ -58,7 +58,7 @@ def slot(
         stock.z[side < W if keep_right else side > W] = stock.bottom_m
         stock.refresh()
     tool = cutter or Cutter(2.0 * RADIUS, flutes=TEETH)
-    process = Process(stock, tool, law, STEP, np.eye(4))
+    process = StockCutting(stock, tool, law, STEP, np.eye(4))
     process.spindle(2.0 * math.pi * spindle)
     s = np.arange(start, end, FEED * STEP)
     force = np.empty((len(s), 3))
@@ -169,7 +169,7 @@ def test_ball_end_mill_force() -> None:
 
 def test_plunging_pushes_the_tool_up_and_drilling_moment_opposes_the_turn() -> None:
     stock = HeightMap.from_box((-0.02, -0.02, -0.02), (0.02, 0.02, 0.0), 2e-4)
-    process = Process(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
+    process = StockCutting(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
     process.spindle(2.0 * math.pi * SPEED)
     speed = 5e-3
     for k in range(1200):
@@ -211,7 +211,7 @@ def test_removed_volume_is_that_of_the_swept_tool() -> None:
 def test_ramp_leaves_the_floor_of_a_flat_tool_where_it_belongs() -> None:
     """Descending at slope m the floor lies at ``z_tip + m sqrt(R^2 - w^2)``."""
     stock = HeightMap.from_box((-0.03, -0.01, -0.01), (0.03, 0.01, 0.0), 1e-4)
-    process = Process(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
+    process = StockCutting(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
     slope = 0.1
     for k, x in enumerate(np.arange(-0.02, 0.02, 1e-4)):
         p = np.array([x, 0.0, -slope * (x + 0.02)])
@@ -249,7 +249,7 @@ def test_opening_a_hole_engages_more_than_a_straight_cut() -> None:
     X, Y = np.meshgrid(stock.x_m(), stock.y_m())
     stock.z[np.hypot(X, Y) < 20e-3] = stock.bottom_m
     stock.refresh()
-    process = Process(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
+    process = StockCutting(stock, Cutter(2.0 * RADIUS, flutes=TEETH), LAW, STEP, np.eye(4))
     process.spindle(2.0 * math.pi * SPEED)
     circle = 16e-3
     angles = np.arange(0.0, 2.2, FEED * STEP / circle)

@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import FileFormatError
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.logs.segments import segments
 from counterflex.runtime.record_ring import CYCLE
 from counterflex.runtime.state_slots import LoopState
@@ -96,7 +96,7 @@ class DiskLog(KeptLog):
     def __init__(self, story: Story, active: Active, clock_s: Callable[[], float]) -> None:
         super().__init__(story, active)
         self._disk, self._clock_s, self._gone = Disk(), clock_s, False
-        self._log = RunLog(self._disk.folder, {"seed": story.seed}, opened=self._disk.opened)
+        self._log = RunLogWriter(self._disk.folder, {"seed": story.seed}, opened=self._disk.opened)
         self._rows: list[Float] = []
         self.unread = ""
 

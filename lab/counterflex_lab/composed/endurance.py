@@ -17,7 +17,7 @@ from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import Interrupted
 from counterflex.core.progress import Progress, silent
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.control_array import Kept, Tally
 from counterflex.protocols.system.signals import heard_when_asked
@@ -48,7 +48,7 @@ class WrittenLog(KeptLog):
 
     def __init__(self, story: Story, active: Active, folder: Path, clock_s: Callable[[], float]) -> None:
         super().__init__(story, active)
-        self.on_disk = RunLog(folder, {"simulated": True, "mode": story.mode, "seed": story.seed})
+        self.on_disk = RunLogWriter(folder, {"simulated": True, "mode": story.mode, "seed": story.seed})
         self._clock_s = clock_s
 
     def add(self, rows: Float, *, state: LoopState | None = None) -> None:

@@ -23,7 +23,7 @@ from counterflex.app.run.process import loop_process
 from counterflex.app.run.session import RunSettings
 from counterflex.core.arrays import Float
 from counterflex.core.errors import SimulationError
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.machine_file import machine_file
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Request
 from counterflex.protocols.processes.living import Beat
@@ -77,7 +77,7 @@ def keep_log(ring_name: str, folder: str, words: Path, largest_file: int) -> Non
     control[Life.RECORDER_PID] = os.getpid()
     reader = RecordRing(ring_name)
     reader.rewind()
-    log = RunLog(folder, {})
+    log = RunLogWriter(folder, {})
     while True:
         log.add(reader.take(), state=reader.states.take())
         control[Kept.TAKEN], control[Kept.TROUBLE] = reader.taken, int(bool(log.trouble))

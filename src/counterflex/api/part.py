@@ -15,7 +15,7 @@ from counterflex.api.program import Program, program_file
 from counterflex.api.result import Figure, Result
 from counterflex.app.inputs import Reading, read_job
 from counterflex.app.proof import simulate as cell_twin
-from counterflex.app.proof.judge import Judged, Reference, judge, reference_of
+from counterflex.app.proof.judge import JudgedRun, ProofReference, judge, reference_of
 from counterflex.core import atomic, file_content
 from counterflex.core.errors import InputError
 from counterflex.core.progress import Progress, silent
@@ -103,7 +103,7 @@ class Comparison(Result):
         judged: ``nominal`` and, where there is one, ``compensated``.
     """
 
-    def __init__(self, reference: Reference, judged: Mapping[str, Judged], content: dict[str, Any]) -> None:
+    def __init__(self, reference: ProofReference, judged: Mapping[str, JudgedRun], content: dict[str, Any]) -> None:
         self.reference, self.judged, self._summary = reference, judged, content
 
     @property
@@ -210,8 +210,8 @@ class Proof(Comparison):
 
     def __init__(
         self,
-        reference: Reference,
-        judged: Mapping[str, Judged],
+        reference: ProofReference,
+        judged: Mapping[str, JudgedRun],
         content: dict[str, Any],
         seeds: pl.DataFrame,
         files: dict[str, str],

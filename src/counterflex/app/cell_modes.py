@@ -19,7 +19,7 @@ from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import coordinates, matrices
 from counterflex.plan.elastic_motion_kernel import AXES
 from counterflex.plan.lowest_mode import damping_of, mode_of
-from counterflex.plan.modes import ModelSpread, Modes, driven_modes, kinetic_shares, modes
+from counterflex.plan.modes import ModelSpread, UndampedModes, driven_modes, kinetic_shares, modes
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.signals.preview import Mode
 
@@ -38,7 +38,7 @@ class PostureModes:
     cell: Cell
     q: Float  # (6,) rad
     chain: ElasticChain
-    free: Modes
+    free: UndampedModes
     tip: Float  # (6, m) motion of the tool's tip in each mode, m and rad, base axes
     intervals: Float  # (n, 2) Hz, what nine of ten cells have, the lowest mode first
     damping_s: float  # beta of the damping beta K
@@ -94,7 +94,7 @@ def modes_in(cell: Cell, q: Float | None = None, *, count: int = COUNT) -> Postu
 
 
 def _row(
-    k: int, chain: ElasticChain, free: Modes, kinetic: Float, tip: Float, intervals: Float, beta_s: float
+    k: int, chain: ElasticChain, free: UndampedModes, kinetic: Float, tip: Float, intervals: Float, beta_s: float
 ) -> dict[str, Any]:
     """A mode in plain values."""
     omega = float(free.omega_rad_s[k])

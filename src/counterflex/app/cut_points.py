@@ -70,14 +70,14 @@ def points_of_program(job: Job, cell: Cell, progress: Progress = silent) -> CutP
         CounterflexError: The program does not fit the cell.
     """
     from counterflex.app.inputs import faults_in, setting_of  # the planner is heavy, a cell is judged without it
-    from counterflex.plan.inputs import Inputs, solve_joints
+    from counterflex.plan.inputs import CompensationInputs, solve_joints
     from counterflex.plan.undisturbed_cut import undisturbed_cut
 
     setting = setting_of(cell, job, chain=cell.chain)
     path, line = job.path, job.line_of_motion[job.path.motion]
     with faults_in(job):
         q = solve_joints(path, line, setting).q
-        cut = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
+        cut = undisturbed_cut(CompensationInputs(path, line, cell.stock(), setting, q), progress)
     return _points(cell, path.p_part_tcp, q, cut.w_tcp_part, cut.contact, Path(job.program.name).name)
 
 

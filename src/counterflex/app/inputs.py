@@ -38,7 +38,7 @@ from counterflex.programs.reading import dialect_of, read_program_file
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
-from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, turned_path
 from counterflex.programs.stated.two_readings import doubtful_readings
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.kinematics.joint_path import ByAxes
@@ -64,7 +64,7 @@ class Job:
     feeds: FeedGroups  # Where the feed can be changed
     # Of a program that turns the tool, ``path`` in the part frame and the words at its rows
     turned: TurnedPath | None = None
-    words: Words | None = None  # What those words mean; None where the tool stays along z
+    words: RotaryWords | None = None  # What those words mean; None where the tool stays along z
     changes: tuple[AxisChange, ...] = ()  # Where external axes go to another place
     places: ExternalPlaces | None = None  # Their places; None where they stand in one
 
@@ -204,7 +204,7 @@ def _job(program: Program, cell: Cell, step_m: float) -> Job:
 def _turned_job(program: Program, cell: Cell, step_m: float) -> Job:
     """The job of a program that turns the tool; its path is given in the working plane of the cell."""
     program = fitted(program, machine_of(cell))
-    words = Words.of(program, machine_of(cell))
+    words = RotaryWords.of(program, machine_of(cell))
     rapid_m_s = cell.tables.controller.rapid_m_s
     turned = turned_path(program, words, step_m=step_m, rapid_speed_m_s=rapid_m_s)
     R_part_plane = np.eye(3) if cell.R_part_plane is None else cell.R_part_plane
@@ -282,7 +282,7 @@ def _in_plane_of(read: Program, cell: Cell) -> Cell:
     if not turns(read):
         return cell
     known = fitted(read, machine_of(cell))
-    words = Words.of(known, machine_of(cell))
+    words = RotaryWords.of(known, machine_of(cell))
     path = turned_path(known, words, step_m=_COARSE_M, rapid_speed_m_s=cell.tables.controller.rapid_m_s).path
     fed = np.flatnonzero(path.kind == FEED)
     if len(fed) == 0:

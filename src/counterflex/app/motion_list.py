@@ -17,7 +17,7 @@ from counterflex.programs.program import TOOL_VECTOR, Program
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.rotary.fitted import fitted, turns
 from counterflex.programs.rotary.machine import RotaryMachine
-from counterflex.programs.rotary.poses import Words
+from counterflex.programs.rotary.poses import RotaryWords
 
 _NONE: Final = 1e-9
 
@@ -55,7 +55,7 @@ def _turned(program: Program, machine: RotaryMachine | None) -> Float:
     ends = np.array([motion.abc_end for motion in program.motions])
     if machine is not None:
         points = np.array([motion.p_end for motion in program.motions])
-        return Words.of(program, machine).pose(points, ends, np.arange(len(ends)))[1]
+        return RotaryWords.of(program, machine).pose(points, ends, np.arange(len(ends)))[1]
     vector = np.array([program.blocks[m.block].modal.tool_centre == TOOL_VECTOR for m in program.motions])
     length = np.linalg.norm(ends, axis=1, keepdims=True)
     axes = np.where(length > _NONE, ends / np.where(length > _NONE, length, 1.0), [0.0, 0.0, 1.0])

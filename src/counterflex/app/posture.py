@@ -27,11 +27,11 @@ from counterflex.files.cell.set_up import text_with_posture
 from counterflex.files.summary_file import write_summary
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.path.toolpath import ToolPath
-from counterflex.plan.inputs import Inputs, Setting, feed_runs
+from counterflex.plan.inputs import CompensationInputs, Setting, feed_runs
 from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
 from counterflex.plan.posture.clearance import Surroundings
 from counterflex.plan.posture.cut_path import LoadedPath, Surface, cut_path
-from counterflex.plan.posture.held import Held, Task
+from counterflex.plan.posture.held import Held, PostureTask
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.model.controller_axes import ControllerAxes
@@ -47,7 +47,7 @@ class PostureOf:
 
     job: Job
     cell: Cell
-    task: Task
+    task: PostureTask
     chosen: ChosenPosture
     summary: dict[str, Any]  # In shop units
 
@@ -64,7 +64,7 @@ def loaded_path(
     Raises:
         CounterflexError: The program cannot be cut so.
     """
-    inputs = Inputs(path, line, stock, setting, np.zeros((len(path), 6)))
+    inputs = CompensationInputs(path, line, stock, setting, np.zeros((len(path), 6)))
     return cut_path(path, undisturbed_cut(inputs, progress), feed_runs(path), surface)
 
 
@@ -124,7 +124,7 @@ def posture_of(
                 where=Path(job.program.name).name,
                 hint="Check the blank (part.stock) and the program's zero",
             )
-        task = Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
+        task = PostureTask(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
         chosen = choose(task, freedom, parts[CHOOSING])
     progress(1.0)
     summary = _summary(job, cell, cut, chosen, surface)

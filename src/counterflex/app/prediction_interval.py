@@ -33,7 +33,7 @@ from counterflex.app.cut_points import CutPoints, points_of_plan
 from counterflex.app.inputs import setting_of
 from counterflex.app.lowest_mode import at_largest_force
 from counterflex.app.unknown_stiffness import ROBOTS, Expected, expected
-from counterflex.app.unknowns import Source, sources
+from counterflex.app.unknowns import DisplacementSource, sources
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM
 from counterflex.files.cell.cell import Cell
@@ -227,7 +227,7 @@ def drives_yield(plan: Plan, cell: Cell) -> Float:
 
 
 def _left_open(
-    unknown: Sequence[Source], bend: Float, rng: np.random.Generator, kept: Kept = MappingProxyType({})
+    unknown: Sequence[DisplacementSource], bend: Float, rng: np.random.Generator, kept: Kept = MappingProxyType({})
 ) -> Float:
     """(draws, n, 3) m, base axes: what the form of the model and all unknown values leave of a deflection (n, 3)."""
     structure = kept.get(MODEL, 1.0) * STRUCTURE

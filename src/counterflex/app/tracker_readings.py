@@ -113,7 +113,7 @@ def _of_dataset(data: Dataset, name: str) -> TrackerMeasurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CommandFrame:
     """Frame of the commands, and how readings are brought into it."""
 
     text: str
@@ -122,7 +122,7 @@ class Frame:
     T_target_tcp: Float  # (4, 4)
 
 
-def frame_of(text: str) -> Frame:
+def frame_of(text: str) -> CommandFrame:
     """A frame: ``as-measured``, ``fit``, a cell file with a table ``[tracker]``, or ``X,Y,Z,A,B,C`` in mm and deg.
 
     Raises:
@@ -130,14 +130,14 @@ def frame_of(text: str) -> Frame:
         FileFormatError: The cell has no tracker.
     """
     if text in (AS_MEASURED, FIT):
-        return Frame(text, text == FIT, np.eye(4), np.eye(4))
+        return CommandFrame(text, text == FIT, np.eye(4), np.eye(4))
     if text.endswith(".toml"):
         cell = read_cell(text)
         table = cell.tables.tracker
         if table is None:
             raise FileFormatError("the cell has no tracker", where=text, hint="Add a table [tracker]")
         frames = tracker_frames(cell.T_base_part, table.T_base_tracker, tcp_target(cell, cell.chain))
-        return Frame(f"part frame of {Path(text).name}", False, *frames)
+        return CommandFrame(f"part frame of {Path(text).name}", False, *frames)
     try:
         values = np.array([float(word) for word in text.split(",")])
     except ValueError:
@@ -151,4 +151,4 @@ def frame_of(text: str) -> Frame:
             "commands, mm and deg",
         )
     T = pose.from_xyz_zyx(values[:3] * MM, values[3:] * DEG)
-    return Frame(f"tracker at {text}", False, T, np.eye(4))
+    return CommandFrame(f"tracker at {text}", False, T, np.eye(4))

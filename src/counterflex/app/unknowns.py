@@ -59,7 +59,7 @@ _COUNT: Final = 20
 
 
 @dataclass(frozen=True)
-class Unknown:
+class CellUnknown:
     """Something that is not known of a cell."""
 
     name: str
@@ -69,7 +69,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class DisplacementSource:
     """An unknown as it displaces the tool."""
 
     name: str
@@ -78,10 +78,10 @@ class Source:
     recipe: str
 
 
-def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
+def unknowns(cell: Cell, points: CutPoints) -> list[CellUnknown]:
     """Everything that is not known of a cell, the most expensive first."""
     listed = [
-        Unknown(
+        CellUnknown(
             one.name,
             one.known_from,
             None if one.displacements is None else expected(points.sizes(one.displacements), points.of),
@@ -92,7 +92,7 @@ def unknowns(cell: Cell, points: CutPoints) -> list[Unknown]:
     return sorted(listed, key=lambda one: -1.0 if one.cost is None else one.cost.median_m, reverse=True)
 
 
-def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[Source]:
+def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[DisplacementSource]:
     """Everything that is not known of a cell, each drawn by itself; ``planned``: a plan takes what the class loses."""
     listed = [*_axes_of_the_class(cell, points), *_unknown_end_effector(cell, points), *_stated(cell, points)]
     listed.append(_force(cell, points))
@@ -100,18 +100,18 @@ def sources(cell: Cell, points: CutPoints, *, planned: bool = True) -> list[Sour
     given = cell.class_drives
     if cell.chain.servo is None:
         known = _TYPICAL if given is not None and given.servo_axes else "nothing; shown by what moves"
-        listed.append(Source("loop gains of the drives", known, None, "servo"))
+        listed.append(DisplacementSource("loop gains of the drives", known, None, "servo"))
     if cell.tables.dynamics.mode_hz is None:
         known = "nothing; it needs the stiffness"
         if not cell.unknown_axes or cell.class_stiffness is not None:
             known = estimate(cell, points.q[len(points.q) // 2]).text
-        listed.append(Source("lowest mode", known, None, "servo"))
+        listed.append(DisplacementSource("lowest mode", known, None, "servo"))
     if not np.any(cell.chain.mass[: cell.chain.flange_segment + 1]):
-        listed.append(Source("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
+        listed.append(DisplacementSource("masses of the arm", "nothing; matters in larger parts", None, "kinematics"))
     return listed
 
 
-def first_measurement(ranked: list[Unknown]) -> tuple[str, Expected] | None:
+def first_measurement(ranked: list[CellUnknown]) -> tuple[str, Expected] | None:
     """The recipe whose unknowns leave the most, root of the sum of squares of the medians, and what they leave."""
     total: dict[str, list[Expected]] = {}
     for one in ranked:
@@ -132,7 +132,7 @@ def first_measurement(ranked: list[Unknown]) -> tuple[str, Expected] | None:
     return recipe, joined[recipe]
 
 
-def shown(ranked: list[Unknown], points: CutPoints, cell_file: str) -> dict[str, Any]:
+def shown(ranked: list[CellUnknown], points: CutPoints, cell_file: str) -> dict[str, Any]:
     """Plain values for ``cell check``: rows and what to measure first, mm."""
     first = first_measurement(ranked)
     return {
@@ -165,7 +165,7 @@ def _proposing(recipe: str, cell_file: str) -> str:
     return next_command(f"identify {name}", propose=count or _COUNT, cell=cell_file, out="proposal")
 
 
-def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
+def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
     """Axes that have no stiffness, or that of their class."""
     given = cell.class_stiffness
     axes = cell.unknown_axes if given is None else given.axes
@@ -176,16 +176,16 @@ def _axes_of_the_class(cell: Cell, points: CutPoints) -> list[Source]:
     if given is not None:
         d = drawn_deflections(given.prior, per_stiffness, axes)
         d -= np.einsum("a,nad->nd", 1.0 / given.prior.median_nm_per_rad[list(axes)], per_stiffness)
-        return [Source(name, "class prior: its median", d, _PULLS)]
+        return [DisplacementSource(name, "class prior: its median", d, _PULLS)]
     try:
         prior = prior_of(cell.nominal_robot, cell.tables.robot)
     except InputError:
-        return [Source(name, "nothing, and no class", None, _PULLS)]
+        return [DisplacementSource(name, "nothing, and no class", None, _PULLS)]
     d = drawn_deflections(prior, per_stiffness, axes)
-    return [Source(name, "nothing; by the class prior", d, _PULLS)]
+    return [DisplacementSource(name, "nothing; by the class prior", d, _PULLS)]
 
 
-def _unknown_end_effector(cell: Cell, points: CutPoints) -> list[Source]:
+def _unknown_end_effector(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
     """Bodies beyond the flange that state no compliance: one spring at the first of them."""
     bodies = cell.bodies_of_unknown_stiffness
     if not bodies:
@@ -198,10 +198,10 @@ def _unknown_end_effector(cell: Cell, points: CutPoints) -> list[Source]:
     moment = points.w_tcp_base[:, 3:] + np.cross(arm, points.w_tcp_base[:, :3])
     d = np.cross(moment, arm)[None] / end_effector_prior.drawn(_DRAWS, _END_EFFECTOR_SEED)[:, None, None]
     name = f"stiffness of the end effector ({', '.join(bodies)})"
-    return [Source(name, "nothing; by two published ones", d, _PULLS)]
+    return [DisplacementSource(name, "nothing; by two published ones", d, _PULLS)]
 
 
-def _stated(cell: Cell, points: CutPoints) -> list[Source]:
+def _stated(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
     """Elastic elements of the file: those of the robot and those beyond its flange, by where they come from."""
     chain, parts = cell.chain, shares(cell.chain, points.q, points.w_tcp_base)[..., :3]
     relative = identified_sigma(cell)
@@ -215,11 +215,11 @@ def _stated(cell: Cell, points: CutPoints) -> list[Source]:
     for (where, known), elements in groups.items():
         sigma = np.array([relative.get(chain.names[i], STATED) for i in elements])
         d = _scaled(parts[:, elements], sigma, elements[0])
-        out.append(Source(f"stiffness of the {where}", known, d, _PULLS))
+        out.append(DisplacementSource(f"stiffness of the {where}", known, d, _PULLS))
     return out
 
 
-def _force(cell: Cell, points: CutPoints) -> Source:
+def _force(cell: Cell, points: CutPoints) -> DisplacementSource:
     """Constants of the material: they scale every deflection."""
     known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
     whole = shares(cell.chain, points.q, points.w_tcp_base)[..., :3].sum(axis=1, keepdims=True)
@@ -229,13 +229,13 @@ def _force(cell: Cell, points: CutPoints) -> Source:
         whole += np.sum(per_stiffness / k[:, None], axis=1, keepdims=True)
     if known:
         d = _scaled(whole, np.array([IDENTIFIED]), _FORCE_SEED)
-        return Source("cutting force", "identified", d, "cutting --propose 12")
+        return DisplacementSource("cutting force", "identified", d, "cutting --propose 12")
     wear = np.random.default_rng(_WEAR_SEED).uniform(0.0, WORN, (_DRAWS, 1, 1))
     d = (1.0 + wear) * _scaled(whole, np.array([HANDBOOK]), _FORCE_SEED) + wear * whole[:, 0]
-    return Source("cutting force", "handbook constants", d, "cutting --propose 12")
+    return DisplacementSource("cutting force", "handbook constants", d, "cutting --propose 12")
 
 
-def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[Source]:
+def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[DisplacementSource]:
     """Lost motion of axes without a row of ``[[robot.play]]``; ``planned``: beyond what a plan takes of the class."""
     known = cell.chain.play or (None,) * 6
     axes = [axis for axis in range(6) if known[axis] is None]
@@ -247,10 +247,10 @@ def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[Source]:
     sign = np.random.default_rng(_SIGN_SEED).choice([-1.0, 1.0], (_DRAWS, 6))  # of the motion before the point
     d = np.einsum("nda,ra->rnd", columns, (sign * (band + friction * held - taken))[:, axes])
     name = f"play and friction of {axis_names(tuple(axes))}"
-    return [Source(name, "nothing; that of other robots" if given is None else _TYPICAL, d, _PLAY)]
+    return [DisplacementSource(name, "nothing; that of other robots" if given is None else _TYPICAL, d, _PLAY)]
 
 
-def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
+def _identified_play(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
     """Standard deviations that the identification of play leaves: half of the dead band, slip angles."""
     twist = np.zeros(6)
     for entry in cell.tables.identified:
@@ -267,7 +267,7 @@ def _identified_play(cell: Cell, points: CutPoints) -> list[Source]:
     columns = jacobian(cell.chain, points.q)[..., :3, axes]
     z = np.random.default_rng(_PLAY_SEED).standard_normal((_DRAWS, len(axes)))
     d = np.einsum("nda,ra->rnd", columns, twist[axes] * z)
-    return [Source(f"play and friction of {axis_names(tuple(axes.tolist()))}", "identified", d, _PLAY)]
+    return [DisplacementSource(f"play and friction of {axis_names(tuple(axes.tolist()))}", "identified", d, _PLAY)]
 
 
 def _held_by_friction(cell: Cell) -> Float:

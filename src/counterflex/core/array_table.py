@@ -68,11 +68,9 @@ def _pointer(kind: Any) -> Any:
     @intrinsic  # type: ignore[untyped-decorator]
     def pointer(_context: Any, _address: Any) -> Any:
         """Address as a pointer."""
-
-        def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-            return builder.inttoptr(arguments[0], context.get_value_type(kind))
-
-        return kind(types.int64), generate
+        return kind(types.int64), lambda context, builder, _, arguments: builder.inttoptr(
+            arguments[0], context.get_value_type(kind)
+        )
 
     return pointer
 

@@ -16,7 +16,15 @@ from typing import BinaryIO, TextIO
 
 from counterflex.core.errors import CounterflexError, OutputError
 from counterflex.core.moving import NEW, move_into, parents_of, settle, sync_file, sync_folder, sync_tree
-from counterflex.core.output_place import SUFFIX, Place, clear_leftovers, is_staged, part_file, part_prefix, place_of
+from counterflex.core.output_place import (
+    SUFFIX,
+    OutputPlace,
+    clear_leftovers,
+    is_staged,
+    part_file,
+    part_prefix,
+    place_of,
+)
 from counterflex.core.system_fault import FULL, system_fault
 
 _OTHER = "Choose another place"
@@ -172,7 +180,7 @@ def atomic_folder(target: str | os.PathLike[str]) -> Iterator[Path]:
             if path.exists():
                 move_into(path, staging)
             else:
-                Place(path).keep_rights(staging / NEW, 0o777)
+                OutputPlace(path).keep_rights(staging / NEW, 0o777)
                 if not is_staged(path):
                     sync_tree(staging / NEW)
                 (staging / NEW).replace(path)

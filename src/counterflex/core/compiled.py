@@ -188,7 +188,7 @@ def _lists(cache: FunctionCache, signatures: list[Any], codegen: Any) -> bool:
     return all(cache._index_key(one, codegen) in index for one in signatures)
 
 
-class Kept(enum.StrEnum):
+class CodeCache(enum.StrEnum):
     """Place of compiled code: this user's, for this processor; the package's, for a baseline one; nowhere."""
 
     NATIVE = "native"
@@ -220,17 +220,17 @@ class Dispatcher(CPUDispatcher):  # type: ignore[misc]
         except RuntimeError:
             self._cache = _NoCache()
 
-    def kept(self) -> Kept:
+    def kept(self) -> CodeCache:
         """Return the place of the code of all stated signatures."""
         if not isinstance(self._cache, _SharedCache):
-            return Kept.MISSING
+            return CodeCache.MISSING
         required = [with_records(one, self._records) if self._records else one for one in self._stated]
         own, brought = self._cache, self._cache.shipped
         if _lists(own, required, self.targetctx.codegen()):
-            return Kept.NATIVE
+            return CodeCache.NATIVE
         if brought is not None and brought.is_as_listed() and _lists(brought, required, self.targetctx.codegen()):
-            return Kept.SHIPPED
-        return Kept.MISSING
+            return CodeCache.SHIPPED
+        return CodeCache.MISSING
 
     def compile(self, sig: Any) -> Any:
         """Compile for a signature, while no other process compiles the same."""

@@ -25,7 +25,15 @@ from typing import Final
 
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.held import own
-from counterflex.core.output_place import SUFFIX, Place, is_staged, part_file, part_prefix, place_of, process_lives
+from counterflex.core.output_place import (
+    SUFFIX,
+    OutputPlace,
+    is_staged,
+    part_file,
+    part_prefix,
+    place_of,
+    process_lives,
+)
 
 JOURNAL: Final = ".counterflex-moving"
 NEW: Final = "new"
@@ -92,7 +100,7 @@ class _Move:
     """A file on its way: where it is made, where it goes, where the former one is kept."""
 
     made: Path
-    place: Place
+    place: OutputPlace
     kept: Path
     linked: bool
 
@@ -125,7 +133,7 @@ class _Move:
             self.kept.replace(self.place.path)
 
 
-def _copied_to(made: Path, place: Place) -> None:
+def _copied_to(made: Path, place: OutputPlace) -> None:
     part = part_file(place)
     try:
         shutil.copyfile(made, part)
@@ -151,7 +159,7 @@ def move_into(folder: Path, staging: Path) -> None:
         OSError: A file cannot be placed.
     """
     names = [item.relative_to(staging / NEW) for item in sorted((staging / NEW).rglob("*")) if item.is_file()]
-    poured: list[tuple[Place, Path]] = []
+    poured: list[tuple[OutputPlace, Path]] = []
     moves: list[_Move] = []
     with contextlib.ExitStack() as parents:
         for name in names:
@@ -187,7 +195,7 @@ def _retire(journal: Path, staging: Path) -> None:
         journal.replace(staging)
 
 
-def _carry_out(moves: list[_Move], poured: list[tuple[Place, Path]], retire: Callable[[], None]) -> None:
+def _carry_out(moves: list[_Move], poured: list[tuple[OutputPlace, Path]], retire: Callable[[], None]) -> None:
     """Take all former files away, place all new ones, then fill pipes; or leave everything as it was."""
     try:
         for move in moves:

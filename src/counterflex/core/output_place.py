@@ -83,7 +83,7 @@ _MOST_LINKS: Final = 40
 
 
 @dataclass(frozen=True)
-class Place:
+class OutputPlace:
     """Real place of an output."""
 
     path: Path  # The file itself, behind all symbolic links; need not be there
@@ -132,7 +132,7 @@ class Place:
         return os.open(self.path, flags if self.through else flags | os.O_CREAT, 0o666)
 
 
-def place_of(target: str | os.PathLike[str]) -> Place:
+def place_of(target: str | os.PathLike[str]) -> OutputPlace:
     """Find where an output really goes.
 
     Raises:
@@ -143,7 +143,7 @@ def place_of(target: str | os.PathLike[str]) -> Place:
         path = Path(os.path.realpath(path.parent)) / path.name
         known = _DESCRIPTOR.fullmatch(path.as_posix())
         if known and known["process"] in (None, str(os.getpid())):
-            return Place(path, through=True, descriptor=int(known["number"]))
+            return OutputPlace(path, through=True, descriptor=int(known["number"]))
         if path.parent.as_posix().startswith("/proc/") or not path.is_symlink():
             break
         path = path.parent / path.readlink()
@@ -152,16 +152,16 @@ def place_of(target: str | os.PathLike[str]) -> Place:
     try:
         status = path.stat()
     except FileNotFoundError:
-        return Place(path)
+        return OutputPlace(path)
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "a folder has this name")
     if not os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     regular = stat.S_ISREG(status.st_mode) and not path.parent.as_posix().startswith("/proc/")
-    return Place(path, through=not regular, before=status if regular else None)
+    return OutputPlace(path, through=not regular, before=status if regular else None)
 
 
-def part_file(place: Place) -> Path:
+def part_file(place: OutputPlace) -> Path:
     """Make an empty temporary file beside the place that it is made for."""
     clear_leftovers(place.path.parent, place.path.name)
     handle, name = tempfile.mkstemp(prefix=part_prefix(place.path.name), suffix=SUFFIX, dir=place.path.parent)

@@ -55,6 +55,20 @@ _LAST = np.array([i.bit_length() - 1 if i else -LANES for i in range(256)], np.i
 """Places of the lowest and of the highest bit set in a byte; beyond the other byte's where none is."""
 
 
+@kernel(inline=True)
+def lower(row: Float32, k: Whole, low: Real, meets: bool, s: Real, w: Real, out: Float32, at: Whole) -> Whole:
+    """Lower a cell of a block to a height where the cutter meets it, and note the results; whether it was lowered."""
+    old = row[k]
+    new = low if meets & (low < old) else old
+    row[k] = new
+    place = at + np.uint64(k)
+    out[place] = old - new
+    out[place + np.uint64(NEW)] = new
+    out[place + np.uint64(S)] = s
+    out[place + np.uint64(W)] = w
+    return new < old
+
+
 @kernel(inline=True, disjoint=True)
 def block_flat(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Float32, bit: Int32, out: Float32,
                hits: Int32, s_first: Real, w_first: Real, step: Real, ux: Real, uy: Real, length: Real, za: Real,
@@ -74,15 +88,8 @@ def block_flat(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Floa
             t_in = max(s - q, _ZERO)
             t_out = min(s + q, length)
             low = max(za + slope * (t_in if slope > _ZERO else t_out), floor)
-            old = row[k]
-            new = low if (a >= _ZERO) & (t_in <= t_out) & (low < old) else old
-            row[k] = new
-            place = at + np.uint64(k)
-            out[place] = old - new
-            out[place + np.uint64(NEW)] = new
-            out[place + np.uint64(S)] = s
-            out[place + np.uint64(W)] = w
-            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+            falls = lower(row, k, low, (a >= _ZERO) & (t_in <= t_out), s, w, out, at)
+            hit = np.int32(hit | (bit[k] if falls else np.int32(0)))
         hits[j - j_low] = hit
         lowered |= hit
     return lowered
@@ -106,15 +113,8 @@ def block_ball(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Floa
             t = min(max(s - sin_theta * math.sqrt(max(a, _ZERO)), _ZERO), length)
             rest = a - (s - t) * (s - t)
             low = max(za + slope * t + radius - math.sqrt(max(rest, _ZERO)), floor)
-            old = row[k]
-            new = low if (rest >= _ZERO) & (low < old) else old
-            row[k] = new
-            place = at + np.uint64(k)
-            out[place] = old - new
-            out[place + np.uint64(NEW)] = new
-            out[place + np.uint64(S)] = s
-            out[place + np.uint64(W)] = w
-            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+            falls = lower(row, k, low, (rest >= _ZERO), s, w, out, at)
+            hit = np.int32(hit | (bit[k] if falls else np.int32(0)))
         hits[j - j_low] = hit
         lowered |= hit
     return lowered
@@ -146,15 +146,8 @@ def block_bull(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Floa
             v = max(math.sqrt(w * w + (s - t) * (s - t)) - inner, _ZERO)
             rest = r2 - v * v
             low = max(za + slope * t + corner - math.sqrt(max(rest, _ZERO)), floor)
-            old = row[k]
-            new = low if (rest >= _ZERO) & (low < old) else old
-            row[k] = new
-            place = at + np.uint64(k)
-            out[place] = old - new
-            out[place + np.uint64(NEW)] = new
-            out[place + np.uint64(S)] = s
-            out[place + np.uint64(W)] = w
-            hit = np.int32(hit | (bit[k] if new < old else np.int32(0)))
+            falls = lower(row, k, low, (rest >= _ZERO), s, w, out, at)
+            hit = np.int32(hit | (bit[k] if falls else np.int32(0)))
         hits[j - j_low] = hit
         lowered |= hit
     return lowered

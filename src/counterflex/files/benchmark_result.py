@@ -18,7 +18,7 @@ NAME: Final = "CF-1"
 METHODS: Final = ("uncompensated", "catalogue", "identified", "corrected", "online")
 
 
-class Measured(NamedTuple):
+class Characteristic(NamedTuple):
     """Nominal value and tolerance of one quantity by the drawing."""
 
     feature: str  # Its name, as :func:`counterflex.evaluate.feature_finding.find_features` gives it
@@ -27,24 +27,24 @@ class Measured(NamedTuple):
     tolerance_mm: float  # Permitted deviation, +-; width of the zone where the nominal value is 0
 
 
-def _groove(name: str, width_mm: float, depth_mm: float) -> tuple[Measured, ...]:
+def _groove(name: str, width_mm: float, depth_mm: float) -> tuple[Characteristic, ...]:
     return (
-        Measured(name, "width", width_mm, 0.1),
-        Measured(name, "wall left", 0.5 * width_mm, 0.1),
-        Measured(name, "wall right", 0.5 * width_mm, 0.1),
-        Measured(name, "depth", depth_mm, 0.1),
-        Measured(name, "flatness", 0.0, 0.05),
+        Characteristic(name, "width", width_mm, 0.1),
+        Characteristic(name, "wall left", 0.5 * width_mm, 0.1),
+        Characteristic(name, "wall right", 0.5 * width_mm, 0.1),
+        Characteristic(name, "depth", depth_mm, 0.1),
+        Characteristic(name, "flatness", 0.0, 0.05),
     )
 
 
 MEASURED: Final = (
     *_groove("groove 1", 16.0, 4.0),
     *_groove("groove 2", 10.0, 3.0),
-    Measured("pocket 1", "diameter", 24.0, 0.1),
-    Measured("pocket 1", "roundness", 0.0, 0.1),
-    Measured("pocket 1", "centre", 0.0, 0.1),
-    Measured("pocket 1", "depth", 3.0, 0.1),
-    Measured("pocket 1", "flatness", 0.0, 0.05),
+    Characteristic("pocket 1", "diameter", 24.0, 0.1),
+    Characteristic("pocket 1", "roundness", 0.0, 0.1),
+    Characteristic("pocket 1", "centre", 0.0, 0.1),
+    Characteristic("pocket 1", "depth", 3.0, 0.1),
+    Characteristic("pocket 1", "flatness", 0.0, 0.05),
 )
 """Everything that is measured on the part, with its tolerance."""
 
@@ -108,7 +108,7 @@ class BenchmarkResult(Table):
 
     @model_validator(mode="after")
     def _of_this_part(self) -> Self:
-        given = [Measured(row.feature, row.quantity, row.nominal_mm, row.tolerance_mm) for row in self.features]
+        given = [Characteristic(row.feature, row.quantity, row.nominal_mm, row.tolerance_mm) for row in self.features]
         names = [(row.feature, row.quantity) for row in given]
         stated_rows = {(row.feature, row.quantity): row for row in MEASURED}
         if len(set(names)) != len(names) or set(names) != set(stated_rows):

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.arrays import Complex, Float, Int
 from counterflex.core.errors import CounterflexError, FileFormatError
 from counterflex.core.units import UM
-from counterflex.cutting.stability.modes import DIMENSIONS, Modes, modes_along
+from counterflex.cutting.stability.modes import DIMENSIONS, TipModes, modes_along
 from counterflex.cutting.stability.response import Response
 from counterflex.files.dataset.manifest import FileTable
 from counterflex.files.dataset.table import TextTable, read_table
@@ -59,7 +59,7 @@ def read_response(path: str | Path) -> Response:
     return Response(2.0 * np.pi * grid, receptance)
 
 
-def read_modal(path: str | Path) -> Modes:
+def read_modal(path: str | Path) -> TipModes:
     """Read modal parameters of the tool tip.
 
     Args:

@@ -28,7 +28,7 @@ from counterflex.plan.inputs import (
     TRIAL,
     UNCOMPENSATED,
     UNDISTURBED,
-    Inputs,
+    CompensationInputs,
     Setting,
     solve_joints,
     work_of,
@@ -144,7 +144,7 @@ def plan(
     work = work_of(len(path), seconds, moves=moves, mends=mends, predicts=predict)
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
-    inputs = Inputs(path, line, stock, setting, solve_joints(path, line, setting).q)
+    inputs = CompensationInputs(path, line, stock, setting, solve_joints(path, line, setting).q)
     programmed = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED])))
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
     undisturbed = loaded.cut

@@ -24,7 +24,7 @@ from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.cut_kernel import cut_rows
 from counterflex.plan.cut_kernel_arrays import STATE, CutPath, CutRows, CutTool
 from counterflex.plan.elastic_motion import STILL
-from counterflex.plan.elastic_motion_kernel import Motion
+from counterflex.plan.elastic_motion_kernel import MotionArrays
 from counterflex.plan.turning_cut.cut import TurningCut
 from counterflex.signals.preview import Mode
 
@@ -60,7 +60,7 @@ def cut(
     compliance_part: Float | None = None,
     mode: Mode | None = None,
     correction_part: Float | None = None,
-    motion: Motion | None = None,
+    motion: MotionArrays | None = None,
     progress: Progress = silent,
 ) -> Cut:
     """Cut the stock along a commanded path.

@@ -32,7 +32,7 @@ from counterflex.plan.bending_kernels import (
     follow_descent,
 )
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CUT_TOOL, STATE, CutPath, CutRows, CutTool
-from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
+from counterflex.plan.elastic_motion_kernel import MOTION, MotionArrays, advance, rest
 
 AIR_STEP = 0.25
 """Longest step of a tool that may meet material, over omega (1/25 of the mode's period)."""
@@ -72,7 +72,7 @@ def cut_rows(
     grid: StockGrid,
     omega: float,
     zeta: float,
-    motion: Motion,
+    motion: MotionArrays,
     states: Records,
     rows: CutRows,
 ) -> None:

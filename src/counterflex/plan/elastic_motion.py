@@ -15,7 +15,7 @@ import numpy as np
 from counterflex.core.arrays import Bool, Float, Int, as_float, batches
 from counterflex.core.units import DEG, MS
 from counterflex.plan.bending_kernels import THRUST_SIZE
-from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, Motion, number_postures
+from counterflex.plan.elastic_motion_kernel import AXES, STATE_ARRAYS, MotionArrays, number_postures
 from counterflex.plan.relative_motion import RelativeMotion
 from counterflex.robot.elasticity import play
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
@@ -164,7 +164,7 @@ def motion_along(
     shaken: Bool | None = None,
     acceleration_m_s2: float = math.inf,
     w_tcp_base: Float | None = None,
-) -> Motion:
+) -> MotionArrays:
     """Arrays of :func:`counterflex.plan.elastic_motion_kernel.advance` for a path, at rest at its first row.
 
     Args:
@@ -200,7 +200,7 @@ def motion_along(
     weight = play.axis_torque(chain, nominal)
     band, limit, slip = play.arrays(chain)
     gains = _loop_gains(chain)
-    return Motion(
+    return MotionArrays(
         step_s=step_s,
         time_s=np.ascontiguousarray(time_s, dtype=np.float64),
         q_command=command,
@@ -248,7 +248,7 @@ def _loop_gains(chain: ElasticChain) -> Float:
     return np.array(rows).T.copy()
 
 
-def commanded(motion: Motion, q_command: Float) -> Motion:
+def commanded(motion: MotionArrays, q_command: Float) -> MotionArrays:
     """The same path with other commands, at rest at its first row.
 
     What depends on the programmed path alone is shared, so another trial of a path costs nothing but itself.
@@ -280,11 +280,11 @@ def postures(q: Float, apart_rad: float) -> tuple[Int, Int]:
     return out, np.flatnonzero(np.diff(out, prepend=-1))
 
 
-def _still() -> Motion:
+def _still() -> MotionArrays:
     """A motion without coordinates: the tool is bent by something else."""
     none, six, rows = np.zeros(0), np.zeros(AXES), np.zeros((0, AXES))
     no_index = np.zeros(0, dtype=np.int64)
-    return Motion(
+    return MotionArrays(
         step_s=STEP_S,
         time_s=none,
         q_command=rows,

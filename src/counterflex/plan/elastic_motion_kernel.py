@@ -27,7 +27,7 @@ from counterflex.robot.elasticity.play import spring_torque
 AXES = 6
 
 
-class Motion(NamedTuple):
+class MotionArrays(NamedTuple):
     """Arrays of :func:`advance`; rows are those of the path, n coordinates, m friction elements."""
 
     step_s: float  # length h of a step
@@ -67,10 +67,10 @@ class Motion(NamedTuple):
     pushed: Float1  # (n,) working space
 
 
-MOTION: Final = bundle(Motion)
+MOTION: Final = bundle(MotionArrays)
 
 STATE_ARRAYS: Final = ("x", "rate", "drives", "held", "clock", "program", "load", "fresh", "thrust", "pushed")
-"""Fields of :class:`Motion` that :func:`advance` writes; zeros until :func:`rest`."""
+"""Fields of :class:`MotionArrays` that :func:`advance` writes; zeros until :func:`rest`."""
 
 
 @kernel("void(float64[:,::1], float64, int64[::1])", entry=True)
@@ -93,7 +93,7 @@ def number_postures(q: Float, apart_rad: float, out: Int) -> None:
 
 
 @kernel("void(Motion, int64)", Motion=MOTION)
-def rest(motion: Motion, row: int) -> None:
+def rest(motion: MotionArrays, row: int) -> None:
     """Put the state at rest under the weight at a row, gears leaning as their load asks."""
     stiffness = motion.stiffness[min(row, motion.stiffness.shape[0] - 1)]
     for i in range(motion.x.shape[0]):
@@ -119,7 +119,7 @@ def rest(motion: Motion, row: int) -> None:
 
 
 @kernel("void(Motion, int64)", Motion=MOTION)
-def _shake(motion: Motion, row: int) -> None:
+def _shake(motion: MotionArrays, row: int) -> None:
     """Change the programmed speed towards that of the step, by what the controller can, and all rates against it."""
     h, J, due = motion.step_s, motion.J_tcp_part[motion.place[row]], motion.pushed
     share = 1.0
@@ -143,7 +143,7 @@ def _shake(motion: Motion, row: int) -> None:
 
 
 @kernel("void(Motion, int64)", Motion=MOTION)
-def _push_back(motion: Motion, row: int) -> None:
+def _push_back(motion: MotionArrays, row: int) -> None:
     """Add to the rates at the end of the step what the thrust of the end face does meanwhile."""
     n, h, thrust, pushed = motion.x.shape[0], motion.step_s, motion.thrust, motion.pushed
     J, J_drive = motion.J_tcp_part[motion.place[row]], motion.J_drive_part[motion.place[row]]
@@ -169,11 +169,11 @@ def _push_back(motion: Motion, row: int) -> None:
 
 
 @kernel("void(Motion, int64, float64, float64[::1], float64[::1])", Motion=MOTION)
-def advance(motion: Motion, row: int, until_s: float, wrench: Float, out: Float) -> None:
+def advance(motion: MotionArrays, row: int, until_s: float, wrench: Float, out: Float) -> None:
     """Advance within the row that ends at ``row`` and give the tool's deviation from the programmed path.
 
     Args:
-        motion: See :class:`Motion`; its state is changed.
+        motion: See :class:`MotionArrays`; its state is changed.
         row: Index, >= 1.
         until_s: Time to come to; the state stops less than a step before it and is extrapolated by its rate.
         wrench: (6,) N, N m on the tool, part axes, held meanwhile.

@@ -23,7 +23,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.progress import silent
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.feed_schedule import LEAST, LEAST_CHIP_M, STEP, FeedGroups, at_feed
-from counterflex.plan.inputs import Inputs
+from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import across
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
 from counterflex.plan.undisturbed_cut import UndisturbedCut, undisturbed_cut
@@ -80,7 +80,7 @@ class CutDemand:
     displacement_part: Float  # (n, 6) m, rad, elastic displacement of the tool in the part
 
 
-def cut_demand(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> CutDemand:
+def cut_demand(inputs: CompensationInputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> CutDemand:
     """Return what a cut asks for at every row: forces, torques, power, bending, deflection, acceleration.
 
     ``limits_of``: gives overhang and modulus for a tool number.
@@ -109,7 +109,9 @@ def cut_demand(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], P
     return CutDemand(values, np.where(cut.contact[:, None], bent, 0.0))
 
 
-def uses(inputs: Inputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]) -> dict[str, Float]:
+def uses(
+    inputs: CompensationInputs, cut: UndisturbedCut, limits_of: Callable[[int], ProcessLimits]
+) -> dict[str, Float]:
     """Share of each known limit that every row uses.
 
     Args:
@@ -161,7 +163,7 @@ def curvature(path: ToolPath) -> Float:
     return np.maximum(out, last)
 
 
-def limit_feed(inputs: Inputs, feeds: FeedGroups, limits_of: Callable[[int], ProcessLimits]) -> LimitedFeed:
+def limit_feed(inputs: CompensationInputs, feeds: FeedGroups, limits_of: Callable[[int], ProcessLimits]) -> LimitedFeed:
     """Lower the feed of a path until the undisturbed cut keeps every limit, as far as the least feed lets it.
 
     ``inputs``: path at the programmed feed, blank, tools, law.

@@ -32,7 +32,7 @@ _NO_ERRORS, _ASSUMED, _ALL_LINES = DriveErrors(), Damping.of(None), ByAxes()
 
 
 @dataclass(frozen=True)
-class Limits:
+class CorrectionLimits:
     """Bounds on what compensation may do; a plan that needs more is refused, never clipped."""
 
     correction_m: float = 3.0 * MM  # largest correction
@@ -57,7 +57,7 @@ class Setting:
     cutter_of: Callable[[int], Cutter]  # gives the cutter of a tool number
     mode: Mode | None  # lowest structural mode of a tap test, or None; see counterflex.plan.lowest_mode.mode_of
     shaping: Shaping  # how corrections are shaped in time
-    limits: Limits  # bounds
+    limits: CorrectionLimits  # bounds
     # largest swing of the arm that one change of motion or force may start, see counterflex.plan.feed_schedule; 0
     # leaves the feed as it is
     swing_m: float = 0.0
@@ -173,7 +173,7 @@ def work_of(points: int, duration_s: float, *, moves: bool, mends: bool, predict
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
+class CompensationInputs:
     """A path of n rows that is to be compensated, checked for reach."""
 
     path: ToolPath  # the nominal path

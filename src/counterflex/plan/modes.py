@@ -71,7 +71,7 @@ _STILL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class UndampedModes:
     """Undamped modes of a posture, drives held."""
 
     omega_rad_s: Float  # (m,) angular frequencies, rising
@@ -79,7 +79,7 @@ class Modes:
     strain: Float  # (n, m) share of each coordinate in the strain energy; columns sum to 1
 
 
-def modes(M: Float, stiffness: Float) -> Modes:
+def modes(M: Float, stiffness: Float) -> UndampedModes:
     """All modes of a posture.
 
     Args:
@@ -100,7 +100,7 @@ def modes(M: Float, stiffness: Float) -> Modes:
     if not np.any(swings):
         raise ModelError("the chain has no masses, so it has no modes", hint="Give mass_kg of the bodies")
     y = y[:, swings]
-    return Modes(1.0 / np.sqrt(value[swings]), root[:, None] * y, y**2)
+    return UndampedModes(1.0 / np.sqrt(value[swings]), root[:, None] * y, y**2)
 
 
 def lowest_mode(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo | None, ...]) -> Mode:

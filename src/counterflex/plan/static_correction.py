@@ -20,7 +20,7 @@ from counterflex.core.errors import ModelError
 from counterflex.core.progress import Progress
 from counterflex.core.units import DEG, MM
 from counterflex.path.toolpath import FEED, ToolPath
-from counterflex.plan.inputs import Inputs, Limits, feed_runs, part_compliance, settling_rows
+from counterflex.plan.inputs import CompensationInputs, CorrectionLimits, feed_runs, part_compliance, settling_rows
 from counterflex.plan.lowest_mode import mode_of
 from counterflex.plan.plan import across
 from counterflex.plan.sag_and_play import corrected_joints, residual_sag, touched_points
@@ -106,7 +106,7 @@ _FADE_S = 0.2
 class LoadedRobot:
     """The robot under the force of the undisturbed cut, at rest in every row."""
 
-    inputs: Inputs  # path and setting
+    inputs: CompensationInputs  # path and setting
     cut: UndisturbedCut  # the undisturbed cut
     robot: PlannedRobot  # the robot along the path; its mode is that of the posture with the largest force
     deflection_part: Float  # (n, 6) m, rad under the force
@@ -126,7 +126,7 @@ class Command:
     q: Float  # (n, 6) rad, joint angles with both
 
 
-def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
+def loaded_robot(inputs: CompensationInputs, cut: UndisturbedCut) -> LoadedRobot:
     """Deflection under the force of the undisturbed cut, own weight, and where corrections are wanted."""
     path, setting, q, w = inputs.path, inputs.setting, inputs.q, cut.w_tcp_part
     relative = setting.relative_motion(path)
@@ -153,7 +153,7 @@ def loaded_robot(inputs: Inputs, cut: UndisturbedCut) -> LoadedRobot:
     return LoadedRobot(inputs, cut, robot, deflection, swinging, feed_run, near, reach, _held(inputs, deflection, near))
 
 
-def _held(inputs: Inputs, deflection_part: Float, near: Bool) -> Int:
+def _held(inputs: CompensationInputs, deflection_part: Float, near: Bool) -> Int:
     """(k,) stops of planning that are left out: to stop would make the arm swing by more than there is to take back."""
     # The rapid then starts from the corrected end of the cut.
     stop = np.flatnonzero(settling_rows(inputs.path))
@@ -221,7 +221,7 @@ def static_correction(loaded: LoadedRobot, progress: Progress) -> tuple[Float, C
     return displacement, command
 
 
-def check_corrections(command: Command, line: Int, limits: Limits) -> None:
+def check_corrections(command: Command, line: Int, limits: CorrectionLimits) -> None:
     """Refuse a correction that is beyond its bound.
 
     Raises:
@@ -258,7 +258,7 @@ def _through_arm(robot: PlannedRobot, w_part: Float, deflection_part: Float) -> 
     return out
 
 
-def between_walls(inputs: Inputs, contact: Bool, feed_run: Int) -> Bool:
+def between_walls(inputs: CompensationInputs, contact: Bool, feed_run: Int) -> Bool:
     """(n,) rows nearer along the path to one that cuts than the radius of the tool and :data:`_CLEAR_M`."""
     path = inputs.path
     station = np.cumsum(np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1))

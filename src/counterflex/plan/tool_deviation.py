@@ -13,7 +13,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.elastic_motion import commanded, motion_along
-from counterflex.plan.elastic_motion_kernel import AXES, Motion
+from counterflex.plan.elastic_motion_kernel import AXES, MotionArrays
 from counterflex.plan.inputs import Setting
 from counterflex.plan.lowest_mode import can_move, damping_of
 from counterflex.plan.relative_motion import RelativeMotion
@@ -36,7 +36,7 @@ class PlannedRobot:
     w_tcp_base: Float | None = None  # (n, 6) N, N m expected along it, that compliance curves are taken at; or None
 
     @functools.cached_property
-    def programmed(self) -> Motion:
+    def programmed(self) -> MotionArrays:
         """The robot in motion along the path as it is programmed; every trial starts from it."""
         s, path = self.setting, self.path
         return motion_along(

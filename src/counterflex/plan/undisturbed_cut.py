@@ -18,7 +18,7 @@ from counterflex.cutting.cutter import Cutter
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan import chip_range
 from counterflex.plan.cut import Cut, at_points, cut
-from counterflex.plan.inputs import Inputs, place
+from counterflex.plan.inputs import CompensationInputs, place
 
 WINDOW_M = 2.0 * MM
 """Stretch of path over which the removed volume is added up; it smooths over the grid of the stock."""
@@ -105,7 +105,7 @@ class UndisturbedCut:
     w_tcp_part: Float  # (n, 6) N, N m at the points, about the tip, part axes
 
 
-def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
+def undisturbed_cut(inputs: CompensationInputs, progress: Progress) -> UndisturbedCut:
     """Cut along the nominal path with a tool that does not yield.
 
     Args:
@@ -125,7 +125,7 @@ def undisturbed_cut(inputs: Inputs, progress: Progress) -> UndisturbedCut:
     return UndisturbedCut(result, contact, extrapolated, at_points(result.w_tcp_part, contact))
 
 
-def _check_chips(result: Cut, contact: Bool, inputs: Inputs) -> Bool:
+def _check_chips(result: Cut, contact: Bool, inputs: CompensationInputs) -> Bool:
     """Rows cut with a mean chip outside the law's range; refused where the force is uncertain as a whole."""
     path, law = inputs.path, inputs.setting.law
     estimate = chip_range.outside(law, result.chip_m, contact, result.w_tcp_part, path.time_s)

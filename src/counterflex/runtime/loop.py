@@ -29,7 +29,7 @@ from counterflex.runtime.state.memory_layout import Layout, layout_before, layou
 from counterflex.runtime.state.planned import PLAN
 from counterflex.runtime.state.supervisor import Cause, State
 from counterflex.runtime.step.axis_pid_kernel import PID, PID_STATE
-from counterflex.runtime.step.axis_play import AxisPlay
+from counterflex.runtime.step.axis_play import PlayCompensation
 from counterflex.runtime.step.axis_play_kernel import PLAY, PLAYED
 from counterflex.signals.filters import Smoother
 
@@ -129,10 +129,10 @@ class Loop:
         self._delta: Float = np.zeros((m, 6))
         self._work = records(WORK)
         self.monitor = _monitor(settings, self._plan, plan, monitor, override)
-        self._axis_play: AxisPlay | None = None
+        self._axis_play: PlayCompensation | None = None
         if settings.axis_play:
             own = np.array(settings.own_play_rad)
-            self._axis_play = AxisPlay(chain, settings.period_s, contained=settings.compensated, own_rad=own)
+            self._axis_play = PlayCompensation(chain, settings.period_s, contained=settings.compensated, own_rad=own)
         self._axis_pid = axis_pid(settings)
         self._place: Float = self.step_state.place
         self.cycles: Int = self._loop["state"]["cycles"]

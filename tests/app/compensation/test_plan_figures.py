@@ -22,7 +22,7 @@ from counterflex.app.compensation.prediction import (
     path_error,
 )
 from counterflex.app.correction.causes import shown
-from counterflex.app.correction.correct import PARTS, Part, keep_parts, read_parts, trend
+from counterflex.app.correction.correct import PARTS, HistoryPart, keep_parts, read_parts, trend
 from counterflex.app.unknown_stiffness import expected
 from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
@@ -268,12 +268,12 @@ def test_parts_that_follow_a_correction_have_not_changed_by_it(number: int, coun
     whole, parts = rng.normal(scale=1e-4, size=(20, 3)), []
     for _ in range(count):
         taken = rng.uniform(0.0, 1.0) * whole
-        parts.append(Part(measured(rng, taken, whole - taken), {}))
+        parts.append(HistoryPart(measured(rng, taken, whole - taken), {}))
     assert [row["part"] for row in trend(parts)] == list(range(1, count + 1))
     for row in trend(parts)[1:]:
         assert row.get("changed_um", 0.0) == pytest.approx(0.0, abs=1e-6)
     off = replace(parts[-1].error, error_m=parts[-1].error.error_m + 10.0 * UM)
-    last = trend([*parts[:-1], Part(off, {})])[-1]
+    last = trend([*parts[:-1], HistoryPart(off, {})])[-1]
     assert last["changed_um"] == pytest.approx(10.0, abs=0.06)
     assert last["changed_sigmas"] == pytest.approx(2.0 / np.sqrt(2.0), abs=0.06)
 
@@ -292,7 +292,8 @@ def test_a_second_correction_keeps_the_parts_of_the_first(tmp_path: Any) -> None
     facts = [{"scan": "a"}, {"scan": "b"}, {"scan": "c"}]
     for source, target, new in ((0, 1, facts[:2]), (1, 2, facts[2:])):
         rows: list[Any] = [
-            (deviations, source_of, Part(measured(rng, np.zeros((20, 3)), np.zeros((20, 3))), fact)) for fact in new
+            (deviations, source_of, HistoryPart(measured(rng, np.zeros((20, 3)), np.zeros((20, 3))), fact))
+            for fact in new
         ]
         keep_parts(folders[source], folders[target], rows, about)
     assert [part.facts for part in read_parts(folders[2])] == facts

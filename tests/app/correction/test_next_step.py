@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from counterflex.app.correction import decide
-from counterflex.app.correction.decide import LEAST_M, Step, next_step, tool_response_of
+from counterflex.app.correction.decide import LEAST_M, CorrectionStep, next_step, tool_response_of
 from counterflex.core.arrays import Float
 from counterflex.core.units import UM
 from counterflex.evaluate.path_error.learning import LOCAL, MeasuredError, ToolResponse
@@ -20,7 +20,7 @@ SHARE = 1.0 / (1.0 + LOCAL**2)
 """Of an even error that a step takes back where the tool is known to follow at once."""
 
 
-def step_of(parts: list[MeasuredError], monkeypatch: pytest.MonkeyPatch) -> Step:
+def step_of(parts: list[MeasuredError], monkeypatch: pytest.MonkeyPatch) -> CorrectionStep:
     """The next step of a tool that is known to follow at once and whole, the plan itself left out."""
     none, time_s = np.zeros((1, N, 3)), np.linspace(0.0, 100.0, N)
     ways = ToolResponse(time_s, np.zeros(N, dtype=np.int64), none, none)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from counterflex.app.first_cut.first_cut import doubts
-from counterflex.app.first_cut.posterior import Measured, Patterns, estimated, left_out, share_left
+from counterflex.app.first_cut.posterior import MeasuredCoordinates, Patterns, estimated, left_out, share_left
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import read_cell
@@ -29,9 +29,9 @@ def patterns(seed: int) -> Patterns:
     return Patterns(planned, elements, drives, play, np.eye(3)[:, np.arange(PLACES) % 3])
 
 
-def measured(off_m: Float) -> Measured:
+def measured(off_m: Float) -> MeasuredCoordinates:
     k = np.arange(PLACES)
-    return Measured(k, k % 3, k // 3, k + 1, off_m, 15.0 * UM)
+    return MeasuredCoordinates(k, k % 3, k // 3, k + 1, off_m, 15.0 * UM)
 
 
 @settings(max_examples=20)

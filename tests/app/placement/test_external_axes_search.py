@@ -12,7 +12,7 @@ from counterflex.app.coarse_bodies import coarse_bodies
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.inputs import AS_IT_IS, read_job
 from counterflex.app.placement import placement
-from counterflex.app.placement.frame import Frame
+from counterflex.app.placement.frame import ProgramInCell
 from counterflex.app.placement.region import Wish
 from counterflex.cli.arguments import region
 from counterflex.core.errors import InputError
@@ -62,7 +62,7 @@ def test_a_candidate_is_seen_as_the_cell_file_with_its_values(tmp_path: Path) ->
     """Frame of the program and bodies on the floor are those of a cell that is read anew."""
     program, file = written(tmp_path)
     _, cell, task = placement.task_of(program, read_cell(file), AS_IT_IS, "both")
-    frame = Frame(cell, placement.middle_of(task))
+    frame = ProgramInCell(cell, placement.middle_of(task))
     place = frame.here.copy()
     np.testing.assert_allclose(frame.seen(place).T_base_standing, cell.T_base_part, atol=1e-12)
     place[4:] = [-300.0 * MM, 25.0 * DEG]
@@ -97,7 +97,7 @@ def test_values_that_an_axis_cannot_have_are_refused(
 def test_an_axis_that_is_not_named_stands_still(tmp_path: Path) -> None:
     program, file = written(tmp_path)
     cell = read_cell(file)
-    some = Wish(axes={"E2": (-10.0, 10.0)}).region(Frame(cell, np.zeros(3)))
+    some = Wish(axes={"E2": (-10.0, 10.0)}).region(ProgramInCell(cell, np.zeros(3)))
     assert (some.low[4], some.high[4]) == pytest.approx((0.1, 0.1))
     assert (some.low[5], some.high[5]) == pytest.approx((-10.0 * DEG, 10.0 * DEG))
     assert program.exists()

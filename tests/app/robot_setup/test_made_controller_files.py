@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 import pytest
 
 from counterflex.app import examples
-from counterflex.integrations.abb.link.setup import MakeSettings as EgmSettings
-from counterflex.integrations.kuka.link.setup import CheckSettings, MakeSettings
+from counterflex.integrations.abb.link.setup import EgmMakeSettings as EgmSettings
+from counterflex.integrations.kuka.link.setup import CheckSettings, RsiMakeSettings
 
 PORTS = {  # type of object: its number, inputs, outputs
     "ETHERNET": (64, 64, 64),
@@ -69,7 +69,7 @@ def robot(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     (tmp_path / "part.src").write_text(PROGRAM, encoding="latin-1")
     (tmp_path / "part.dat").write_text(DATA, encoding="latin-1")
     program = None if way == "link test" else tmp_path / "part.src"
-    MakeSettings(tmp_path / "cell.toml", program).make(tmp_path / "robot")
+    RsiMakeSettings(tmp_path / "cell.toml", program).make(tmp_path / "robot")
     return tmp_path / "robot"
 
 

@@ -20,7 +20,7 @@ from counterflex.core.errors import InputError
 from counterflex.files.cell.cell import read_cell
 from counterflex.files.logs.segments import read_log
 from counterflex.integrations.kuka.link.config import parse_config
-from counterflex.integrations.kuka.link.setup import MakeSettings
+from counterflex.integrations.kuka.link.setup import RsiMakeSettings
 from counterflex.runtime.estimator.fusion import Source
 from counterflex.runtime.record_ring import COLUMNS
 from counterflex.runtime.state.supervisor import Cause, State
@@ -147,7 +147,7 @@ def test_rsi_make_asks_for_currents_where_their_constants_are_known(place: Place
     bare.write_text(place.cell.read_text(encoding="utf-8").replace(CONSTANTS, ""), encoding="utf-8")
     for cell, there in ((place.cell, True), (bare, False)):
         out = tmp_path / str(there)
-        MakeSettings(cell=cell).make(out)
+        RsiMakeSettings(cell=cell).make(out)
         file = next(out.glob("*ethernet.xml"))
         names = [value.name for value in parse_config(file.read_bytes(), str(file)).sent()]
         assert ("MACur.A6" in names) == there

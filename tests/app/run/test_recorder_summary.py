@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from counterflex.app.run.recorder import Recorder
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.protocols.processes.control_array import CONTROL
 from counterflex.runtime import record_ring as record
 from counterflex.runtime.record_ring import RecordRing
@@ -28,7 +28,7 @@ CAUSES = [
 
 def test_holds_and_faults_are_counted_by_cause_and_listed(tmp_path: Path) -> None:
     ring, control = RecordRing(), np.zeros(CONTROL, dtype=np.int64)
-    log = RunLog(tmp_path, {})
+    log = RunLogWriter(tmp_path, {})
     recorder = Recorder(ring.name, log, control)
     try:
         for lap in range(100):

@@ -17,7 +17,7 @@ from counterflex.app.simulated_cell.instruments import InstrumentClock, LoneForc
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, FileFormatError, InputError, OutputError
 from counterflex.files.cell.cell import read_cell
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.ati.link import telegram as netft
 from counterflex.integrations.ati.link.link import NetftLink, fetch_scaling
@@ -52,7 +52,9 @@ class VirtualClock:
         self._meanwhile(self.time_s)
 
 
-def records(faults: tuple[Fault, ...] = (), count: int = 100, seed: int = 1) -> tuple[list[netft.Record], NetftServer]:
+def records(
+    faults: tuple[Fault, ...] = (), count: int = 100, seed: int = 1
+) -> tuple[list[netft.NetftRecord], NetftServer]:
     """What a client gets of a sensor that shows a steady load."""
     server = NetftServer(http_port=None, faults=FaultSchedule(faults, seed))
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
@@ -70,7 +72,7 @@ def records(faults: tuple[Fault, ...] = (), count: int = 100, seed: int = 1) -> 
                     break
                 if len(data) == netft.RECORD.size:
                     sequence, sample, status, *counts = netft.RECORD.unpack(data)
-                    found.append(netft.Record(sequence, sample, status, tuple(counts)))
+                    found.append(netft.NetftRecord(sequence, sample, status, tuple(counts)))
     server.close()
     return found, server
 
@@ -312,7 +314,7 @@ def test_what_a_run_logged_of_its_tracker_is_what_the_tracker_had_sent(tmp_path:
         row[at : at + 12] = np.r_[T_part_tcp[:3, :3].ravel(), T_part_tcp[:3, 3]]
         row[COLUMNS.index("flag_tracker_new")] = k % 2 == 0
         row[COLUMNS.index("received_ns")] = 1_000_000 * (k + 1)
-    log = RunLog(tmp_path / "log", {})
+    log = RunLogWriter(tmp_path / "log", {})
     log.add(rows)
     log.close()
     found = run_log_as_tracker(tmp_path / "log", tmp_path / "cell.toml")

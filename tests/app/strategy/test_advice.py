@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import wall_finish as benchmark
-from counterflex.app.strategy.advice import Operation, advise, doubt_of
+from counterflex.app.strategy.advice import WallOperation, advise, doubt_of
 from counterflex.cli import start
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import MM, RPM
@@ -37,7 +37,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *wo
 @pytest.mark.parametrize("milling", ["down", "up"])
 def test_what_the_program_does_is_read_back(milling: str, tmp_path: Path) -> None:
     program, cell = job(tmp_path, milling=milling)
-    own = advise(read_cell(cell), Operation(), program).own
+    own = advise(read_cell(cell), WallOperation(), program).own
     assert own is not None
     assert bool(own.cuts.up[0]) == (milling == "up")
     assert own.cuts.ae_m[0] == pytest.approx(1.5 * MM, abs=0.05 * MM)
@@ -60,7 +60,7 @@ def test_advice_leaves_less_on_a_simulated_cell_and_takes_no_longer(tmp_path: Pa
 
 def test_handbook_force_is_more_doubtful_than_an_identified_one(tmp_path: Path) -> None:
     cell = read_cell(job(tmp_path)[1])
-    doubt = doubt_of(cell, Operation())
+    doubt = doubt_of(cell, WallOperation())
     assert doubt.wear_share > 0.0
     assert np.median(doubt.factors()) > 1.0
 
@@ -87,7 +87,7 @@ def test_the_command_prints_before_and_choices(
 
 def test_a_cut_is_stated_instead_of_a_program(tmp_path: Path) -> None:
     cell = read_cell(job(tmp_path)[1])
-    stated = Operation(ap_m=(5 * MM, 5 * MM), fz_m=(0.03 * MM, 0.03 * MM), spindle_rad_s=(1e3, 1e3))
+    stated = WallOperation(ap_m=(5 * MM, 5 * MM), fz_m=(0.03 * MM, 0.03 * MM), spindle_rad_s=(1e3, 1e3))
     advice = advise(cell, replace(stated, ae_m=(0.2 * MM, 4 * MM)))
     assert advice.before is None
     assert advice.choices.cuts.up[advice.best[0]]
@@ -102,7 +102,7 @@ def test_a_slot_is_no_wall(tmp_path: Path) -> None:
     text = program.read_text(encoding="utf-8").replace("Y33", "Y15")
     program.write_text(text, encoding="utf-8")
     with pytest.raises(ProgramError, match=r"mills slots only.*trochoid"):
-        advise(read_cell(cell), Operation(), program)
+        advise(read_cell(cell), WallOperation(), program)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from counterflex.app.stability import judge, structure_of
-from counterflex.app.strategy.advice import Operation, advise
+from counterflex.app.strategy.advice import WallOperation, advise
 from counterflex.files.cell.cell import read_cell
 from counterflex.plan.strategy.advise import CHATTER
 
@@ -52,7 +52,7 @@ def test_half_immersion_in_steel_is_stable_for_both(tmp_path: Path) -> None:
     assert summary["verdict"] == "stable"
     assert summary["verdict_over_interval"] == "open"
     assert summary["worst"]["margin"] == pytest.approx(1.55, abs=0.06)
-    before = advise(cell, Operation(), tmp_path / "side.ngc").before
+    before = advise(cell, WallOperation(), tmp_path / "side.ngc").before
     assert before is not None
     assert CHATTER not in before.violated(0)
     assert float(before.use[CHATTER][0]) == pytest.approx(1.0 / summary["worst"]["margin"], rel=0.02)

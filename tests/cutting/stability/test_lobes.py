@@ -7,7 +7,7 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.cutting.stability import lobes, semi_discretisation
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.process import Process, process_of_arc
 
 STIFFNESS = 0.03993 * (2.0 * np.pi * 922.0) ** 2
@@ -43,7 +43,7 @@ def test_least_limits_of_the_benchmark(process: Process, least_mm: float) -> Non
 def test_limits_meet_the_characteristic_equation() -> None:
     """det(I + s (1 - exp(-i omega T)) A G) = 0, three directions, a matrix without symmetry."""
     random = np.random.default_rng(3)
-    modes = Modes(
+    modes = TipModes(
         2.0 * np.pi * np.array([30.0, 47.0, 90.0]), np.array([0.05, 0.03, 0.04]), 0.1 * random.normal(size=(3, 3))
     )
     A = 1e7 * random.normal(size=(3, 3))

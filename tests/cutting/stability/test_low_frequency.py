@@ -8,14 +8,14 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.cutting.stability import low_frequency, semi_discretisation
 from counterflex.cutting.stability.delayed import least_damping
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.process import Process, process_of_arc
 
 TURN = 2.0 * np.pi
 X, Y = np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
 
 
-def _one(direction: np.ndarray, zeta: float = 0.03) -> Modes:
+def _one(direction: np.ndarray, zeta: float = 0.03) -> TipModes:
     """A robot: 390 N/mm, 10 Hz."""
     return modes_along(np.array([10.0]), np.array([zeta]), np.array([3.9e5]), direction)
 
@@ -55,10 +55,10 @@ def test_a_slot_damps_every_direction() -> None:
         assert low_frequency.limit(_one(u), process.mean, 1e-3)[0] == np.inf
 
 
-def _cases(count: int) -> list[tuple[Modes, Process, float]]:
+def _cases(count: int) -> list[tuple[TipModes, Process, float]]:
     """Robots with two modes, one to four teeth, any engagement, omega T of the faster mode from 0.02 to 0.1."""
     random = np.random.default_rng(1)
-    out: list[tuple[Modes, Process, float]] = []
+    out: list[tuple[TipModes, Process, float]] = []
     while len(out) < count:
         f, ratio = random.uniform(5.0, 36.0), random.uniform(0.01, 0.08)
         T = random.uniform(0.02, 0.1) / (TURN * f)
@@ -76,7 +76,7 @@ def _cases(count: int) -> list[tuple[Modes, Process, float]]:
 
 
 @pytest.mark.parametrize("case", _cases(10), ids=[f"robot {i}" for i in range(10)])
-def test_within_one_percent_of_semi_discretisation(case: tuple[Modes, Process, float]) -> None:
+def test_within_one_percent_of_semi_discretisation(case: tuple[TipModes, Process, float]) -> None:
     modes, process, T = case
     assert modes.omega_rad_s.max() * T <= 0.1
     factor, _ = low_frequency.limit(modes, process.mean, T)
@@ -118,7 +118,7 @@ def test_least_damping_of_a_slow_mode_alone_is_zero_at_its_separate_limit() -> N
                 assert left == pytest.approx(0.0, abs=0.1 * float(modes.damping_ratio[k]))
 
 
-def _separate_limits(modes: Modes, A: Float, period_s: float) -> Float:
+def _separate_limits(modes: TipModes, A: Float, period_s: float) -> Float:
     """Limit of each mode by itself, ``2 zeta omega / (T |u'Au|)`` with mass-normalised u; inf where u'Au >= 0."""
     along = np.einsum("in,ij,jn->n", modes.shape, A, modes.shape)
     feeding = along < 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from counterflex.core.errors import InputError
 from counterflex.cutting.stability import lobes
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.process import process_of_arc
 from counterflex.cutting.stability.response import Response, fitted_modes
 
@@ -51,4 +51,4 @@ def test_modes_of_a_noisy_response() -> None:
 )
 def test_bad_modes(omega: np.ndarray, zeta: np.ndarray) -> None:
     with pytest.raises(InputError):
-        Modes(omega, zeta, np.ones((3, 1)))
+        TipModes(omega, zeta, np.ones((3, 1)))

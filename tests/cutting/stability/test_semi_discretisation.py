@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import milling_collocation
 from counterflex.core.errors import InputError
-from counterflex.cutting.stability.modes import Modes, modes_along
+from counterflex.cutting.stability.modes import TipModes, modes_along
 from counterflex.cutting.stability.process import Process, process_of_arc
 from counterflex.cutting.stability.semi_discretisation import intervals_for, largest_multiplier, limit
 
@@ -65,7 +65,7 @@ def test_limits_of_two_directions(process: Process, rpm: float, limit_mm: float)
     assert value * 1e3 == pytest.approx(limit_mm, rel=0.01)
 
 
-def _growth_in_time(modes: Modes, process: Process, period: float, factor: float, periods: int) -> float:
+def _growth_in_time(modes: TipModes, process: Process, period: float, factor: float, periods: int) -> float:
     """Growth per tooth period of the delay equation, integrated by scipy period after period."""
     n = len(modes)
     speed = 2.0 * np.pi / (process.teeth * period)
@@ -103,7 +103,7 @@ def _growth_in_time(modes: Modes, process: Process, period: float, factor: float
     ids=["slot", "half immersion"],
 )
 def test_multiplier_is_the_growth_of_the_delay_equation(
-    process: Process, modes: Modes, rpm: float, depth_mm: float
+    process: Process, modes: TipModes, rpm: float, depth_mm: float
 ) -> None:
     period = 30.0 / rpm
     expected = _growth_in_time(modes, process, period, depth_mm * 1e-3, 24)

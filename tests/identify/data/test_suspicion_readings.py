@@ -12,7 +12,7 @@ import pytest
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.identify.data.alternative_readings import (
-    Reading,
+    AlternativeReading,
     inverted_pose,
     left_handed,
     other_axes,
@@ -65,7 +65,7 @@ def _score(arm: Any) -> Score:
     return score
 
 
-def _readings(data: Dataset) -> tuple[Reading, ...]:
+def _readings(data: Dataset) -> tuple[AlternativeReading, ...]:
     return (
         *unit_mistakes(data, "q"),
         *unit_mistakes(data, "p_tracker_target"),

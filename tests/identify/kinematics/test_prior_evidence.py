@@ -17,7 +17,7 @@ from counterflex.identify.data.dataset import Dataset, of_arrays
 from counterflex.identify.design.pose_candidates import measurable
 from counterflex.identify.geometry.arm_geometry import displaced_arm
 from counterflex.identify.geometry.arm_parameters import ArmPriors
-from counterflex.identify.kinematics.setup import Setup, set_up
+from counterflex.identify.kinematics.setup import CalibrationSetup, set_up
 from counterflex.identify.kinematics.stages import Widened, model_of_data, widened
 from counterflex.identify.solver.solve import solve
 
@@ -60,14 +60,14 @@ def calibrated(zeros_mrad: tuple[float, ...], option: str = "evidence") -> tuple
     """Return what evidence makes of the priors, and the mean position error of other poses: with it and as stated."""
     data, unseen = [poses(zeros_mrad, 45, 1)], [poses(zeros_mrad, 20, 2)]
 
-    def made(priors: ArmPriors) -> Setup:
+    def made(priors: ArmPriors) -> CalibrationSetup:
         return set_up(CELL, model_of_data(CELL, [*data, *unseen], priors, "cell", tied=False), data, unseen)
 
     setup = made(ArmPriors())
     fit = solve(setup.parameters, setup.blocks)
     found = widened(ArmPriors(), setup, fit, made, option)
 
-    def error(s: Setup, x: Float) -> float:
+    def error(s: CalibrationSetup, x: Float) -> float:
         (block,) = s.unseen
         return float(np.mean(np.linalg.norm((block.evaluate(x) * block.sigma)[:, :3], axis=1)))
 

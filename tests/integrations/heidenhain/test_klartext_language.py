@@ -17,7 +17,7 @@ from counterflex.integrations.heidenhain.language.emitter import HeidenhainEmitt
 from counterflex.integrations.heidenhain.language.reader import read_heidenhain, read_heidenhain_file
 from counterflex.integrations.heidenhain.language.table import TABLE
 from counterflex.programs.compensated import tool_path
-from counterflex.programs.convert.steps import Process, steps
+from counterflex.programs.convert.steps import MachineFunction, steps
 from counterflex.programs.foreign_language import foreign_language
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import read_gcode
@@ -134,7 +134,9 @@ def test_a_reversed_spindle_at_another_speed_is_refused() -> None:
     from counterflex.programs.convert.steps import steps
 
     processes = [
-        s for s in steps(program, lambda _: np.diag([1.0, -1.0, -1.0]), to_robot=False) if isinstance(s, Process)
+        s
+        for s in steps(program, lambda _: np.diag([1.0, -1.0, -1.0]), to_robot=False)
+        if isinstance(s, MachineFunction)
     ]
     with pytest.raises(ProgramError, match="reversed"):
         for step in processes:

@@ -15,7 +15,7 @@ from counterflex.integrations.heidenhain.language.in_place import write_heidenha
 from counterflex.integrations.heidenhain.language.reader import read_heidenhain
 from counterflex.programs.compensated import CompensatedPath, tool_path
 from counterflex.programs.program import Program
-from counterflex.programs.rotary.poses import Words, commanded_words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, commanded_words, turned_path
 from robot_corrections import corrected, gap_to_polyline
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "programs"
@@ -201,7 +201,7 @@ def test_a_tilted_plane_is_written_in_its_own_axes() -> None:
     )  # fmt: skip
     text = "\n".join(lines)
     program = read_heidenhain(text, complete=True)
-    words = Words.of(program, None)
+    words = RotaryWords.of(program, None)
     turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
     way = np.linspace(0.0, 1.0, len(turned.path))[:, None]
     shift = 0.1 * MM * np.sin(3.0 * way) * np.array([0.3, 1.0, 0.6])
@@ -210,7 +210,7 @@ def test_a_tilted_plane_is_written_in_its_own_axes() -> None:
     written = write_heidenhain(program, nominal, tolerance_m=TOLERANCE_M, words=made)
     assert written.largest_dropped_rotation_rad == pytest.approx(1e-3, rel=0.2)
     back = read_heidenhain(written.text, complete=True)
-    line = turned_path(back, Words.of(back, None), step_m=0.2 * MM, rapid_speed_m_s=0.5).path.p_part_tcp
+    line = turned_path(back, RotaryWords.of(back, None), step_m=0.2 * MM, rapid_speed_m_s=0.5).path.p_part_tcp
     rows = made.p_command[turned.path.kind == 1]
     assert gap_to_polyline(rows, line) <= TOLERANCE_M + 1.5 * UM
     assert "PLANE SPATIAL SPA+10 SPB-15 SPC+30 TURN" in written.text
@@ -221,7 +221,7 @@ def test_tool_vectors_and_rotary_words_are_written_with_their_axis() -> None:
                       "LN X+10 Y+0 Z+5 TX+0.1 TY+0 TZ+0.9949874",
                       "M129", "END PGM T MM", ""])  # fmt: skip
     program = read_heidenhain(text, complete=True)
-    words = Words.of(program, None)
+    words = RotaryWords.of(program, None)
     turned = turned_path(program, words, step_m=0.5 * MM, rapid_speed_m_s=0.5)
     turn = np.tile([0.0, 2e-4, 0.0], (len(turned.path), 1))
     made = commanded_words(turned, words, np.full((len(turned.path), 3), 0.05 * MM), turn)

@@ -19,7 +19,7 @@ from counterflex.integrations.abb.language.read.reader import read_rapid
 from counterflex.integrations.kuka.language.read.reader import read_krl
 from counterflex.integrations.yaskawa.language.program import InformProgram
 from counterflex.integrations.yaskawa.language.reader import read_inform, read_inform_file
-from counterflex.integrations.yaskawa.language.source import Folder, job_files
+from counterflex.integrations.yaskawa.language.source import InformFolder, job_files
 from counterflex.integrations.yaskawa.language.table import TABLE
 from counterflex.programs.robot_text.program import RobotProgram
 from counterflex.programs.statement_table import Treatment
@@ -355,7 +355,7 @@ def test_jobs_of_the_folder_are_run_and_variables_of_several_are_not_known(tmp_p
     assert list(made.jobs) == ["MAIN.JBI", "SUB.JBI"]
     clash = job("CALL JOB:SUB", "MOVL P001 V=5.0", entries=[*P2, point("P", 1, (2, 2, 2))])
     with pytest.raises(ProgramError, match="P001 is in several jobs with other values"):
-        read_inform(clash, folder=Folder([tmp_path / "SUB.JBI"]))
+        read_inform(clash, folder=InformFolder([tmp_path / "SUB.JBI"]))
 
 
 def test_a_speed_without_decimals_may_be_in_cm_per_minute() -> None:

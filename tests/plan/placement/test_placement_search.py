@@ -23,9 +23,9 @@ from counterflex.plan.placement.candidate import (
     thinned,
     worth,
 )
-from counterflex.plan.placement.search import CandidatePoses, Judged, PlacementBounds, placed, search
+from counterflex.plan.placement.search import CandidatePoses, JudgedPlacements, PlacementBounds, placed, search
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.survey import base_points
 from counterflex.plan.posture.survey_kernel import OUT_OF_REACH, POWER
 from counterflex.plan.relative_motion import tool_carried
@@ -37,18 +37,18 @@ CELL, GROOVE = EXAMPLES / "cells" / "kr300_d16_small.toml", EXAMPLES / "programs
 
 
 @pytest.fixture(scope="module")
-def task() -> Task:
+def task() -> PostureTask:
     return placement.task_of(GROOVE, read_cell(CELL), AS_IT_IS, "both")[2]
 
 
 @pytest.fixture(scope="module")
-def site(task: Task) -> Site:
+def site(task: PostureTask) -> Site:
     """Few rotations, no bodies: what is not under test costs nothing."""
     stretches = stretches_of(task.path, read_cell(CELL).stock(), task.setting.cutter_of)
     return replace(site_of(task, stretches, rotations=8), around=None)
 
 
-def test_a_thinned_path_has_the_length_the_extent_and_the_mean_force_of_the_whole(task: Task) -> None:
+def test_a_thinned_path_has_the_length_the_extent_and_the_mean_force_of_the_whole(task: PostureTask) -> None:
     few, rows = thinned(task.cut)
     assert len(few) < 60 < len(task.cut)
     assert few.weight_m.sum() == pytest.approx(task.cut.weight_m.sum(), rel=1e-12)
@@ -133,9 +133,9 @@ def test_error_is_the_deflection_where_nothing_is_lost_and_the_force_has_no_step
 
 
 def test_where_the_cut_feeds_a_swing_is_refused_as_the_best_places_allow() -> None:
-    def places(*damping: float) -> Judged:
+    def places(*damping: float) -> JudgedPlacements:
         some = [Candidate(error_m=0.1 * (k + 1), least_damping=z) for k, z in enumerate(damping)]
-        return Judged(np.zeros((len(some), 4)), [*some, Candidate("out of reach")])
+        return JudgedPlacements(np.zeros((len(some), 4)), [*some, Candidate("out of reach")])
 
     present = Candidate(least_damping=-0.1)
     stable = places(-0.2, 0.01, 0.03).steadied(present)

@@ -19,7 +19,7 @@ from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation, tool_poses
 from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
 from counterflex.plan.posture.cut_path import LoadedPath, fractions, stations, surface_normals
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import JOINT_LIMIT, OUT_OF_REACH, WRIST_SINGULAR
 from counterflex.plan.posture.way import Weights
@@ -43,25 +43,25 @@ def job(cell: Cell) -> Job:
 
 
 @pytest.fixture(scope="module")
-def task(cell: Cell, job: Job) -> Task:
+def task(cell: Cell, job: Job) -> PostureTask:
     setting, line = setting_of(cell), job.line_of_motion[job.machined.motion]
     cut = loaded_path(job.machined, line, cell.stock(), setting, "both")
-    return Task(job.machined, line, cut, setting, robot_of(cell, setting))
+    return PostureTask(job.machined, line, cut, setting, robot_of(cell, setting))
 
 
 @pytest.fixture(scope="module")
-def chosen(task: Task) -> ChosenPosture:
+def chosen(task: PostureTask) -> ChosenPosture:
     return choose(task, Freedom())
 
 
-def _moved(task: Task, x_mm: float = 0.0, z_mm: float = 0.0, **limits: Any) -> Task:
+def _moved(task: PostureTask, x_mm: float = 0.0, z_mm: float = 0.0, **limits: Any) -> PostureTask:
     T = task.robot.T_base_part @ pose.make(p=np.array([x_mm * MM, 0.0, z_mm * MM]))
     bounds = replace(task.robot.limits, **limits)
     setting = replace(task.setting, T_base_part=T, limits=bounds)
     return replace(task, setting=setting, robot=replace(task.robot, T_base_part=T, limits=bounds))
 
 
-def test_every_posture_is_that_of_the_inverse_kinematics(task: Task) -> None:
+def test_every_posture_is_that_of_the_inverse_kinematics(task: PostureTask) -> None:
     """Which branches of a pose are possible, and the deflection in each, pose by pose by the general solver."""
     rows = np.array([0, 150, 220])
     few = LoadedPath(*(np.ascontiguousarray(getattr(task.cut, name)[rows]) for name in LoadedPath.__dataclass_fields__))
@@ -90,7 +90,7 @@ def test_every_posture_is_that_of_the_inverse_kinematics(task: Task) -> None:
             assert survey.late[row - 1, turn, slot] == pytest.approx(np.linalg.norm(d) ** 4, rel=1e-9)
 
 
-def test_the_chosen_posture_is_the_stiffest_that_is_possible(task: Task) -> None:
+def test_the_chosen_posture_is_the_stiffest_that_is_possible(task: PostureTask) -> None:
     plain = choose(task, Freedom(weights=Weights(0.0, 0.0, 0.0)))
     index, slot = np.unravel_index(int(np.argmin(plain.costs_m)), plain.costs_m.shape)
     assert plain.costs_m[plain.way.index[0], plain.way.slot] == pytest.approx(plain.costs_m[index, slot], rel=1e-12)
@@ -104,13 +104,13 @@ def test_what_is_chosen_bends_less_than_the_present_posture(chosen: ChosenPostur
     assert chosen.best.limit_margin_rad >= 2.0 * DEG
 
 
-def test_turning_is_never_worse_than_holding_still(task: Task, chosen: ChosenPosture) -> None:
+def test_turning_is_never_worse_than_holding_still(task: PostureTask, chosen: ChosenPosture) -> None:
     turning = choose(task, Freedom(rate_rad_s=20 * DEG, air_rate_rad_s=60 * DEG))
     assert turning.way.cost <= chosen.way.cost + 1e-12
     assert turning.way.cost >= 1.0 - 1e-12
 
 
-def test_another_surface_is_another_posture_problem(task: Task) -> None:
+def test_another_surface_is_another_posture_problem(task: PostureTask) -> None:
     normals = surface_normals(task.path, "both")
     t = np.diff(task.path.p_part_tcp, axis=0, prepend=task.path.p_part_tcp[:1])
     moving = np.linalg.norm(t, axis=1) > 0.0
@@ -120,7 +120,7 @@ def test_another_surface_is_another_posture_problem(task: Task) -> None:
     np.testing.assert_array_equal(np.concatenate([wall, floor], axis=1), normals)
 
 
-def test_the_points_of_the_part_frame_can_be_touched(task: Task, chosen: ChosenPosture) -> None:
+def test_the_points_of_the_part_frame_can_be_touched(task: PostureTask, chosen: ChosenPosture) -> None:
     """Datum points far out forbid postures that the path itself allows."""
     far = np.array([[0.0, 0.0, 0.04], [0.0, 0.4, 0.04], [0.4, 0.0, 0.04]])
     other = choose(replace(task, setting=replace(task.setting, datum_points_part=far)), Freedom())
@@ -128,7 +128,7 @@ def test_the_points_of_the_part_frame_can_be_touched(task: Task, chosen: ChosenP
 
 
 def test_bodies_that_come_too_close_leave_a_posture_out(
-    cell: Cell, job: Job, task: Task, chosen: ChosenPosture
+    cell: Cell, job: Job, task: PostureTask, chosen: ChosenPosture
 ) -> None:
     around = surroundings_of(job, cell)
     free = choose(replace(task, around=around), Freedom())
@@ -148,7 +148,7 @@ def test_bodies_that_come_too_close_leave_a_posture_out(
     ],
 )
 def test_where_nothing_is_possible_it_says_where_and_why(
-    task: Task, change: dict[str, float], reason: int, words: str
+    task: PostureTask, change: dict[str, float], reason: int, words: str
 ) -> None:
     with pytest.raises(ReachError, match=words) as fault:
         choose(_moved(task, **change), Freedom(rotations=12))
@@ -157,7 +157,7 @@ def test_where_nothing_is_possible_it_says_where_and_why(
     assert fault.value.where.startswith("line ")
 
 
-def test_points_that_no_posture_joins_are_told(task: Task) -> None:
+def test_points_that_no_posture_joins_are_told(task: PostureTask) -> None:
     """Every point can be reached, but in rotations that the tool would have to turn between."""
     tight = replace(task.robot, cables_rad={5: 0.2})
     p = task.cut.p_part.copy()
@@ -167,20 +167,20 @@ def test_points_that_no_posture_joins_are_told(task: Task) -> None:
     assert fault.value.where is not None
 
 
-def test_a_robot_without_closed_form_is_refused(task: Task) -> None:
+def test_a_robot_without_closed_form_is_refused(task: PostureTask) -> None:
     bare = replace(task.robot.controller_chain, opw=None)
     with pytest.raises(ModelError, match="closed-form"):
         choose(replace(task, robot=replace(task.robot, controller_chain=bare)), Freedom())
 
 
-def test_cables_narrow_the_axes(task: Task) -> None:
+def test_cables_narrow_the_axes(task: PostureTask) -> None:
     robot = replace(task.robot, cables_rad={5: 1.0})
     assert np.all(np.abs(robot.joint_limits_rad[5]) <= 1.0)
     q = survey_path(task.cut, robot, Freedom(rotations=24).grid_rad, np.array([0, len(task.cut) - 1])).q
     assert np.nanmax(np.abs(q[..., 5])) <= 1.0
 
 
-def test_stations_are_the_ends_of_the_runs_and_apart_in_time(task: Task) -> None:
+def test_stations_are_the_ends_of_the_runs_and_apart_in_time(task: PostureTask) -> None:
     rows = stations(task.cut, 0.3, 1000)
     assert rows[0] == 0
     assert rows[-1] == len(task.cut) - 1
@@ -191,7 +191,7 @@ def test_stations_are_the_ends_of_the_runs_and_apart_in_time(task: Task) -> None
     assert len(stations(task.cut, 0.0, 3)) >= 2
 
 
-def test_a_placement_is_priced_by_the_same_function(task: Task) -> None:
+def test_a_placement_is_priced_by_the_same_function(task: PostureTask) -> None:
     """Another pose of the part is another robot; costs are those of the survey there."""
     here = task.robot
     there = RobotHere(here.chain, here.controller_chain, _moved(task, 80.0).robot.T_base_part, here.limits)
@@ -202,7 +202,9 @@ def test_a_placement_is_priced_by_the_same_function(task: Task) -> None:
     assert not np.allclose(before[both], after[both])
 
 
-def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Task, chosen: ChosenPosture) -> None:
+def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(
+    task: PostureTask, chosen: ChosenPosture
+) -> None:
     """The limit lies just below what the free choice asks for: another posture keeps it, or the line is named."""
     path, robot = task.path, replace(task.robot, acceleration_m_s2=5.0)
 
@@ -223,7 +225,7 @@ def test_an_axis_that_is_too_slow_rules_postures_out_as_preflight_would(task: Ta
         choose(none, Freedom(rotations=12))
 
 
-def test_a_posture_can_be_asked_for_about_one_that_is_known(task: Task, chosen: ChosenPosture) -> None:
+def test_a_posture_can_be_asked_for_about_one_that_is_known(task: PostureTask, chosen: ChosenPosture) -> None:
     other = next(branch for branch in BRANCHES if np.isfinite(chosen.costs_m[:, BRANCHES.index(branch)]).any())
     rotation = float(np.nanargmin(chosen.costs_m[:, BRANCHES.index(other)])) * Freedom().step_rad
     best = choose(task, Freedom(about=(other, rotation))).best

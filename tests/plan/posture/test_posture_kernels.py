@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from counterflex.files.cell.cell import read_cell
-from counterflex.plan.inputs import Limits
+from counterflex.plan.inputs import CorrectionLimits
 from counterflex.plan.posture.branches_kernel import arm_record, branch_angles
 from counterflex.plan.posture.burden_kernel import burdens
 from counterflex.plan.posture.deflection_kernel import deflection_sizes
@@ -39,7 +39,7 @@ def test_branches_are_those_of_the_library(robot: str) -> None:
 def test_a_stretched_elbow_and_a_wrist_over_axis_1_are_left_out() -> None:
     cell = read_cell(CELL)
     chain = cell.controller_chain
-    grid = RobotHere(chain, chain, np.eye(4), Limits()).grid(np.zeros(1))
+    grid = RobotHere(chain, chain, np.eye(4), CorrectionLimits()).grid(np.zeros(1))
     arm, geometry = grid.arms[0], chain.opw
     assert geometry is not None
     good = np.radians([0.0, -100.0, 120.0, 10.0, 40.0, 0.0])

@@ -20,7 +20,7 @@ from counterflex.files.cell.set_up import text_with_posture
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.inputs import solve_joints
 from counterflex.plan.posture.choose import Freedom, choose
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.robot.elasticity.chain import forward
 from counterflex.twin.plant.controller import interpolate
 
@@ -122,7 +122,7 @@ def test_a_tool_that_turns_runs_what_no_posture_held_still_runs() -> None:
     cut = loaded_path(job.machined, line, cell.stock(), setting, "both")
     cut = replace(cut, p_part=p, time_s=path.time_s)
     robot = replace(robot_of(cell, setting), cables_rad={5: 0.2})
-    task = Task(path, line, cut, replace(setting, datum_points_part=None), robot)
+    task = PostureTask(path, line, cut, replace(setting, datum_points_part=None), robot)
     with pytest.raises(ReachError, match="without turning the tool"):
         choose(task, Freedom())
     best = choose(task, Freedom(rate_rad_s=20 * DEG, air_rate_rad_s=20 * DEG)).best

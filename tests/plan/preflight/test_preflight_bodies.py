@@ -18,7 +18,7 @@ from counterflex.files.cell.bodies import Frame
 from counterflex.geometry import pose, rotation
 from counterflex.plan.preflight import bodies as coarse
 from counterflex.plan.preflight.bodies import CollisionBody, along, box
-from counterflex.plan.preflight.collision import NEAR_M, Scene, Standing, closest, collision_rows, poses
+from counterflex.plan.preflight.collision import NEAR_M, PartAlongPath, Scene, closest, collision_rows, poses
 from counterflex.plan.preflight.sweep import sweep_of_flange, sweep_of_joints
 from counterflex.robot.elasticity.chain import ElasticChain, forward, frames
 from counterflex.robot.model import catalog
@@ -144,7 +144,7 @@ def test_a_link_through_the_table_is_no_clear_way() -> None:
 def test_capsules_of_links_end_at_the_joints(chain: ElasticChain) -> None:
     """Joint frames at the test pose, from the kinematics; the arm is 1150 mm long, the forearm reaches its wrist."""
     links = coarse.links(chain)
-    placed = poses(chain, links, HOME[None], Standing(np.eye(4)))[0]
+    placed = poses(chain, links, HOME[None], PartAlongPath(np.eye(4)))[0]
     joints = frames(chain, HOME)[chain.joint >= 0][:, :3, 3]
     by_name = {body.name: (T[:3, 3] - b.size_m[1] * T[:3, 2], T[:3, 3] + b.size_m[1] * T[:3, 2])
                for body, b, T in zip(links, links, placed, strict=True)}  # fmt: skip
@@ -250,13 +250,13 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
     ]
     outer, inner = coarse.pairs(made)
     q, tool = swing(1000, seed), np.zeros(1000, dtype=np.int64)
-    scene, placed = Scene(made), poses(chain, made, q, Standing(np.eye(4)))
+    scene, placed = Scene(made), poses(chain, made, q, PartAlongPath(np.eye(4)))
     for compared in (outer, inner):
         every = []
         for Ts in placed:
             scene.place(Ts)
             every.append(min(scene.distance(a, b) for a, b in compared))
-        found = closest(chain, made, compared, q, tool, Standing(np.eye(4)))
+        found = closest(chain, made, compared, q, tool, PartAlongPath(np.eye(4)))
         assert found is not None
         assert min(every) <= found.distance_m <= min(every) + NEAR_M
         assert every[found.point] == pytest.approx(found.distance_m, abs=1e-9)
@@ -265,7 +265,7 @@ def test_closest_is_that_of_all_rows(chain: ElasticChain, seed: int) -> None:
 def test_no_body_moves_farther_than_its_bound(chain: ElasticChain) -> None:
     made = [*coarse.links(chain), *coarse.carried(chain, {}, {})]
     q, tool = swing(200, 5), np.zeros(200, dtype=np.int64)
-    placed = poses(chain, made, q, Standing(np.eye(4)))
+    placed = poses(chain, made, q, PartAlongPath(np.eye(4)))
     joints, flange = sweep_of_joints(chain, made, q, tool), sweep_of_flange(chain, made, q, tool)
     pairs_of_rows = np.random.default_rng(2).integers(0, len(q), (300, 2)).tolist()
     for k, body in enumerate(made):
@@ -284,11 +284,11 @@ def test_a_tool_counts_only_while_it_is_in_the_spindle(chain: ElasticChain) -> N
     T = forward(chain, HOME)
     post = box("post", "base", T[:3, 3] + 0.5 * T[:3, 2] - 0.05, T[:3, 3] + 0.5 * T[:3, 2] + 0.05)
     q = np.tile(HOME, (5, 1))
-    rows = collision_rows(chain, [long, post], q, np.array([1, 1, 2, 2, 1]), Standing(np.eye(4)), 0.02)
+    rows = collision_rows(chain, [long, post], q, np.array([1, 1, 2, 2, 1]), PartAlongPath(np.eye(4)), 0.02)
     assert (rows[1].verdict, rows[1].point) == ("fail", 2)
     assert "size assumed" in rows[1].advice
     assert (
-        collision_rows(chain, [long, post], q, np.ones(5, dtype=np.int64), Standing(np.eye(4)), 0.02)[1].verdict
+        collision_rows(chain, [long, post], q, np.ones(5, dtype=np.int64), PartAlongPath(np.eye(4)), 0.02)[1].verdict
         == "not looked at"
     )
 
@@ -299,7 +299,9 @@ def test_clearance_warns_and_contact_fails(chain: ElasticChain, gap_m: float, ve
     p = forward(chain, HOME)[:3, 3]
     low, high = np.array([0.1 + gap_m, -1.0, -1.0]), np.array([0.3, 1.0, 1.0])
     wall = box("wall", "base", p + low, p + high, assumed=False)
-    row = collision_rows(chain, [ball, wall], HOME[None], np.zeros(1, dtype=np.int64), Standing(np.eye(4)), 0.02)[0]
+    row = collision_rows(chain, [ball, wall], HOME[None], np.zeros(1, dtype=np.int64), PartAlongPath(np.eye(4)), 0.02)[
+        0
+    ]
     assert (row.verdict, row.what) == (verdict, "spindle to wall")
     assert row.value == pytest.approx(gap_m, abs=1e-5)
     assert "assumed" not in row.advice

@@ -17,7 +17,7 @@ from counterflex.files.cell.machine import ProcessLimitsTable
 from counterflex.files.cell.planning import LimitsTable
 from counterflex.files.cell.tables import CellTables, MaterialTable, ToolTable
 from counterflex.files.schema import Table, parse
-from counterflex.plan.inputs import Limits
+from counterflex.plan.inputs import CorrectionLimits
 from counterflex.plan.preflight.hazards import HAZARDS, complete
 from counterflex.plan.preflight.row import Row
 from counterflex.plan.process_limits import ProcessLimits
@@ -167,7 +167,7 @@ def test_every_key_that_limits_something_is_read_by_a_row(table: str) -> None:
 
 def test_what_planner_strategy_and_feed_limiter_read_is_read_by_a_row() -> None:
     assert {field.name for field in fields(ProcessLimits)} == set(OF_PROCESS)
-    assert {field.name for field in fields(Limits)} == set(OF_PLAN)
+    assert {field.name for field in fields(CorrectionLimits)} == set(OF_PLAN)
     assert {*OF_PROCESS.values(), *OF_PLAN.values()} <= READ
 
 

@@ -24,8 +24,8 @@ from counterflex.plan.process_limits import ProcessLimits, axis_torques, tool_st
 from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.criterion import LARGEST
 from counterflex.plan.stability.robot_modes import robot_modes
-from counterflex.plan.strategy.advise import Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, swing_of, worst
+from counterflex.plan.strategy.advise import Choices, CutPlace, Demands, Doubt, grid, outcomes
+from counterflex.plan.strategy.chatter import Swing, WallPosture, depth_used, swing_of, worst
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.robot.elasticity.chain import forward
 from counterflex.signals.preview import Mode
@@ -45,13 +45,13 @@ SOME = Doubt(0.3, 0.3, 0.3, 0.3)
 
 
 @pytest.fixture(scope="module")
-def place(cell_of: Callable[..., Cell]) -> Place:
+def place(cell_of: Callable[..., Cell]) -> CutPlace:
     setting = setting_of(cell_of())
     relative = tool_carried(setting.T_base_part)
     C = part_compliance(setting, relative, Q[None])[0]
     normal = np.array([0.0, 1.0, 0.0])
-    standing = Standing(robot_modes(setting.chain, Q, relative.to_part[0], None, setting.damping.ratio), normal)
-    return Place(setting.chain, Q, C, relative.to_part[0], normal, 6 * MM, (standing,), (single(MODE),))
+    standing = WallPosture(robot_modes(setting.chain, Q, relative.to_part[0], None, setting.damping.ratio), normal)
+    return CutPlace(setting.chain, Q, C, relative.to_part[0], normal, 6 * MM, (standing,), (single(MODE),))
 
 
 def cuts(ups: tuple[bool, ...], ae_mm: Float, ap_mm: tuple[float, ...] = (6.0,), fz_mm: float = 0.05) -> SideCuts:
@@ -59,12 +59,14 @@ def cuts(ups: tuple[bool, ...], ae_mm: Float, ap_mm: tuple[float, ...] = (6.0,),
     return SideCuts(MILL, rows[:, 0] > 0.5, rows[:, 1] * MM, rows[:, 2] * MM, np.full(len(rows), fz_mm * MM))
 
 
-def tried(law: KienzleLaw, place: Place, limits: ProcessLimits = ANY, doubt: Doubt = SOME, **demands: float) -> Choices:
+def tried(
+    law: KienzleLaw, place: CutPlace, limits: ProcessLimits = ANY, doubt: Doubt = SOME, **demands: float
+) -> Choices:
     some, speed = grid([cuts((True, False), np.linspace(0.5, 8.0, 12), (3.0, 6.0))], np.array([8000.0, 13000.0]) * RPM)
     return outcomes(some, speed, law, place, limits, doubt, Demands())
 
 
-def test_up_milling_near_the_width_without_force_comes_first(law: KienzleLaw, place: Place) -> None:
+def test_up_milling_near_the_width_without_force_comes_first(law: KienzleLaw, place: CutPlace) -> None:
     choices = tried(law, place)
     best = choices.best(3)
     assert all(choices.cuts.up[best])
@@ -76,7 +78,7 @@ def test_up_milling_near_the_width_without_force_comes_first(law: KienzleLaw, pl
     assert choices.high_m[best[0]] < 0.7 * choices.high_m[same].min()
 
 
-def test_what_nine_of_ten_stay_below_counts_what_is_not_known(law: KienzleLaw, place: Place) -> None:
+def test_what_nine_of_ten_stay_below_counts_what_is_not_known(law: KienzleLaw, place: CutPlace) -> None:
     sure, doubtful = tried(law, place, doubt=Doubt()), tried(law, place)
     assert sure.high_m == pytest.approx(np.abs(sure.error_m))
     assert sure.error_m == pytest.approx(doubtful.error_m)
@@ -95,7 +97,7 @@ def test_what_nine_of_ten_stay_below_counts_what_is_not_known(law: KienzleLaw, p
     ],
 )
 def test_a_limit_that_keeps_a_better_choice_out_is_named(
-    name: str, limits: Callable[[Choices], ProcessLimits], law: KienzleLaw, place: Place
+    name: str, limits: Callable[[Choices], ProcessLimits], law: KienzleLaw, place: CutPlace
 ) -> None:
     free = tried(law, place, doubt=Doubt())
     bound = tried(law, place, limits(free), Doubt())
@@ -109,7 +111,7 @@ def test_a_limit_that_keeps_a_better_choice_out_is_named(
         assert bound.high_m[bound.best(1)[0]] > free.high_m[free.best(1)[0]]
 
 
-def test_a_program_that_is_beyond_a_wide_limit_is_the_measure(law: KienzleLaw, place: Place) -> None:
+def test_a_program_that_is_beyond_a_wide_limit_is_the_measure(law: KienzleLaw, place: CutPlace) -> None:
     thick = replace(law, h_max_m=2 * UM)
     assert not tried(thick, place).best(1)
     one = cuts((False,), np.array([4.0]))
@@ -120,7 +122,7 @@ def test_a_program_that_is_beyond_a_wide_limit_is_the_measure(law: KienzleLaw, p
     assert held.cuts.mean_chip_m[best] <= present.cuts.mean_chip_m[0]
 
 
-def test_time_is_that_of_all_levels(law: KienzleLaw, place: Place) -> None:
+def test_time_is_that_of_all_levels(law: KienzleLaw, place: CutPlace) -> None:
     choices = tried(law, place)
     speed = 0.05 * MM * 3 * 13000.0 / 60.0
     two = (choices.cuts.ap_m == 3 * MM) & (choices.spindle_rad_s == 13000.0 * RPM)
@@ -141,7 +143,7 @@ def test_a_tool_bends_as_a_cantilever() -> None:
     assert limits.bending(6 * MM, np.array([100.0]))[0] == pytest.approx(100.0 / expected)
 
 
-def test_torques_on_the_axes_do_the_work_of_the_force(place: Place) -> None:
+def test_torques_on_the_axes_do_the_work_of_the_force(place: CutPlace) -> None:
     force, step = np.array([120.0, -50.0, 80.0]), 1e-6
     torques = axis_torques(place.chain, Q[None], np.concatenate([force, np.zeros(3)])[None])[0]
     for axis in range(6):
@@ -154,7 +156,7 @@ def test_a_mode_magnifies_as_an_oscillator() -> None:
     assert single(MODE).magnification(np.array([0.0, w, 100.0 * w])) == pytest.approx([1.0, 5.0, 1e-4], rel=1e-3)
 
 
-def test_modes_together_move_the_tip_as_the_elastic_equations_do(place: Place, cell_of: Callable[..., Cell]) -> None:
+def test_modes_together_move_the_tip_as_the_elastic_equations_do(place: CutPlace, cell_of: Callable[..., Cell]) -> None:
     """Off resonance, hardly damped: ``n' J (K - w^2 M)^-1 J' n`` of the chain over ``n' C n``, all modes taken."""
     chain, R = place.chain, place.to_part[:3, :3].T
     to_part = np.asarray(np.kron(np.eye(2), R.T), dtype=np.float64)
@@ -185,7 +187,7 @@ def test_a_slot_damps_and_the_limiting_depth_is_the_published_one() -> None:
     plain = KienzleLaw(600e6, 0.0, 180e6, 0.0, 1e6, 0.0, 1e-5, 1e-6, 1e-3, "test", "test")
     normal, speed = np.array([0.0, 1.0, 0.0]), np.array([13000.0]) * RPM
     robot = modes_along(np.array([10.0]), np.array([0.03]), np.array([390e3]), normal[None])
-    standing = (Standing(robot, normal),)
+    standing = (WallPosture(robot, normal),)
     slot = depth_used(cuts((True,), np.array([16.0])), plain, speed, standing)
     assert slot[0, 0] <= 1.0 / LARGEST
     half = depth_used(cuts((True,), np.array([8.0])), plain, speed, standing)
@@ -194,7 +196,7 @@ def test_a_slot_damps_and_the_limiting_depth_is_the_published_one() -> None:
     assert 6 * MM / half[0, 0] == pytest.approx(expected, rel=5e-3)
 
 
-def test_choices_of_the_same_error_are_ranked_by_force(law: KienzleLaw, place: Place) -> None:
+def test_choices_of_the_same_error_are_ranked_by_force(law: KienzleLaw, place: CutPlace) -> None:
     """Two choices of which draws tell no difference: the lighter one comes first, a clearly better one before both."""
     choices = tried(law, place)
     one, other, third = (int(row) for row in np.flatnonzero(choices.cuts.up)[:3])

@@ -16,7 +16,7 @@ from counterflex.cutting.force import engagement_of_arc, mean_force
 from counterflex.cutting.material import load as load_material
 from counterflex.geometry import pose, rotation
 from counterflex.plan.elastic_motion import matrices
-from counterflex.plan.modes import Modes, modes
+from counterflex.plan.modes import UndampedModes, modes
 from counterflex.robot.elasticity.chain import ElasticChain, frames
 from counterflex.robot.elasticity.compliance import cartesian_compliance, shares
 from counterflex.robot.kinematics.inverse import inverse
@@ -86,7 +86,7 @@ def _radial(angle_deg: float) -> float:
         return float("nan")
 
 
-def outstretched(mass_kg: float = 0.0) -> Modes:
+def outstretched(mass_kg: float = 0.0) -> UndampedModes:
     """Modes of the arm stretched horizontally, drives held.
 
     Args:

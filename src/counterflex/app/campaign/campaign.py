@@ -18,7 +18,7 @@ import polars
 
 from counterflex import __version__
 from counterflex.app.campaign.axes import IDENTIFY_ONLY, CampaignSetup, Grid
-from counterflex.app.campaign.plan import Measurement, campaign_of
+from counterflex.app.campaign.plan import CampaignRecipe, campaign_of
 from counterflex.app.campaign.step import CELL, RESULT
 from counterflex.app.campaign.tasks import Layout, TaskPlace, machined_name, tasks_of
 from counterflex.app.compensation.cell_facts import robot_name
@@ -234,7 +234,7 @@ def _kept_inputs(cell_file: Path, out: Path, programs: Sequence[str | Path]) -> 
 
 
 def _places(
-    start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[Measurement, ...]
+    start: Path, out: Path, seeds: Sequence[int], family: Family, truth: Truth | None, steps: tuple[CampaignRecipe, ...]
 ) -> list[TaskPlace]:
     places = []
     if truth is not None:

@@ -13,7 +13,7 @@ Setting = float | int | str | bool
 
 
 @dataclass(frozen=True)
-class Measurement:
+class CampaignRecipe:
     """One recipe of a campaign."""
 
     recipe: str
@@ -25,15 +25,15 @@ class Measurement:
 
 
 ORDER: Final = (
-    Measurement("tracker-frame", 24, 12),
-    Measurement("stiffness", 60, 20, weight=0.8),
-    Measurement("kinematics", 60, 30, weight=0.6),
-    Measurement("payload", 24, 12),
-    Measurement("play", 24, 12, weight=0.6),
-    Measurement("servo", 12, 6),
-    Measurement("timing", 12, 6),
-    Measurement("holder", 40, 20),
-    Measurement("cutting", 16, 8, {"feed_ratio": 10.0}, {"as_stated": True}, weight=0.5),
+    CampaignRecipe("tracker-frame", 24, 12),
+    CampaignRecipe("stiffness", 60, 20, weight=0.8),
+    CampaignRecipe("kinematics", 60, 30, weight=0.6),
+    CampaignRecipe("payload", 24, 12),
+    CampaignRecipe("play", 24, 12, weight=0.6),
+    CampaignRecipe("servo", 12, 6),
+    CampaignRecipe("timing", 12, 6),
+    CampaignRecipe("holder", 40, 20),
+    CampaignRecipe("cutting", 16, 8, {"feed_ratio": 10.0}, {"as_stated": True}, weight=0.5),
 )
 """Every recipe stands on what those before it found.
 
@@ -45,7 +45,7 @@ there ploughing can be so large that units would be suspected, which a laborator
 """
 
 
-def campaign_of(cell: Cell, recipes: Sequence[str] | None = None) -> tuple[Measurement, ...]:
+def campaign_of(cell: Cell, recipes: Sequence[str] | None = None) -> tuple[CampaignRecipe, ...]:
     """Recipes of a cell's campaign, in order.
 
     Args:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from counterflex.app.campaign import laboratory
-from counterflex.app.campaign.plan import Measurement
+from counterflex.app.campaign.plan import CampaignRecipe
 from counterflex.app.identification import identify
 from counterflex.app.identification.propose import propose
 from counterflex.core import atomic
@@ -35,7 +35,7 @@ _HOLDOUT_SEED: Final = 1000
 
 
 def step(
-    plan: Measurement, cell_file: str, truth_file: str, folder: str, seed: int, *, progress: Progress = silent
+    plan: CampaignRecipe, cell_file: str, truth_file: str, folder: str, seed: int, *, progress: Progress = silent
 ) -> dict[str, Any]:
     """Do one recipe.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from counterflex.app.campaign.axes import CHOSEN, PRESENT, CampaignSetup, branch_and_rotation
 from counterflex.app.campaign.parameter_errors import parameter_errors
-from counterflex.app.campaign.plan import Measurement
+from counterflex.app.campaign.plan import CampaignRecipe
 from counterflex.app.campaign.step import CELL, step
 from counterflex.app.compensation.compensate import compensate
 from counterflex.app.compensation.feed_limits import limited_feed
@@ -22,7 +22,7 @@ from counterflex.app.long_jobs.task import Reads, Task, Writes
 from counterflex.app.posture import posture_of
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
-from counterflex.app.proof.judge import Reference, judge, reference_of
+from counterflex.app.proof.judge import ProofReference, judge, reference_of
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, share_of, silent
@@ -134,11 +134,11 @@ def machined(
     return judge(reference, run, surface).variant.summary()
 
 
-_references: Final[dict[str, Reference]] = {}
+_references: Final[dict[str, ProofReference]] = {}
 """References that programs are judged against, by the contents of their files, which lie elsewhere on each worker."""
 
 
-def _reference(original: str, cell_file: str) -> Reference:
+def _reference(original: str, cell_file: str) -> ProofReference:
     content = hashlib.sha256(file_content.content(original) + b"\n" + file_content.content(cell_file)).hexdigest()
     reference = _references.get(content)
     if reference is None:
@@ -189,7 +189,7 @@ class TaskPlace:
     name: str
     folder: Path
     seed: int | None
-    steps: tuple[Measurement, ...]
+    steps: tuple[CampaignRecipe, ...]
 
     @property
     def truth(self) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from counterflex.app.inputs import Job
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.feed_limits import LimitedFeed, known, limit_feed
-from counterflex.plan.inputs import Inputs, Setting, solve_joints
+from counterflex.plan.inputs import CompensationInputs, Setting, solve_joints
 
 
 def limited_feed(job: Job, cell: Cell, setting: Setting) -> LimitedFeed | None:
@@ -15,7 +15,7 @@ def limited_feed(job: Job, cell: Cell, setting: Setting) -> LimitedFeed | None:
     if not any(known(cell.process_limits(tool.number)) for tool in cell.tables.tools):
         return None
     line = job.line_of_motion[job.path.motion]
-    inputs = Inputs(job.path, line, cell.stock(), setting, solve_joints(job.path, line, setting).q)
+    inputs = CompensationInputs(job.path, line, cell.stock(), setting, solve_joints(job.path, line, setting).q)
     return limit_feed(inputs, job.feeds, cell.process_limits)
 
 

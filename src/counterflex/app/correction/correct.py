@@ -6,6 +6,7 @@ the path (``estimate``) -> next step (``learning``) -> plan (``plan.measured_cor
 
 from __future__ import annotations
 
+import datetime
 import json
 import shutil
 import time
@@ -20,7 +21,7 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.compensation.prediction import summary_of
 from counterflex.app.correction.causes import causes_of, shown
 from counterflex.app.correction.decide import LIMIT_M, measured_error, next_step
-from counterflex.app.correction.result import Corrected, Measured
+from counterflex.app.correction.result import Corrected, MeasuredScan
 from counterflex.app.correction.scans import in_part_axes, read_scan
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, in_plane_of, read_in_plane, setting_of
 from counterflex.app.named_lines import with_files
@@ -43,10 +44,30 @@ from counterflex.files.plan_file import WORKING_PLANE, read_plan, write_plan
 from counterflex.files.summary_file import read_summary, write_folder_summary
 from counterflex.path.toolpath import FEED
 from counterflex.plan.feed_schedule import at_feed, share_between
-from counterflex.plan.inputs import Inputs
+from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.static_correction import LoadedRobot, loaded_robot
 from counterflex.plan.undisturbed_cut import undisturbed_cut
+from counterflex.report import correction_page as page
+
+
+def correction_page(result: Corrected) -> str:
+    """The page, as HTML text."""
+    nodes, last = result.measured[-1].estimate.nodes, result.measured[-1].estimate
+    begin = np.diff(nodes.chain, prepend=-1) != 0
+    way = np.cumsum(np.where(begin, 0.0, np.diff(nodes.station_m, prepend=0.0)))
+    data = page.CorrectionData(
+        title=f"{result.summary['program']}, corrected from {len(result.summary['correct']['parts'])} part(s)",
+        subtitle=f"on {result.cell.name}",
+        created=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        summary=result.summary["correct"],
+        way_m=way,
+        error_m=page.broken(last.error_m, nodes.chain),
+        sigma_m=last.sigma_m,
+        change_m=page.broken(result.change_m[nodes.row], nodes.chain),
+    )
+    return data.page()
+
 
 PARTS: Final = "parts"
 ERROR, SCAN, FACTS = "path-error.parquet", "deviations.parquet", "part.json"
@@ -54,14 +75,14 @@ _INCOMPLETE: Final = "Copy the folder of the plan again, or write it again with 
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class HistoryPart:
     """A part of the history."""
 
     error: MeasuredError
     facts: dict[str, Any]
 
 
-def read_parts(plan_folder: Path) -> list[Part]:
+def read_parts(plan_folder: Path) -> list[HistoryPart]:
     """Parts that a plan was corrected from, in their order; none for a plan of ``compensate``.
 
     Raises:
@@ -71,12 +92,12 @@ def read_parts(plan_folder: Path) -> list[Part]:
     for folder in sorted((plan_folder / PARTS).glob("[0-9]*")):
         error, _ = read_path_error(folder / ERROR)
         facts = file_content.json_value(folder / FACTS, hint=_INCOMPLETE)
-        out.append(Part(error, facts))
+        out.append(HistoryPart(error, facts))
     return out
 
 
 def keep_parts(
-    plan_folder: Path, out: Path, new: list[tuple[PartDeviations, MeasuredPart, Part]], about: dict[str, Any]
+    plan_folder: Path, out: Path, new: list[tuple[PartDeviations, MeasuredPart, HistoryPart]], about: dict[str, Any]
 ) -> None:
     """Write the history of the next program: that of the plan, and the new parts."""
     target, count = out / PARTS, 0
@@ -92,7 +113,7 @@ def keep_parts(
         atomic.write_text(folder / FACTS, json.dumps(part.facts, indent=2) + "\n")
 
 
-def trend(parts: list[Part]) -> list[dict[str, Any]]:
+def trend(parts: list[HistoryPart]) -> list[dict[str, Any]]:
     """A row for each part: its figures, and how far what it asks for is from what the parts before it asked for."""
     rows: list[dict[str, Any]] = []
     for number, part in enumerate(parts, 1):
@@ -155,7 +176,7 @@ def correct(
     history, taken = read_parts(plan_folder), _taken(plan_folder, plan)
     setting = setting_of(cell, orientation=bool(np.any(plan.rotvec_part)), part_may_be_held=True)
     with faults_in(job):
-        inputs = Inputs(plan.path, plan.line, cell.stock(), setting, plan.q)
+        inputs = CompensationInputs(plan.path, plan.line, cell.stock(), setting, plan.q)
         loaded = loaded_robot(inputs, undisturbed_cut(inputs, silent))
     nodes = nodes_of(plan.path, plan.deflection_part[:, :3])
     measured = []
@@ -178,7 +199,7 @@ def correct(
     files, facts = write(job, next_plan, cell, language)
     summary = summary_of(job, next_plan, cell, language, files=files, written=facts, tolerance_m=5.0 * UM)
     change = next_plan.correction_part - plan.correction_part
-    new_parts = [Part(one.error, _facts(one)) for one in measured]
+    new_parts = [HistoryPart(one.error, _facts(one)) for one in measured]
     ahead = step.next_error_m[nodes.row] - measured[-1].error.error_m[nodes.row]
     prediction = expected(last, measured[-1].contacts, ahead, step.unsure_m[:, nodes.row], state.scatter_m)
     summary |= in_plane_of(cell)
@@ -239,7 +260,7 @@ def _in_all(seen: Observations, taken: Float) -> Observations:
     return replace(seen, y_m=seen.y_m + np.sum(seen.normal * (begin + seen.share[:, None] * (end - begin)), axis=1))
 
 
-def _facts(one: Measured) -> dict[str, Any]:
+def _facts(one: MeasuredScan) -> dict[str, Any]:
     """Figures of a part, shop units."""
     estimate = one.estimate
     return {
@@ -268,7 +289,7 @@ def _shown(e: ExpectedSurface) -> dict[str, float]:
     }
 
 
-def _not_seen(measured: list[Measured], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
+def _not_seen(measured: list[MeasuredScan], plan: Plan, loaded: LoadedRobot, nodes: Nodes) -> dict[str, Any]:
     """Return how much of the cut no surface shows: overrun by a later or deeper pass, or cut in air."""
     contact = loaded.cut.contact
     shown_rows = (
@@ -334,13 +355,12 @@ def run(
         write_plan(staging / PLAN, result.plan, {**about, "feed_lowered_s": lowered}, cell.chain.axes)
         write_path_error(staging / TAKEN, result.taken, about)
         new = [
-            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, Part(m.error, _facts(m)))
+            (in_part_axes(m.scan.deviations, result.cell), m.scan.part, HistoryPart(m.error, _facts(m)))
             for m in result.measured
         ]
         keep_parts(folder, staging, new, about)
         write_folder_summary(staging, summary)
         if report:
-            from counterflex.app.correction.page import correction_page
             from counterflex.report.page import write_page
 
             write_page(correction_page(result), staging / "report.html")

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.correction.result import Measured
-from counterflex.app.correction.scans import Scan
+from counterflex.app.correction.result import MeasuredScan
+from counterflex.app.correction.scans import PartScan
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import UM
@@ -40,7 +40,7 @@ ASIDE_M: Final = 25.0 * UM
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class CorrectionStep:
     """Correction that the next part is made by."""
 
     plan: Plan
@@ -52,8 +52,8 @@ class Step:
 
 
 def measured_error(
-    scan: Scan, plan: Plan, nodes: Nodes, cell: Cell, taken_m: Float, progress: Progress = silent
-) -> Measured:
+    scan: PartScan, plan: Plan, nodes: Nodes, cell: Cell, taken_m: Float, progress: Progress = silent
+) -> MeasuredScan:
     """Error of the path that a scan shows.
 
     Args:
@@ -69,10 +69,14 @@ def measured_error(
     seen = estimate.seen & estimate.believed[:, None]
     support = np.any(estimate.seen, axis=1)
     rows = [nodes.at_rows(v, plan.path, support) for v in (estimate.error_m, estimate.sigma_m, seen.astype(np.float64))]
-    return Measured(scan, contacts, estimate, MeasuredError(taken_m, rows[0], np.maximum(rows[1], 1e-9), rows[2] > 0.5))
+    return MeasuredScan(
+        scan, contacts, estimate, MeasuredError(taken_m, rows[0], np.maximum(rows[1], 1e-9), rows[2] > 0.5)
+    )
 
 
-def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], limit_m: float = LIMIT_M) -> Step:
+def next_step(
+    plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], limit_m: float = LIMIT_M
+) -> CorrectionStep:
     """The plan for the next part.
 
     Args:
@@ -88,7 +92,7 @@ def next_step(plan: Plan, loaded: LoadedRobot, parts: Sequence[MeasuredError], l
     further = requested if np.max(np.abs(requested), initial=0.0) > LEAST_M else np.zeros_like(requested)
     patterns = following.patterns(further)
     left = state.error_m - further + np.tensordot(state.response, patterns, 1)
-    return Step(
+    return CorrectionStep(
         with_measured(plan, loaded, further, left, limit_m),
         further,
         left,

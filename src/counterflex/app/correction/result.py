@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from counterflex.app.correction.scans import Scan
+from counterflex.app.correction.scans import PartScan
 from counterflex.app.inputs import Job
 from counterflex.core.arrays import Float
 from counterflex.evaluate.path_error.contacts import Contacts
@@ -17,10 +17,10 @@ from counterflex.plan.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredScan:
     """A scan and the error of the path that it shows."""
 
-    scan: Scan
+    scan: PartScan
     contacts: Contacts  # Which stretches may have made its places
     estimate: PathError  # Error at the nodes of the path
     error: MeasuredError  # The same at its rows
@@ -33,7 +33,7 @@ class Corrected:
     plan: Plan
     files: dict[str, str]
     encoding: str
-    measured: list[Measured]
+    measured: list[MeasuredScan]
     state: Learned  # Error of the next part without a change, and response of the tool, from all parts
     taken: MeasuredError  # What the next program takes back, and the error that is expected
     explained: list[Explanation]

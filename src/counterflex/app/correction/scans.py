@@ -12,7 +12,7 @@ import numpy as np
 from counterflex.app.inputs import Job
 from counterflex.app.plan_of_cell import require_same_cell
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import Judged, judge, reference_of
+from counterflex.app.proof.judge import JudgedRun, judge, reference_of
 from counterflex.core import file_content
 from counterflex.core.arrays import Bool, Float, Float32
 from counterflex.core.errors import FileFormatError, InputError
@@ -32,7 +32,7 @@ PITCH_M: Final = 0.5 * MM
 
 
 def simulated_scan(
-    surface: NominalSurface | None, judged: Judged, *, seed: int, noise_m: float = NOISE_M, pitch_m: float = PITCH_M
+    surface: NominalSurface | None, judged: JudgedRun, *, seed: int, noise_m: float = NOISE_M, pitch_m: float = PITCH_M
 ) -> PartDeviations:
     """Scan a simulated part.
 
@@ -85,7 +85,7 @@ _PARQUET: Final = b"PAR1"
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
+class PartScan:
     """A measured part."""
 
     deviations: PartDeviations
@@ -93,7 +93,7 @@ class Scan:
     simulated: bool  # Scanned on a simulated part, with the noise of a scanner
 
 
-def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> Scan:
+def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> PartScan:
     """Read the deviations of a part.
 
     Args:
@@ -115,7 +115,7 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
         judged = judge(reference, record, HeightMap.load(surface))
         seed = int(hashlib.sha256(file_content.content(surface)).hexdigest()[:8], 16) + number
         scan = simulated_scan(reference.surface, judged, seed=seed)
-        return Scan(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
+        return PartScan(scan, MeasuredPart(program.name, digest, path.name, "mm", (), 0.0), True)
     file = path / DEVIATIONS if path.is_dir() else path
     if not file.is_file():
         raise FileFormatError(
@@ -145,7 +145,7 @@ def read_scan(path: Path, program: Path, job: Job, cell: Cell, number: int) -> S
     R = cell.R_part_plane
     if R is not None:
         deviations = replace(deviations, points=deviations.points @ R, normals=deviations.normals @ R)
-    return Scan(deviations, part, False)
+    return PartScan(deviations, part, False)
 
 
 def in_part_axes(deviations: PartDeviations, cell: Cell) -> PartDeviations:

@@ -30,7 +30,7 @@ COLUMNS: Final = ("number", "face", "axis", "x_mm", "y_mm", "z_mm", "nominal_mm"
 
 
 @dataclass(frozen=True)
-class Place:
+class MeasuringPlace:
     """A place to measure: the coordinate of a face along an axis of the part."""
 
     face: str
@@ -43,7 +43,7 @@ class Coupon:
     """Program and places."""
 
     text: str
-    places: tuple[Place, ...]
+    places: tuple[MeasuringPlace, ...]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,21 @@ class _Stretch:
     depth: float
     walls: tuple[tuple[int, float, tuple[float, ...]], ...]  # axis, coordinate, stations along the feed
     floor: tuple[float, ...]  # stations along the feed
+
+    def places(self, top: float) -> list[MeasuringPlace]:
+        """Places on the walls of a stretch, at half their depth, and on its floor."""
+        out = []
+        feed = 0 if self.begin[1] == self.end[1] else 1
+        for axis, value, stations in self.walls:
+            for station in stations:
+                p = [0.0, 0.0, top - 0.5 * self.depth]
+                p[axis], p[feed] = value, station
+                out.append(MeasuringPlace(f"{self.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        for station in self.floor:
+            p = [self.begin[0], self.begin[1], top - self.depth]
+            p[feed] = station
+            out.append(MeasuringPlace(f"{self.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        return out
 
 
 def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: float | None = None) -> Coupon:
@@ -102,7 +117,7 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
             "the shoulders are deeper than the flutes are long", value=f"{2.0 * a:g} mm", limit=f"<= {flute:g} mm"
         )
     stretches = _stretches((x0, x1, y0, y1), d, a)
-    places = [place for one in stretches for place in _places(one, top)]
+    places = [place for one in stretches for place in one.places(top)]
     return Coupon(_program(stretches, tool, d, top, feed_mm_min, rpm), tuple(places))
 
 
@@ -142,22 +157,6 @@ def _between(begin: float, end: float, count: int = 3) -> tuple[float, ...]:
     return tuple(begin + (end - begin) * k / (count - 1) for k in range(count))
 
 
-def _places(one: _Stretch, top: float) -> list[Place]:
-    """Places on the walls of a stretch, at half their depth, and on its floor."""
-    out = []
-    feed = 0 if one.begin[1] == one.end[1] else 1
-    for axis, value, stations in one.walls:
-        for station in stations:
-            p = [0.0, 0.0, top - 0.5 * one.depth]
-            p[axis], p[feed] = value, station
-            out.append(Place(f"{one.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
-    for station in one.floor:
-        p = [one.begin[0], one.begin[1], top - one.depth]
-        p[feed] = station
-        out.append(Place(f"{one.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
-    return out
-
-
 def _program(stretches: list[_Stretch], tool: int, d: float, top: float, feed_mm_min: float, rpm: float) -> str:
     lines = [
         f"(Coupon for a first cut, tool {tool}, diameter {d:g} mm)",
@@ -173,7 +172,7 @@ def _program(stretches: list[_Stretch], tool: int, d: float, top: float, feed_mm
     return "\n".join([*lines, "M5", "M30", ""])
 
 
-def table(places: tuple[Place, ...]) -> str:
+def table(places: tuple[MeasuringPlace, ...]) -> str:
     """The places as a table to fill in: the last column is what is measured."""
     rows = [",".join(COLUMNS)]
     for number, one in enumerate(places, 1):

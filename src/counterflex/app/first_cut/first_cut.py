@@ -168,13 +168,13 @@ def _read(file: Path, *, filled: bool) -> list[_Reading]:
     return read
 
 
-def _placed(readings: list[_Reading], plan: Plan, cell: Cell, sigma_m: float) -> posterior.Measured:
+def _placed(readings: list[_Reading], plan: Plan, cell: Cell, sigma_m: float) -> posterior.MeasuredCoordinates:
     """The readings, each at the row of the plan whose tool made the place."""
     row = np.array([_row_at(plan, cell, p, axis, where) for where, _, _, axis, p, _ in readings])
     faces = [f"{name} {int(line)}" for (_, _, name, _, _, _), line in zip(readings, plan.line[row], strict=True)]
     face = np.unique(faces, return_inverse=True)[1]
     axis, ordinal, off = (np.array([one[k] for one in readings]) for k in (3, 1, 5))
-    return posterior.Measured(row, axis, face, ordinal, off, sigma_m)
+    return posterior.MeasuredCoordinates(row, axis, face, ordinal, off, sigma_m)
 
 
 def _place(by: Mapping[str, str], where: str, *, filled: bool) -> tuple[int, Float, float]:
@@ -219,8 +219,8 @@ def _row_at(plan: Plan, cell: Cell, p: Float, axis: int, where: str) -> int:
 
 
 def _of_part(
-    places: posterior.Measured, scan: PartDeviations, cell: Cell, plan: Plan, where: str
-) -> posterior.Measured:
+    places: posterior.MeasuredCoordinates, scan: PartDeviations, cell: Cell, plan: Plan, where: str
+) -> posterior.MeasuredCoordinates:
     """The same places measured on a scanned or simulated part: the median about each."""
     tip, off, sigma = plan.path.p_part_tcp[places.row], [], []
     keep = []
@@ -294,7 +294,7 @@ def _entry(
     )
 
 
-def doubts(fit: posterior.Posterior, places: posterior.Measured, predicted_m: Float) -> list[str]:
+def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float) -> list[str]:
     """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
     out = []
     for axis in range(3):
@@ -334,7 +334,7 @@ def _rms(values: Float) -> float:
 
 def _summary(
     fit: posterior.Posterior,
-    places: posterior.Measured,
+    places: posterior.MeasuredCoordinates,
     unseen: Float,
     planned: Float,
     narrower: float,

@@ -30,7 +30,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
-from counterflex.plan.inputs import Inputs
+from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.sag_and_play import play_deviation
 from counterflex.plan.undisturbed_cut import undisturbed_cut
@@ -52,7 +52,7 @@ _NORMAL: Final = 1.645
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredCoordinates:
     """Coordinates measured on a part; m places."""
 
     row: Int  # (m,) row of the plan whose tool made the place
@@ -67,7 +67,7 @@ class Measured:
         out: Float = displacement[..., np.arange(len(self.axis)), self.axis]
         return out
 
-    def only(self, rows: Int) -> Measured:
+    def only(self, rows: Int) -> MeasuredCoordinates:
         """Some of the places."""
         values = {name: getattr(self, name)[rows] for name in ("row", "axis", "face", "number", "off_m")}
         return replace(self, **values)
@@ -138,7 +138,7 @@ class Posterior:
         return out
 
 
-def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, ...], Patterns]:
+def patterns_of(plan: Plan, cell: Cell, measured: MeasuredCoordinates) -> tuple[tuple[str, ...], Patterns]:
     """Names of the elements that bend, and what each constant does to the measured coordinates.
 
     Args:
@@ -161,7 +161,7 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
     return tuple(chain.names[i] for i in seen), patterns
 
 
-def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Posterior:
+def estimated(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoordinates, cell: Cell) -> Posterior:
     """The likeliest constants with their covariance."""
     P = _before(names, cell, len(patterns.play_m))
     bend = np.abs(patterns.elements_m.sum(axis=(0, 1)))
@@ -181,7 +181,7 @@ def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, ce
     return Posterior(names, theta, P - gain @ H @ P, P, measured.off_m - patterns.at(theta)[0])
 
 
-def left_out(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Float:
+def left_out(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoordinates, cell: Cell) -> Float:
     """(m,) m, measured minus predicted coordinate of each face by the constants that all other faces give."""
     out = np.empty(len(measured.off_m))
     for face in np.unique(measured.face).tolist():
@@ -214,7 +214,7 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     setting, wrenches = setting_of(cell, part_may_be_held=True), []
     for factors in ((1.0, 1.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 2.0)):
         changed = replace(setting, law=cell.force_law.scaled(factors))
-        inputs = Inputs(plan.path, plan.line, cell.stock(), changed, plan.q)
+        inputs = CompensationInputs(plan.path, plan.line, cell.stock(), changed, plan.q)
         wrenches.append(undisturbed_cut(inputs, silent).w_tcp_part)
     whole, more_radial, more_axial = wrenches
     return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole

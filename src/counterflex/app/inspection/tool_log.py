@@ -15,7 +15,7 @@ from counterflex.core.similar import missing_file
 from counterflex.core.units import MS
 from counterflex.evaluate.tool_path.readings import ToolReadings
 from counterflex.files.cell.cell import Cell
-from counterflex.files.logs.segments import Segment, read_segment, segments
+from counterflex.files.logs.segments import LogSegment, read_segment, segments
 from counterflex.files.logs.tracker_exports.formats import OWN
 from counterflex.geometry import pose
 from counterflex.path.toolpath import ToolPath, tool_orientation
@@ -184,7 +184,7 @@ def _has_cut(rows: Float) -> bool:
 def _rows(source: Path, requested: int | None) -> tuple[Float, int]:
     """Records of one run of a folder or file, and its number."""
     if source.is_dir():
-        pieces: list[Segment] = list(segments(source))
+        pieces: list[LogSegment] = list(segments(source))
     elif source.is_file():
         pieces = [read_segment(source)]
     else:

@@ -11,12 +11,12 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import DEG, MM, UM
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.placement.candidate import Candidate, pareto
-from counterflex.plan.placement.search import Judged
+from counterflex.plan.placement.search import JudgedPlacements
 
 WORTH = ("deflection_um", "error_um", "damping_in_cut", "time_s", "margin_deg", "clearance_mm")
 
 
-def values_of(judged: Judged) -> Float:
+def values_of(judged: JudgedPlacements) -> Float:
     """(n, 4) error, time, margin to joint limits and singularities, clearance of coarse bodies; each to be small."""
     rows = [[c.error_m, c.time_s, -c.margin_rad, -min(c.clearance_m, 1e3)] for c in judged.candidates]
     out = np.array(rows).reshape(-1, 4)
@@ -24,7 +24,7 @@ def values_of(judged: Judged) -> Float:
     return out
 
 
-def table_of(judged: Judged, cell: Cell) -> str:
+def table_of(judged: JudgedPlacements, cell: Cell) -> str:
     """CSV, one candidate a row, in the order in which they were judged."""
     axes = cell.tables.external_axes
     text, front = io.StringIO(), set(pareto(values_of(judged)).tolist())

@@ -26,7 +26,7 @@ class Stand:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ProgramInCell:
     """A program in its cell."""
 
     cell: Cell  # The cell, perhaps in the working plane of a tilted tool

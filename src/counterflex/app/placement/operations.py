@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 
 from counterflex.app.inputs import Job, Reading
-from counterflex.app.placement.frame import Frame, Stand
+from counterflex.app.placement.frame import ProgramInCell, Stand
 from counterflex.app.placement.placement import Prepared
-from counterflex.app.placement.whole_program import Divided, Fault, require_runs
+from counterflex.app.placement.whole_program import Divided, PlacesFault, require_runs
 from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError, ReachError
 from counterflex.core.progress import Progress, silent
@@ -28,7 +28,7 @@ from counterflex.plan.placement.operations import (
     sites_of,
 )
 from counterflex.plan.placement.search import PlacementBounds
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.survey_kernel import POWER
 from counterflex.robot.model.opw import BRANCHES
 
@@ -50,8 +50,8 @@ _ROUNDS: Final = 20
 class _Search:
     """Search for places: its inputs."""
 
-    task: Task
-    frame: Frame
+    task: PostureTask
+    frame: ProgramInCell
     part: Float  # (4,) the place of the part, as a candidate has it
     sites: list[OperationSite]
     operations: list[Operation]  # The same as rows
@@ -153,7 +153,7 @@ def _chosen_postures(
     return [out[number][2] for number in dict.fromkeys([*range(min(POSTURES, len(out))), *first])]
 
 
-def require_operations(program: str | Path, cell: Cell, task: Task) -> list[Operation]:
+def require_operations(program: str | Path, cell: Cell, task: PostureTask) -> list[Operation]:
     """Return the operations of a program.
 
     Raises:
@@ -191,7 +191,7 @@ def _search_of(program: str | Path, given: Prepared, one: tuple[Stand, str, floa
     return _Search(task, frame, part, sites_of(task, operations, given.stretches), operations)
 
 
-def _part_of(frame: Frame, stand: Stand) -> Float:
+def _part_of(frame: ProgramInCell, stand: Stand) -> Float:
     """(4,) place of the part of a stand, as a candidate has it."""
     if all(stand.part[key] == getattr(frame.table, key) for key in stand.part):
         return frame.here[:4].copy()
@@ -265,7 +265,7 @@ def _along(
         made = _made(job, search, values[way], posture)
         try:
             require_runs(program, cell, made, reading)
-        except Fault as fault:
+        except PlacesFault as fault:
             refused = fault.reason
             _block(fault.place, way, costs, allowed)
         else:

@@ -13,7 +13,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Job, Reading, faults_in, read_in_plane, setting_of
 from counterflex.app.placement.candidates_table import table_of, values_of
-from counterflex.app.placement.frame import Frame, Stand
+from counterflex.app.placement.frame import ProgramInCell, Stand
 from counterflex.app.placement.region import Wish, shown
 from counterflex.app.placement.spindle_mounting import Mounting
 from counterflex.app.posture import expected_um, held_row, loaded_path, robot_of, surroundings_of
@@ -26,11 +26,11 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.cell.set_up import text_with_place
 from counterflex.files.summary_file import write_summary
 from counterflex.plan.placement.candidate import Candidate, Site, pareto, site_of, worth
-from counterflex.plan.placement.search import CandidatePoses, Judged, search
+from counterflex.plan.placement.search import CandidatePoses, JudgedPlacements, search
 from counterflex.plan.posture.choose import ChosenPosture, Freedom, choose
 from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.cut_path import Surface
-from counterflex.plan.posture.held import Held, Task, held
+from counterflex.plan.posture.held import Held, PostureTask, held
 from counterflex.plan.stability.stretches import Stretch, stretches_of
 
 READING, CUTTING, SEARCHING, CHOOSING = "reading the program", "cutting", "searching the place", "choosing the posture"
@@ -50,7 +50,7 @@ class Placed:
 
     stand: Stand  # Pose of the part and values of external axes
     chosen: ChosenPosture
-    judged: Judged
+    judged: JudgedPlacements
     summary: dict[str, Any]  # In shop units
 
 
@@ -60,9 +60,9 @@ class Prepared:
 
     job: Job
     cell: Cell
-    task: Task  # The program on it, with its load
+    task: PostureTask  # The program on it, with its load
     stretches: list[Stretch]
-    frame: Frame  # Where it may be
+    frame: ProgramInCell  # Where it may be
 
 
 def prepared(
@@ -75,7 +75,7 @@ def prepared(
 
 def task_of(
     program: str | Path, cell: Cell, reading: Reading, surface: Surface, progress: Progress = silent
-) -> tuple[Job, Cell, Task]:
+) -> tuple[Job, Cell, PostureTask]:
     """A program with its load on its cell. Raises CounterflexError: the program cannot be cut so, or cuts nothing."""
     if any(axis.moves for axis in cell.tables.external_axes):
         cell = cell.at_external({})  # places are chosen anew
@@ -90,15 +90,15 @@ def task_of(
                 where=Path(job.program.name).name,
                 hint="Check the blank (part.stock) and the program's zero",
             )
-    return job, cell, Task(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
+    return job, cell, PostureTask(path, line, cut, setting, robot_of(cell, setting), surroundings_of(job, cell))
 
 
-def frame_of(task: Task, cell: Cell) -> Frame:
+def frame_of(task: PostureTask, cell: Cell) -> ProgramInCell:
     """Return where a program may be: by the middle of what is cut, or by the tip of a spindle that stands."""
-    return Frame(cell, np.zeros(3) if cell.holds_part else middle_of(task))
+    return ProgramInCell(cell, np.zeros(3) if cell.holds_part else middle_of(task))
 
 
-def middle_of(task: Task) -> Float:
+def middle_of(task: PostureTask) -> Float:
     """(3,) m, middle of what is cut, in the frame of the program."""
     p = task.cut.p_part[task.cut.weight_m > 0.0]
     out: Float = 0.5 * (p.min(axis=0) + p.max(axis=0))
@@ -172,7 +172,14 @@ def placement_of(
 
 
 def _row(
-    what: Held, stand: Stand, task: Task, site: Site, frame: Frame, job: Job, cell: Cell, surface: Surface
+    what: Held,
+    stand: Stand,
+    task: PostureTask,
+    site: Site,
+    frame: ProgramInCell,
+    job: Job,
+    cell: Cell,
+    surface: Surface,
 ) -> dict[str, Any]:
     """Return what a posture in a place is worth, in shop units."""
     there = _moved(task, frame.at(stand))
@@ -187,12 +194,12 @@ def _row(
     }
 
 
-def stretches_of_task(task: Task, cell: Cell) -> list[Stretch]:
+def stretches_of_task(task: PostureTask, cell: Cell) -> list[Stretch]:
     """Cuts of the program, for the criterion of chatter."""
     return stretches_of(task.path, cell.stock(), task.setting.cutter_of, cell.blank_box())
 
 
-def _here(task: Task) -> tuple[Held | None, Held | None]:
+def _here(task: PostureTask) -> tuple[Held | None, Held | None]:
     """Best posture in the present place, and the present posture; None where not possible."""
     try:
         chosen = choose(task, Freedom())
@@ -204,7 +211,7 @@ def _here(task: Task) -> tuple[Held | None, Held | None]:
     return chosen.best, chosen.present
 
 
-def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, ChosenPosture]:
+def _best(task: PostureTask, site: Site, frame: ProgramInCell, judged: JudgedPlacements) -> tuple[Stand, ChosenPosture]:
     """Choose the posture of the best places along the whole path, and the best of them."""
     done: list[tuple[float, Stand, ChosenPosture]] = []
     tried: list[Float] = []
@@ -240,7 +247,7 @@ def _best(task: Task, site: Site, frame: Frame, judged: Judged) -> tuple[Stand, 
     )
 
 
-def _moved(task: Task, seen: CandidatePoses) -> Task:
+def _moved(task: PostureTask, seen: CandidatePoses) -> PostureTask:
     """A task where program and floor are elsewhere."""
     robot = task.robot.facing(seen.T_base_standing)
     around = None if task.around is None else task.around.facing(task.robot, robot, seen.T_base_before)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from counterflex.app.placement.frame import Frame
+from counterflex.app.placement.frame import ProgramInCell
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM
@@ -35,7 +35,7 @@ class Wish:
     # their whole range.
     axes: Mapping[str, tuple[float, float]] | None = field(default=None)
 
-    def region(self, frame: Frame) -> PlacementBounds:
+    def region(self, frame: ProgramInCell) -> PlacementBounds:
         """The region that is searched.
 
         Raises:
@@ -61,7 +61,7 @@ class Wish:
         self._require_axes(cell)
         return PlacementBounds(tuple(low), tuple(high))
 
-    def _part(self, frame: Frame) -> tuple[list[float], list[float]]:
+    def _part(self, frame: ProgramInCell) -> tuple[list[float], list[float]]:
         """Bounds of x, y, z and rotation."""
         here: Float = frame.here
         free = self.box_mm is not None or not frame.cell.tables.external_axes

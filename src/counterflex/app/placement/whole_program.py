@@ -31,7 +31,7 @@ class Divided:
     summary: dict[str, Any]  # In shop units: the operations, and the error of all of them
 
 
-class Fault(Exception):
+class PlacesFault(Exception):
     """A program cannot be run with its places.
 
     Attributes:
@@ -79,7 +79,7 @@ def require_runs(program: str | Path, cell: Cell, divided: Divided, reading: Rea
             q = solve_joints(path, line, setting).q
         except ReachError as fault:
             point = fault.data.get("point")
-            raise Fault(0.0 if point is None else float(path.place[int(point)]), fault) from fault
+            raise PlacesFault(0.0 if point is None else float(path.place[int(point)]), fault) from fault
     around = surroundings_of(job, there)
     close, _ = kept(q, robot_of(there, setting), around, standing_along(path, setting))
     if close is not None:
@@ -89,4 +89,4 @@ def require_runs(program: str | Path, cell: Cell, divided: Divided, reading: Rea
             f"bodies come too close{moves}: {names}", where=f"line {int(line[close.point])}",
             value=f"{close.distance_m / MM:.1f} mm", hint="Raise the retract between the operations",
         )  # fmt: skip
-        raise Fault(float(path.place[close.point]), reason)
+        raise PlacesFault(float(path.place[close.point]), reason)

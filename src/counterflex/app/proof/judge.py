@@ -38,7 +38,7 @@ from counterflex.twin.truth.truth import Truth
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class ProofReference:
     """Reference that runs are judged against."""
 
     job: Job
@@ -67,7 +67,7 @@ class Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedRun:
     """One run, judged."""
 
     run: Run
@@ -91,18 +91,18 @@ class Judged:
         return out
 
 
-def reference_of(job: Job, cell: Cell) -> Reference:
+def reference_of(job: Job, cell: Cell) -> ProofReference:
     """Removal simulation of the undisturbed path, and what it machines."""
     tools = simulate.tools_of(job.path)
     widest = max((cell.cutter(number) for number in tools), key=lambda cutter: cutter.radius_m)
     if cell.tool_turns:
         left = undisturbed_columns(job.path, cell)
         nominal_part = turned_surface(surface_of(left, log_of_path(job.path, cell, top_of(cell))), left.cell_m)
-        return Reference(job, cell, widest, None, nominal_part)
+        return ProofReference(job, cell, widest, None, nominal_part)
     outline = outline_of(job.path, cell)
     nominal = simulate.undisturbed(job, cell)
     surface = nominal_surface(cell.stock(), nominal, job.path.p_part_tcp, widest, outline=outline)
-    return Reference(job, cell, widest, surface)
+    return ProofReference(job, cell, widest, surface)
 
 
 def outline_of(path: ToolPath, cell: Cell) -> Float | None:
@@ -123,7 +123,7 @@ def _outlines(tool: Int, cell: Cell) -> Float:
     return out
 
 
-def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStock | None = None) -> Judged:
+def judge(reference: ProofReference, run: Run, actual: HeightMap, columns: ColumnStock | None = None) -> JudgedRun:
     """Judge one run."""
     feed_engagement = np.where(run.kind == FEED, run.depth_m, 0.0)
     deviation = path_deviation(
@@ -147,10 +147,10 @@ def judge(reference: Reference, run: Run, actual: HeightMap, columns: ColumnStoc
             ~deviation.broken,
             reference.outline_at(deviation.motion),
         )
-    return Judged(run, actual, deviation, surface, columns, turned)
+    return JudgedRun(run, actual, deviation, surface, columns, turned)
 
 
-def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[FeatureRow, ...]:
+def features(reference: ProofReference, judged: Mapping[str, JudgedRun]) -> tuple[FeatureRow, ...]:
     """Grooves, ramps and pockets of the part, measured on every run; none where the tool turns."""
     surface = reference.surface
     if surface is None:
@@ -174,8 +174,8 @@ def features(reference: Reference, judged: Mapping[str, Judged]) -> tuple[Featur
 class ProgramComparison:
     """One or two machined programs, judged."""
 
-    reference: Reference  # What they are judged against
-    judged: dict[str, Judged]  # ``nominal`` and, when there is one, ``compensated``
+    reference: ProofReference  # What they are judged against
+    judged: dict[str, JudgedRun]  # ``nominal`` and, when there is one, ``compensated``
     truth: Truth
     summary: dict[str, Any]
 
@@ -202,7 +202,7 @@ def compare(folders: Sequence[str | Path]) -> ProgramComparison:
     cell = simulate.read_cell_of(paths[0])
     reference = reference_of(simulate.read_original(paths[0], cell), cell)
     truth = read_truth(paths[0] / simulate.TRUTH)
-    judged: dict[str, Judged] = {}
+    judged: dict[str, JudgedRun] = {}
     for name, path in zip(("nominal", "compensated"), paths, strict=False):
         run_read, _ = read_run(path / simulate.RUN)
         judged[name] = judge(reference, run_read, *simulate.read_part(path))

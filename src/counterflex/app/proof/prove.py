@@ -35,8 +35,8 @@ from counterflex.app.named_lines import with_files
 from counterflex.app.prediction_interval import with_intervals
 from counterflex.app.proof import simulate
 from counterflex.app.proof.exact import exact_setting
-from counterflex.app.proof.judge import Judged, judge, reference_of
-from counterflex.app.proof.result import Proof
+from counterflex.app.proof.judge import JudgedRun, judge, reference_of
+from counterflex.app.proof.result import ProofResult
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.robot_programs import companions, digest, inputs_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
@@ -79,7 +79,7 @@ def prove(
     workers: int | None = None,
     reading: Reading = AS_IT_IS,
     progress: Progress = silent,
-) -> Proof:
+) -> ProofResult:
     """Compensate, machine, judge.
 
     Args:
@@ -121,7 +121,7 @@ def prove(
     begin = time.perf_counter()
     parts[JUDGING](0.0)
     reference = reference_of(job, cell)
-    judged: dict[tuple[int, str], Judged] = {}
+    judged: dict[tuple[int, str], JudgedRun] = {}
     for key, record in records.items():
         judged[key] = judge(reference, record, record.stock, simulate.columns_of(record))
         parts[JUDGING](len(judged) / len(records))
@@ -148,7 +148,7 @@ def prove(
         "counterflex": __version__,
     }
     progress(1.0)
-    return Proof(reference, plan, truths, judged, files, with_files(summary(results, about), job.program), timing)
+    return ProofResult(reference, plan, truths, judged, files, with_files(summary(results, about), job.program), timing)
 
 
 def run(

@@ -18,8 +18,8 @@ from counterflex.app.compensation.next_steps import after_proof
 from counterflex.app.compensation.prediction import figures
 from counterflex.app.inputs import setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import Judged, ProgramComparison, features
-from counterflex.app.proof.result import Proof
+from counterflex.app.proof.judge import JudgedRun, ProgramComparison, features
+from counterflex.app.proof.result import ProofResult
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.unknown_stiffness import unknown_stiffness
 from counterflex.core.arrays import Float
@@ -37,7 +37,7 @@ from counterflex.twin.truth.perturb import differences
 _LIBRARIES = ("numpy", "scipy", "numba", "mujoco", "polars", "plotly")
 
 
-def proof_page(proof: Proof) -> str:
+def proof_page(proof: ProofResult) -> str:
     """The page of a proven compensation, as HTML."""
     judged = {name: proof.judged[proof.first_seed, name] for name in ("nominal", "compensated")}
     comparison = ProgramComparison(proof.reference, judged, proof.truths[proof.first_seed], proof.summary)
@@ -100,7 +100,7 @@ def _page(comparison: ProgramComparison, plan: Plan, identified: Mapping[str, An
     )
 
 
-def _variant(item: Judged) -> VariantData:
+def _variant(item: JudgedRun) -> VariantData:
     force: Float = np.linalg.norm(item.run.force_part, axis=1)
     return VariantData(item.deviation, item.surface, ErrorCurve(item.run.time_s, force))
 

@@ -12,7 +12,7 @@ import polars as pl
 
 from counterflex import __version__
 from counterflex.app.robot_tests.commanded import commanded_circle, commanded_path
-from counterflex.app.tracker_readings import AS_MEASURED, Frame, TrackerMeasurement, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -169,7 +169,7 @@ def straight(
 
 def _read(
     files: Sequence[str | Path], frame: str, form: str, average_ms: float, progress: Progress
-) -> tuple[Frame, list[TrackerMeasurement]]:
+) -> tuple[CommandFrame, list[TrackerMeasurement]]:
     place, measured = frame_of(frame), []
     for k, file in enumerate(files):
         one = read_measured(file, form).averaged(average_ms * MS)
@@ -179,7 +179,7 @@ def _read(
 
 
 def _conditions(
-    measured: Sequence[TrackerMeasurement], path: str | Path | None, place: Frame, average_ms: float
+    measured: Sequence[TrackerMeasurement], path: str | Path | None, place: CommandFrame, average_ms: float
 ) -> dict[str, Any]:
     return {
         "files": [one.name for one in measured],

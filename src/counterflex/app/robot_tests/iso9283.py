@@ -14,7 +14,7 @@ from counterflex import __version__
 from counterflex.app.robot_tests import pose_test
 from counterflex.app.robot_tests.commanded import commanded_path, commanded_poses
 from counterflex.app.robot_tests.pose_test import MDEG
-from counterflex.app.tracker_readings import AS_MEASURED, Frame, TrackerMeasurement, frame_of, read_measured
+from counterflex.app.tracker_readings import AS_MEASURED, CommandFrame, TrackerMeasurement, frame_of, read_measured
 from counterflex.core import atomic
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
@@ -48,7 +48,9 @@ class PathResult:
     table: pl.DataFrame  # One row for each place and cycle
 
 
-def judge(measured: Sequence[TrackerMeasurement], path: CommandedPath, frame: Frame, *, average_s: float) -> PathResult:
+def judge(
+    measured: Sequence[TrackerMeasurement], path: CommandedPath, frame: CommandFrame, *, average_s: float
+) -> PathResult:
     """Figures of a path test.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from counterflex.app.robot_tests.commanded import CommandedPoses
-from counterflex.app.tracker_readings import Frame, TrackerMeasurement
+from counterflex.app.tracker_readings import CommandFrame, TrackerMeasurement
 from counterflex.core.arrays import Float
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
@@ -57,7 +57,7 @@ class PoseResult:
 def judge(
     measured: Sequence[TrackerMeasurement],
     commanded: CommandedPoses | None,
-    frame: Frame,
+    frame: CommandFrame,
     *,
     average_s: float,
     band_m: float,
@@ -102,7 +102,7 @@ def _distances(joined: Sequence[PoseCycles]) -> list[dict[str, Any]]:
 
 
 def _attained(
-    one: TrackerMeasurement, commanded: CommandedPoses | None, frame: Frame, average_s: float, band_m: float
+    one: TrackerMeasurement, commanded: CommandedPoses | None, frame: CommandFrame, average_s: float, band_m: float
 ) -> Attained:
     if one.pose is not None:
         return Attained(_stated(one, commanded, frame), [], {})
@@ -150,7 +150,7 @@ def _moved(
     return replace(stand, p=at[:3, 3], R=at[:3, :3] if oriented else None)
 
 
-def _oriented(poses: list[PoseCycles], commanded: CommandedPoses, frame: Frame) -> list[PoseCycles]:
+def _oriented(poses: list[PoseCycles], commanded: CommandedPoses, frame: CommandFrame) -> list[PoseCycles]:
     """Orientations only where they were commanded; in a fitted frame about their mean offset."""
     if not commanded.oriented:
         return [replace(one, R=None) for one in poses]
@@ -170,7 +170,7 @@ def _own_command(one: TrackerMeasurement, count: int) -> CommandedPoses:
     return CommandedPoses(one.command[first], one.commanded_oriented)
 
 
-def _stated(one: TrackerMeasurement, commanded: CommandedPoses | None, frame: Frame) -> list[PoseCycles]:
+def _stated(one: TrackerMeasurement, commanded: CommandedPoses | None, frame: CommandFrame) -> list[PoseCycles]:
     """Poses of a dataset that states which row belongs to which."""
     assert one.pose is not None
     count = int(one.pose.max()) + 1 if commanded is None else len(commanded.Ts_command)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import multiprocessing
 import os
 import pickle
@@ -14,6 +15,7 @@ import signal
 import sys
 import threading
 import time
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,13 +65,13 @@ def end_with_starter() -> None:
         if not starter.is_alive():  # it died before the line above
             os._exit(1)
         return
+    threading.Thread(target=_end_after, args=(starter,), name="starter", daemon=True).start()
 
-    def watch() -> None:
-        starter.join()
-        if not _RELEASED.is_set():
-            os._exit(1)
 
-    threading.Thread(target=watch, name="starter", daemon=True).start()
+def _end_after(starter: BaseProcess) -> None:
+    starter.join()
+    if not _RELEASED.is_set():
+        os._exit(1)
 
 
 def outlive_starter() -> None:
@@ -90,8 +92,8 @@ def _live(shared: SharedWords, lives: int, ended: threading.Event) -> None:
 
 def _count_compilations(shared: SharedWords) -> None:
     """Count the kernels that this process compiles, for who waits for it."""
+    compiling.tell(functools.partial(_add_compiled, shared))
 
-    def compiled() -> None:
-        shared.words[Course.COMPILED] += 1
 
-    compiling.tell(compiled)
+def _add_compiled(shared: SharedWords) -> None:
+    shared.words[Course.COMPILED] += 1

@@ -28,7 +28,7 @@ from counterflex.evaluate.run_record import RunFigures, RunRecord
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.repair import Repaired, repair_segment
 from counterflex.files.logs.run_log import LAYOUT, UNKNOWN
-from counterflex.files.logs.segments import Segment, segments
+from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.plan_file import read_plan
 from counterflex.runtime.estimator.fusion import level
 from counterflex.runtime.loop import Loop
@@ -108,7 +108,7 @@ def _action(facts: dict[str, Any], begin_ns: int | None) -> dict[str, Any]:
     return {"time_s": time_s, **rest}
 
 
-def _older(segment: Segment) -> str:
+def _older(segment: LogSegment) -> str:
     shown = ", ".join(segment.absent[:6]) + (", ..." if len(segment.absent) > 6 else "")
     return (
         f"written by older code (counterflex {segment.about.get('counterflex', UNKNOWN)}): {len(segment.absent)} of "

@@ -8,7 +8,7 @@ from typing import Any
 
 from counterflex.core.errors import FileFormatError
 from counterflex.evaluate.missing_cycles import MissingCycles, MissingFinder
-from counterflex.files.logs.segments import Segment, segments
+from counterflex.files.logs.segments import LogSegment, segments
 from counterflex.files.summary_file import read_summary
 from counterflex.runtime.record_ring import CYCLE
 
@@ -83,7 +83,7 @@ class LogMissing:
     _cycle: dict[int, int] = field(default_factory=dict)
     _records: dict[int, int] = field(default_factory=dict)
 
-    def add(self, segment: Segment) -> None:
+    def add(self, segment: LogSegment) -> None:
         """Take the next segment."""
         if not segment.about:
             self.empty.append(segment.name)

@@ -152,10 +152,12 @@ def _armed_after_all(words: Any, clock: Clock) -> bool:
     return State(words[Shown.STATE]) in (State.ARMED, State.ACTIVE)
 
 
-def _looks(words: Any, now_ns: int) -> dict[str, Any]:
-    def measured(place: Shown, digits: int, unit: float) -> float | None:
-        return round(words[place] * unit, digits) if words[place] >= 0 else None
+def _measured(word: int, digits: int, unit: float) -> float | None:
+    """Return a measured value; one below 0 says that there is none."""
+    return round(word * unit, digits) if word >= 0 else None
 
+
+def _looks(words: Any, now_ns: int) -> dict[str, Any]:
     ages = {
         name: None if words[place] == 0 else round((now_ns - words[place]) * 1e-6, 1)
         for name, place in _SOURCES.items()
@@ -169,9 +171,9 @@ def _looks(words: Any, now_ns: int) -> dict[str, Any]:
         "robot_heard": words[Shown.CYCLES] > 0,
         "cycles": words[Shown.CYCLES],
         "age_ms": ages,
-        "place": measured(Shown.PLACE_PPM, 4, 1e-6),
-        "force_n": measured(Shown.FORCE_MN, 1, 1e-3),
-        "planned_n": measured(Shown.PLANNED_MN, 1, 1e-3),
+        "place": _measured(words[Shown.PLACE_PPM], 4, 1e-6),
+        "force_n": _measured(words[Shown.FORCE_MN], 1, 1e-3),
+        "planned_n": _measured(words[Shown.PLANNED_MN], 1, 1e-3),
         "tracker_off": tracker_off(words),
         "foreign": words[Tally.FOREIGN],
         "log_trouble": trouble_message(words[Kept.TROUBLE]),

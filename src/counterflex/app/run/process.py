@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import signal
 import time
 from collections.abc import Callable
@@ -152,15 +153,16 @@ def loop_process(settings: RunSettings, ring_name: str, words: Path, out: Path, 
 
 def _end_on_request(control: Int) -> None:
     """Requests of the system to end are the operator's: ramped out first. A loop is not stopped by a key either."""
-
-    def end(*_: object) -> None:
-        control[_END] = 1
-
+    end = functools.partial(_request_end, control)
     for name in ("SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), end)
     if hasattr(signal, "SIGTSTP"):
         signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+
+
+def _request_end(control: Int, *_: object) -> None:
+    control[_END] = 1
 
 
 def _say(pipe: Any, what: object) -> None:

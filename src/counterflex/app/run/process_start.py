@@ -36,10 +36,7 @@ def signals_wait() -> Iterator[None]:
     calls :func:`counterflex.protocols.system.signals.hear_signals`; this one hears it at the end of the block.
     """
     pending: list[int] = []
-
-    def later(number: int, _: FrameType | None) -> None:
-        pending.append(number)
-
+    later: Callable[[int, FrameType | None], None] = lambda number, _: pending.append(number)  # noqa: E731
     main = threading.current_thread() is threading.main_thread()
     handled = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)] if main else []
     before = {number: signal.signal(number, later) for number in handled}

@@ -28,7 +28,7 @@ from counterflex.core.errors import CounterflexError
 from counterflex.evaluate.incidents import IncidentFinder
 from counterflex.evaluate.loop_timing import LatencyHistogram
 from counterflex.evaluate.process_record import ProcessRecord
-from counterflex.files.logs.run_log import RunLog
+from counterflex.files.logs.run_log import RunLogWriter
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
 from counterflex.protocols.processes.control_array import CONTROL, Kept, Life, Tally
@@ -71,7 +71,7 @@ class Recorder:
     """
 
     def __init__(
-        self, ring: str, log: RunLog | NoLog, control: Int, *, skipped: int = 0, actions: Actions | None = None
+        self, ring: str, log: RunLogWriter | NoLog, control: Int, *, skipped: int = 0, actions: Actions | None = None
     ) -> None:
         self._reader = RecordRing(ring)
         self._reader.rewind(skipped)
@@ -177,7 +177,7 @@ def recorder_process(ring_name: str, words: Path, out: Path, pipe: Any) -> None:
     except (EOFError, OSError):
         return
     try:
-        log = RunLog(out, about)
+        log = RunLogWriter(out, about)
     except CounterflexError as fault:
         pipe.send(fault)
         return

@@ -28,7 +28,7 @@ from counterflex.core import file_content
 from counterflex.core.arrays import Int
 from counterflex.core.errors import OutputError
 from counterflex.core.units import NS
-from counterflex.files.logs.run_log import LAYOUT, RunLog
+from counterflex.files.logs.run_log import LAYOUT, RunLogWriter
 from counterflex.files.summary_file import write_summary
 from counterflex.protocols.processes.actions import Actions, actions_path
 from counterflex.protocols.processes.control_array import CONTROL, Course, Kept, Life, Request, Shown
@@ -343,7 +343,7 @@ class Supervised:
 
     def _inherited(self) -> dict[str, Any]:
         """The recorder has died: go on with the log behind what it has taken, as far as the ring still has it."""
-        log = RunLog(self._out, self._about)
+        log = RunLogWriter(self._out, self._about)
         recorder = Recorder(self._ring.name, log, self.control, skipped=int(self.control[Kept.TAKEN]))
         try:
             recorder.take()

@@ -28,8 +28,8 @@ from counterflex.path.toolpath import tool_orientation
 from counterflex.plan.inputs import Setting
 from counterflex.plan.relative_motion import hand_poses, part_carried, tool_carried
 from counterflex.plan.stability.robot_modes import robot_modes
-from counterflex.plan.strategy.advise import CHATTER, Choices, Demands, Doubt, Place, grid, outcomes
-from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, swing_of
+from counterflex.plan.strategy.advise import CHATTER, Choices, CutPlace, Demands, Doubt, grid, outcomes
+from counterflex.plan.strategy.chatter import Swing, WallPosture, depth_used, swing_of
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.strategy.zero import normal_errors, zero_width
 from counterflex.robot.elasticity.compliance import cartesian_compliance
@@ -48,7 +48,7 @@ _ROBOT_FOUND: Final = 0.06
 
 
 @dataclass(frozen=True)
-class Operation:
+class WallOperation:
     """Operation that is asked for; None leaves it to the program and the advisor."""
 
     tool: int | None = None
@@ -79,13 +79,13 @@ class Advice:
     before: Choices | None  # The same as a choice
     choices: Choices
     best: list[int]  # Rows of ``choices``, the best first
-    place: Place  # Where
+    place: CutPlace  # Where
     law: ForceLaw
 
 
 def advise(
     cell: Cell,
-    operation: Operation,
+    operation: WallOperation,
     program: str | Path | None = None,
     *,
     reading: Reading = AS_IT_IS,
@@ -126,7 +126,7 @@ def advise(
     return Advice(own, before, choices, best, place, law)
 
 
-def _softest(place: Place, own: OwnCut | None, law: ForceLaw) -> Place:
+def _softest(place: CutPlace, own: OwnCut | None, law: ForceLaw) -> CutPlace:
     """The place with the one posture in which the program's own cut is nearest to chatter."""
     if own is None or len(place.standings) < 2:
         return place
@@ -135,7 +135,7 @@ def _softest(place: Place, own: OwnCut | None, law: ForceLaw) -> Place:
 
 
 def _steady_along(
-    choices: Choices, rows: int, place: Place, law: ForceLaw, before: Choices | None
+    choices: Choices, rows: int, place: CutPlace, law: ForceLaw, before: Choices | None
 ) -> tuple[Choices, list[int]]:
     """Hold the best choices against chatter in every posture along the cut, until none of them chatters in one."""
     own = 1.0 if before is None else max(1.0, float(before.use.get(CHATTER, np.zeros(1))[0]))
@@ -152,7 +152,7 @@ def _steady_along(
         choices = replace(choices, use=choices.use | {CHATTER: use})
 
 
-def doubt_of(cell: Cell, operation: Operation) -> Doubt:
+def doubt_of(cell: Cell, operation: WallOperation) -> Doubt:
     """Return what is not known of force and stiffness, as :mod:`counterflex.app.unknowns` has it."""
     recipes = {entry.recipe for entry in cell.tables.identified}
     stiff = _ROBOT_FOUND if "stiffness" in recipes else STATED
@@ -161,14 +161,14 @@ def doubt_of(cell: Cell, operation: Operation) -> Doubt:
     return Doubt(HANDBOOK, HANDBOOK, WORN, stiff)
 
 
-def _law(cell: Cell, operation: Operation) -> ForceLaw:
+def _law(cell: Cell, operation: WallOperation) -> ForceLaw:
     if operation.material is None:
         return cell.force_law
     row = material.load(operation.material)
     return row.with_ratios(kr_over_kc=operation.kr_over_kc, ka_over_kc=operation.ka_over_kc)
 
 
-def _cutter(cell: Cell, operation: Operation, own: OwnCut | None) -> tuple[Cutter, int]:
+def _cutter(cell: Cell, operation: WallOperation, own: OwnCut | None) -> tuple[Cutter, int]:
     if own is not None:
         return own.cuts.cutter, own.tool
     number = cell.tables.tools[0].number if operation.tool is None else operation.tool
@@ -182,7 +182,7 @@ def _cutter(cell: Cell, operation: Operation, own: OwnCut | None) -> tuple[Cutte
     return cutter, number
 
 
-def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Place:
+def _place(cell: Cell, setting: Setting, operation: WallOperation, own: OwnCut | None) -> CutPlace:
     here = _there(cell, setting, operation, own)
     height = operation.height_m
     if height is None:
@@ -191,7 +191,7 @@ def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | Non
     if own is not None and operation.at_m is None and operation.normal_rad is None:
         along = own.along
     turned, normal = _upright(here)
-    return Place(
+    return CutPlace(
         setting.chain,
         here.q,
         _compliance(setting, here.q, turned),
@@ -203,7 +203,7 @@ def _place(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | Non
     )
 
 
-def _there(cell: Cell, setting: Setting, operation: Operation, own: OwnCut | None) -> Along:
+def _there(cell: Cell, setting: Setting, operation: WallOperation, own: OwnCut | None) -> Along:
     """Posture, wall and tool axis where the operation is: of the program, or of a stated point."""
     axis = np.array([0.0, 0.0, 1.0]) if own is None else own.axis_part
     if own is not None and operation.at_m is None:
@@ -240,9 +240,9 @@ def _compliance(setting: Setting, q: Float, to_part: Float) -> Float:
     return out
 
 
-def _standing(setting: Setting, there: Along) -> Standing:
+def _standing(setting: Setting, there: Along) -> WallPosture:
     to_part, normal = _upright(there)
-    return Standing(robot_modes(setting.chain, there.q, to_part, setting.mode, setting.damping.ratio), normal)
+    return WallPosture(robot_modes(setting.chain, there.q, to_part, setting.mode, setting.damping.ratio), normal)
 
 
 def _swing(setting: Setting, there: Along) -> Swing:
@@ -271,7 +271,9 @@ def _values(given: Range | None, own: float | None, option: str, steps: int, spr
     return out
 
 
-def _cuts(cutter: Cutter, law: ForceLaw, place: Place, operation: Operation, own: OwnCut | None) -> list[SideCuts]:
+def _cuts(
+    cutter: Cutter, law: ForceLaw, place: CutPlace, operation: WallOperation, own: OwnCut | None
+) -> list[SideCuts]:
     """Both sides of every width, depth and chip; widths at which the tool stays on the wall among them."""
     own_of = {} if own is None else {name: float(getattr(own.cuts, name)[0]) for name in ("ae_m", "ap_m", "fz_m")}
     ap = _values(operation.ap_m, own_of.get("ap_m"), "--ap-mm", STEPS, (1.0, 1.0 / 2.0, 1.0 / 3.0))

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex import __version__
 from counterflex.app.inputs import AS_IT_IS, Reading
 from counterflex.app.named_lines import with_files
-from counterflex.app.strategy.advice import Advice, Operation, advise
+from counterflex.app.strategy.advice import Advice, WallOperation, advise
 from counterflex.core.progress import Progress, silent
 from counterflex.core.units import MM, MM_PER_MIN, RPM, UM, UM_PER_KN
 from counterflex.cutting.coefficients import ForceLaw
@@ -23,7 +23,7 @@ from counterflex.plan.strategy.zero import normal_errors, normal_force, zero_wid
 def run(
     cell_file: str | Path,
     program: str | Path | None,
-    operation: Operation,
+    operation: WallOperation,
     *,
     assume_class: bool = False,
     reading: Reading = AS_IT_IS,

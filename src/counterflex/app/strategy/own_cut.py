@@ -16,7 +16,7 @@ from counterflex.core.progress import Progress
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell
 from counterflex.plan.elastic_motion import postures
-from counterflex.plan.inputs import Inputs, solve_joints
+from counterflex.plan.inputs import CompensationInputs, solve_joints
 from counterflex.plan.strategy.side_cut import SideCuts
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 
@@ -69,7 +69,7 @@ def own_cut(job: Job, cell: Cell, tool: int | None, progress: Progress) -> OwnCu
     line = job.line_of_motion[path.motion]
     with faults_in(job):
         q = solve_joints(path, line, setting).q
-        undisturbed = undisturbed_cut(Inputs(path, line, cell.stock(), setting, q), progress)
+        undisturbed = undisturbed_cut(CompensationInputs(path, line, cell.stock(), setting, q), progress)
     cut = undisturbed.cut
     axis = path.axis_part
     step = np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1])

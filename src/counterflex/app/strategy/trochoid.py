@@ -21,7 +21,7 @@ from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import write_summary
 from counterflex.path.toolpath import FEED
 from counterflex.plan.cut import Cut, cut
-from counterflex.plan.strategy.trochoid import Loop, loop_for, pieces
+from counterflex.plan.strategy.trochoid import TrochoidLoop, loop_for, pieces
 from counterflex.programs.program import Block, Program
 from counterflex.programs.reading import require_linuxcnc
 
@@ -49,7 +49,7 @@ class Rewritten:
     """A program with loops for slots."""
 
     text: str
-    loop: Loop
+    loop: TrochoidLoop
     feed_m_s: float  # Of the tool's centre in the loops
     bound: str  # What holds the feed down: ``feed per tooth`` or ``acceleration``
     lines: tuple[int, ...]
@@ -150,7 +150,7 @@ def _check(job: Job, result: Cut, motions: list[int]) -> None:
 
 
 def _text(
-    program: Program, motions: list[int], loop: Loop, feed_m_s: float, old: int, new: int, *, up: bool
+    program: Program, motions: list[int], loop: TrochoidLoop, feed_m_s: float, old: int, new: int, *, up: bool
 ) -> tuple[str, tuple[int, ...]]:
     """The program with loops, and the lines that they replace."""
     lines: dict[int, list[str]] = {}
@@ -197,7 +197,7 @@ def _words(letters: str, values: Float, digits: int) -> str:
 
 
 def _loop_lines(
-    block: Block, start: Float, end: Float, loop: Loop, feed_m_s: float, programmed_m_s: float, *, up: bool
+    block: Block, start: Float, end: Float, loop: TrochoidLoop, feed_m_s: float, programmed_m_s: float, *, up: bool
 ) -> list[str]:
     unit, origin = block.modal.unit_m, np.array(block.modal.p_part_origin)[:2]
     digits = 4 if unit == MM else 5

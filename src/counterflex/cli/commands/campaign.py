@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import typer
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
 from counterflex.cli.commands.prove import SEEDS, FamilyName, Workers
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_made_again, print_result, print_table, resumable_progress
 from counterflex.core.errors import InputError
 from counterflex.identify.recipes import RECIPES
@@ -22,20 +24,69 @@ def _either(name: str, given: bool, other: str, its: bool, hint: str | None = No
         raise InputError(f"use either {name} or {other}", value="both" if given else "neither", hint=hint)
 
 
+@dataclass(frozen=True)
+class CellOptions:
+    """Options that name the cell file and the simulated cells made of it."""
+
+    cell: Annotated[
+        Path | None, option("--cell", "Cell file; default: cell and part of the demonstration.", arguments.file, "CELL")
+    ] = None
+    twin: Annotated[Path | None, option("--twin", "Truth file: the one simulated cell.", arguments.file, "TRUTH")] = (
+        None
+    )
+    seeds: Annotated[str | None, SEEDS] = None
+    family: FamilyName = "mild"
+
+    def numbers(self) -> list[int] | None:
+        """Seeds; None where the one simulated cell is given.
+
+        Raises:
+            InputError: Both or neither are given, or the seeds are none.
+        """
+        _either(
+            "--twin",
+            self.twin is not None,
+            "--seeds",
+            self.seeds is not None,
+            "--twin TRUTH is one simulated cell, --seeds 5 makes five",
+            one=True,
+        )
+        return None if self.seeds is None else arguments.seeds(self.seeds)
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Options that say which processes do the work."""
+
+    workers: Workers = None
+    scheduler: Annotated[
+        str | None,
+        option(
+            "--scheduler",
+            "Scheduler of dask whose workers do the work; without it processes of this machine do.",
+            arguments.scheduler,
+            "ADDRESS",
+        ),
+    ] = None
+
+    def chosen(self) -> str | int | None:
+        """Address of the scheduler, or number of processes; says where a scheduler is open to others."""
+        from counterflex.app.long_jobs.scheduler import open_to_others, require_scheduler_address
+
+        if self.scheduler is not None and (message := open_to_others(require_scheduler_address(self.scheduler))):
+            typer.echo(message, err=True)
+        return self.scheduler or self.workers
+
+
+@with_records
 def campaign(
     out: Annotated[Path, option("--out", "Folder for the results.", arguments.output_folder, "DIR")],
     program: Annotated[
         list[Path] | None,
         argument("Programs to machine before and after; none: identify only.", arguments.file, "[PROGRAM]..."),
     ] = None,
-    cell: Annotated[
-        Path | None, option("--cell", "Cell file; default: cell and part of the demonstration.", arguments.file, "CELL")
-    ] = None,
-    twin: Annotated[
-        Path | None, option("--twin", "Truth file: the one simulated cell.", arguments.file, "TRUTH")
-    ] = None,
-    seeds: Annotated[str | None, SEEDS] = None,
-    family: FamilyName = "mild",
+    *,
+    cells: CellOptions,
     recipe: Annotated[
         list[str] | None,
         option("--recipe", "Only this recipe; may be given several times.", arguments.one_of(RECIPES.own)),
@@ -62,16 +113,7 @@ def campaign(
             "POSTURE",
         ),
     ] = None,
-    workers: Workers = None,
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler",
-            "Scheduler of dask whose workers do the work; without it processes of this machine do.",
-            arguments.scheduler,
-            "ADDRESS",
-        ),
-    ] = None,
+    machines: WorkerOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Identify a complete cell on simulated cells, as a laboratory would, and show the accuracy gained.
@@ -86,27 +128,18 @@ def campaign(
 
     Example: `counterflex campaign part.ngc --cell cell.toml --twin truth.toml --recipe tracker-frame --out campaign`
     """
-    _either(
-        "--twin",
-        twin is not None,
-        "--seeds",
-        seeds is not None,
-        "--twin TRUTH is one simulated cell, --seeds 5 makes five",
-        one=True,
-    )
+    numbers = cells.numbers()
     _either("--recipe", bool(recipe), "--no-identify", not identify)
-    _either("--scheduler", bool(scheduler), "--workers", bool(workers), "A scheduler's workers are started beside it")
-    numbers = None if seeds is None else arguments.seeds(seeds)
-    programs = list(program or ())
-    keep_inputs(out, *programs, cell, twin, placements)
+    by_scheduler, by_workers = bool(machines.scheduler), bool(machines.workers)
+    _either("--scheduler", by_scheduler, "--workers", by_workers, "A scheduler's workers are started beside it")
+    programs, cell = list(program or ()), cells.cell
+    keep_inputs(out, *programs, cell, cells.twin, placements)
     from counterflex.app import examples
     from counterflex.app.campaign import campaign as job
     from counterflex.app.campaign.axes import Grid, read_placements
-    from counterflex.app.long_jobs.scheduler import open_to_others, require_scheduler_address
     from counterflex.twin.truth.family import family_of
 
-    if scheduler is not None and (message := open_to_others(require_scheduler_address(scheduler))):
-        typer.echo(message, err=True)
+    workers = machines.chosen()
     places = () if placements is None else read_placements(placements)
     with tempfile.TemporaryDirectory() as folder, resumable_progress("campaign", out, "finished steps") as progress:
         if cell is None:
@@ -118,11 +151,11 @@ def campaign(
             out,
             grid=Grid(programs, places, posture or ()),
             seeds=numbers,
-            family=family_of(family),
-            truth_file=twin,
+            family=family_of(cells.family),
+            truth_file=cells.twin,
             recipes=(recipe or None) if identify else [],
             with_exact=exact,
-            workers=scheduler or workers,
+            workers=workers,
             progress=progress,
         )
     print_result(summary, as_json, show, out)

@@ -8,12 +8,14 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_json, warn
 from counterflex.core.units import UM
-from counterflex.programs.language import BY_ENDING, at_prompt
+from counterflex.programs.language import at_prompt
 
 
+@with_records
 def convert(
     program: Program,
     cell: CellFile,
@@ -38,9 +40,8 @@ def convert(
             max=100_000,
         ),
     ] = None,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print what was written as JSON.")] = False,
 ) -> None:
     """Say a program in another language: the same path, speeds and process words, nothing compensated.
@@ -51,16 +52,15 @@ def convert(
 
     Example: `counterflex convert part.ngc --to krl --cell cell.toml --out out`
     """
-    keep_inputs(out, program, parameters)
+    keep_inputs(out, program, source.parameters)
     from counterflex.app import conversion as job
-    from counterflex.app.inputs import Reading
 
     summary = job.run(
         program,
         cell,
         out,
         language,
-        reading=Reading(dialect, parameters, complete=not without_end),
+        reading=source.reading(),
         tolerance_m=tolerance_um * UM,
         points_per_file=points_per_file,
     )

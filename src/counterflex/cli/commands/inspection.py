@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
 from counterflex.cli.commands.inspection_tables import show
 from counterflex.cli.commands.program import CellFile, Out, Program
 from counterflex.cli.commands.standards.options import FORMATS, frame_of
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_json, progress_bar, say_written
 from counterflex.core.errors import InputError
 from counterflex.core.units import MM
+
+if TYPE_CHECKING:
+    from counterflex.app.inspection.judging import How
+    from counterflex.app.inspection.tool_log import LogHow
 
 _UNITS = ("um", "mm", "cm", "inch", "m")
 _POSITIONS = ("measured", "reported", "commanded")
@@ -46,6 +52,208 @@ def _measured(
     return measured
 
 
+@dataclass(frozen=True)
+class ScanOptions:
+    """Options by which a scan is read and laid on the part."""
+
+    unit: Annotated[
+        str | None,
+        option(
+            "--unit",
+            "Unit of the scan: um, mm, cm, inch, m; by default found from the size of the blank.",
+            arguments.one_of(_UNITS, "unit"),
+            "UNIT",
+        ),
+    ] = None
+    datum: Annotated[
+        str | None,
+        option(
+            "--datum",
+            "Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
+            "that the program does not machine.",
+            datum_faces,
+            "FACES",
+        ),
+    ] = None
+    datum_points: Annotated[
+        Path | None,
+        option(
+            "--datum-points",
+            "Rough pose: lines of scan x,y,z in its unit and part x,y,z in mm, three or more.",
+            arguments.file,
+            "FILE",
+        ),
+    ] = None
+    aligned: Annotated[bool, option("--aligned", "The scan is in the part frame already; it is not moved.")] = False
+    ball_diameter_mm: Annotated[
+        float | None,
+        option(
+            "--ball-diameter-mm",
+            "Of the probe, where the points are centres of its ball; 0: they lie on the surface.",
+            arguments.between(0.0, 4.0),
+            "MM",
+        ),
+    ] = None
+    clearance_mm: Annotated[
+        float | None,
+        option(
+            "--clearance-mm",
+            "Points further from the blank, or of what it stands on, are cut away; by default 3.",
+            arguments.between(0.1, 100.0),
+            "MM",
+        ),
+    ] = None
+    export: Annotated[
+        Path | None,
+        option(
+            "--export",
+            "Also write the deviations of a scan as points with scalar fields, mm: .ply or .vtp (VTK).",
+            arguments.output_file,
+            "FILE",
+        ),
+    ] = None
+
+    def given(self) -> dict[str, object]:
+        """Values by the names of the options."""
+        return {f"--{name.replace('_', '-')}": value for name, value in asdict(self).items()}
+
+    def settings(self) -> How:
+        """Settings of the scan, in SI.
+
+        Raises:
+            InputError: A scan that is not moved is given a datum.
+        """
+        from counterflex.app.inspection.judging import How
+
+        if self.aligned and (self.datum is not None or self.datum_points is not None):
+            raise InputError(
+                "a scan in the part frame is not moved, so that it takes no datum",
+                where="--aligned",
+                hint="Leave out --aligned, or --datum and --datum-points",
+            )
+        ball_m, clearance_m = (
+            None if value is None else value * MM for value in (self.ball_diameter_mm, self.clearance_mm)
+        )
+        return How(self.unit, self.datum, self.datum_points, self.aligned, ball_m, clearance_m)
+
+    def map_writer(self) -> Callable[[Path, object], None] | None:
+        """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
+        if self.export is None:
+            return None
+        from counterflex.app.inspection.inspect import DEVIATIONS
+        from counterflex.files.deviation_map import require_format, write_deviation_map
+        from counterflex.files.part_deviations import read_part_deviations
+
+        export = self.export
+        require_format(export)
+        return lambda folder, _: write_deviation_map(export, read_part_deviations(folder / DEVIATIONS)[0])
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """Options by which a log of the tool is read."""
+
+    frame: Annotated[
+        str | None,
+        option(
+            "--frame",
+            "Of a tracker's log: as-measured (the part frame), a cell file with [tracker], X,Y,Z,A,B,C of the "
+            "tracker in the part frame (mm, deg), or fit: laid on the program's path; by default [tracker] of --cell.",
+            frame_of,
+            "FRAME",
+        ),
+    ] = None
+    form: Annotated[
+        str,
+        option(
+            "--format",
+            "Of a tracker's log: " + ", ".join(FORMATS) + ".",
+            arguments.one_of(FORMATS, "format of a tracker's export"),
+            "NAME",
+        ),
+    ] = "counterflex"
+    position: Annotated[
+        str | None,
+        option(
+            "--position",
+            "Of a run log: measured (by the tracker), reported (by the controller), commanded; by default the "
+            "first of them that it holds, never the commanded one.",
+            arguments.one_of(_POSITIONS, "position"),
+            "NAME",
+        ),
+    ] = None
+    run: Annotated[
+        int | None,
+        option(
+            "--run",
+            "Of run logs: number of the run, where a folder holds several.",
+            metavar="N",
+            min=0,
+            max=arguments.MOST_RECORDS,
+        ),
+    ] = None
+    cut: Annotated[
+        bool, option("--cut", "The part was cut while the tool was logged; without it all feed motion counts.")
+    ] = False
+
+    def given(self) -> dict[str, object]:
+        """Values by the names of the options."""
+        return {
+            "--frame": self.frame,
+            "--position": self.position,
+            "--run": self.run,
+            "--cut": self.cut,
+            "--format": None if self.form == "counterflex" else self.form,
+        }
+
+    def settings(self) -> LogHow:
+        """Settings of the log."""
+        from counterflex.app.inspection.tool_log import LogHow
+
+        return LogHow(self.frame, self.form, self.position, self.run, self.cut)
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """Options that name what the part is judged against."""
+
+    before: Annotated[
+        Path | None,
+        option(
+            "--before",
+            "Scan, or log of the tool, of an earlier part to compare with.",
+            arguments.file_or_folder,
+            "FILE|DIR",
+        ),
+    ] = None
+    nominal: Annotated[
+        Path | None,
+        option(
+            "--nominal",
+            "CAD solid (STEP, its faces become features) or mesh (STL, mm), part frame, to judge against in place of "
+            "what the program makes.",
+            arguments.file,
+            "CAD",
+        ),
+    ] = None
+    tolerances: Annotated[
+        Path | None,
+        option(
+            "--tolerances",
+            "Tolerances of the drawing: columns feature, quantity, tolerance_mm; without it ISO 2768-mK.",
+            arguments.file,
+            "CSV",
+        ),
+    ] = None
+
+    def tolerances_m(self) -> dict[tuple[str, str], float] | None:
+        """(feature, quantity) to +- tolerance, m; None: general tolerances."""
+        from counterflex.files.small_table import read_tolerances
+
+        return None if self.tolerances is None else read_tolerances(self.tolerances)
+
+
+@with_records
 def inspect(
     program: Program,
     cell: CellFile,
@@ -69,132 +277,10 @@ def inspect(
             "FILE|DIR",
         ),
     ] = None,
-    unit: Annotated[
-        str | None,
-        option(
-            "--unit",
-            "Unit of the scan: um, mm, cm, inch, m; by default found from the size of the blank.",
-            arguments.one_of(_UNITS, "unit"),
-            "UNIT",
-        ),
-    ] = None,
-    datum: Annotated[
-        str | None,
-        option(
-            "--datum",
-            "Faces of the blank that place the scan: some of x-,x+,y-,y+,bottom,top; by default all scanned ones "
-            "that the program does not machine.",
-            datum_faces,
-            "FACES",
-        ),
-    ] = None,
-    datum_points: Annotated[
-        Path | None,
-        option(
-            "--datum-points",
-            "Rough pose: lines of scan x,y,z in its unit and part x,y,z in mm, three or more.",
-            arguments.file,
-            "FILE",
-        ),
-    ] = None,
-    aligned: Annotated[bool, option("--aligned", "The scan is in the part frame already; it is not moved.")] = False,
-    ball_diameter_mm: Annotated[
-        float | None,
-        option(
-            "--ball-diameter-mm",
-            "Of the probe, where the points are centres of its ball; 0: they lie on the surface.",
-            arguments.between(0.0, 4.0),
-            "MM",
-        ),
-    ] = None,
-    clearance_mm: Annotated[
-        float | None,
-        option(
-            "--clearance-mm",
-            "Points further from the blank, or of what it stands on, are cut away; by default 3.",
-            arguments.between(0.1, 100.0),
-            "MM",
-        ),
-    ] = None,
-    before: Annotated[
-        Path | None,
-        option(
-            "--before",
-            "Scan, or log of the tool, of an earlier part to compare with.",
-            arguments.file_or_folder,
-            "FILE|DIR",
-        ),
-    ] = None,
-    nominal: Annotated[
-        Path | None,
-        option(
-            "--nominal",
-            "CAD solid (STEP, its faces become features) or mesh (STL, mm), part frame, to judge against in place of "
-            "what the program makes.",
-            arguments.file,
-            "CAD",
-        ),
-    ] = None,
-    tolerances: Annotated[
-        Path | None,
-        option(
-            "--tolerances",
-            "Tolerances of the drawing: columns feature, quantity, tolerance_mm; without it ISO 2768-mK.",
-            arguments.file,
-            "CSV",
-        ),
-    ] = None,
-    frame: Annotated[
-        str | None,
-        option(
-            "--frame",
-            "Of a tracker's log: as-measured (the part frame), a cell file with [tracker], X,Y,Z,A,B,C of the "
-            "tracker in the part frame (mm, deg), or fit: laid on the program's path; by default [tracker] of --cell.",
-            frame_of,
-            "FRAME",
-        ),
-    ] = None,
-    form: Annotated[
-        str,
-        option(
-            "--format",
-            "Of a tracker's log: " + ", ".join(FORMATS) + ".",
-            arguments.one_of(FORMATS, "format of a tracker's export"),
-            "NAME",
-        ),
-    ] = "counterflex",
-    position: Annotated[
-        str | None,
-        option(
-            "--position",
-            "Of a run log: measured (by the tracker), reported (by the controller), commanded; by default the "
-            "first of them that it holds, never the commanded one.",
-            arguments.one_of(_POSITIONS, "position"),
-            "NAME",
-        ),
-    ] = None,
-    run: Annotated[
-        int | None,
-        option(
-            "--run",
-            "Of run logs: number of the run, where a folder holds several.",
-            metavar="N",
-            min=0,
-            max=arguments.MOST_RECORDS,
-        ),
-    ] = None,
-    cut: Annotated[
-        bool, option("--cut", "The part was cut while the tool was logged; without it all feed motion counts.")
-    ] = False,
-    export: Annotated[
-        Path | None,
-        option(
-            "--export",
-            "Also write the deviations of a scan as points with scalar fields, mm: .ply or .vtp (VTK).",
-            arguments.output_file,
-            "FILE",
-        ),
-    ] = None,
+    *,
+    of_scan: ScanOptions,
+    reference: ReferenceOptions,
+    of_log: LogOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Judge a real part: its scan, or the measured path of the tool, against what the program makes.
@@ -206,44 +292,17 @@ def inspect(
 
     Example: `counterflex inspect part.ngc --cell cell.toml --scan part.ply --out inspected`
     """
-    inputs = (program, cell, scan, tool_log, datum_points, before, nominal, tolerances)
+    before, nominal = reference.before, reference.nominal
+    inputs = (program, cell, scan, tool_log, of_scan.datum_points, before, nominal, reference.tolerances)
     keep_inputs(out, *inputs)
-    keep_inputs(export, *inputs, option="--export")
-    of_scan = {
-        "--unit": unit,
-        "--datum": datum,
-        "--datum-points": datum_points,
-        "--aligned": aligned,
-        "--ball-diameter-mm": ball_diameter_mm,
-        "--clearance-mm": clearance_mm,
-        "--export": export,
-    }
-    of_log = {
-        "--frame": frame,
-        "--position": position,
-        "--run": run,
-        "--cut": cut,
-        "--format": None if form == "counterflex" else form,
-    }
-    measured = _measured(scan, tool_log, of_scan, of_log)
+    keep_inputs(of_scan.export, *inputs, option="--export")
+    measured = _measured(scan, tool_log, of_scan.given(), of_log.given())
     if scan is not None and before is not None and before.is_dir():
         raise InputError("it is a folder", where=f"--before {before}", limit="a scan, as --scan")
-    if aligned and (datum is not None or datum_points is not None):
-        raise InputError(
-            "a scan in the part frame is not moved, so that it takes no datum",
-            where="--aligned",
-            hint="Leave out --aligned, or --datum and --datum-points",
-        )
     from counterflex.app.inspection import inspect as job
-    from counterflex.app.inspection.judging import How
-    from counterflex.app.inspection.tool_log import LogHow
-    from counterflex.files.small_table import read_tolerances
 
-    more = _map_writer(export)
-    how: How | LogHow = LogHow(frame, form, position, run, cut)
-    if tool_log is None:
-        ball_m, clearance_m = (None if value is None else value * MM for value in (ball_diameter_mm, clearance_mm))
-        how = How(unit, datum, datum_points, aligned, ball_m, clearance_m)
+    more = of_scan.map_writer()
+    how = of_scan.settings() if tool_log is None else of_log.settings()
     with progress_bar(f"inspecting {measured.name}") as progress:
         summary = job.run(
             program,
@@ -253,7 +312,7 @@ def inspect(
             how=how,
             before=before,
             nominal=nominal,
-            tolerances_m=None if tolerances is None else read_tolerances(tolerances),
+            tolerances_m=reference.tolerances_m(),
             more=more,
             progress=progress,
         )
@@ -263,16 +322,4 @@ def inspect(
     show(summary)
     rows = "deviations.parquet" if tool_log is None else "tool-path.parquet"
     say_written(out, f"wrote {out}: {rows}, report.html, summary.json")
-    say_written(export, f"wrote {export}: deviation_mm, positive = material left")
-
-
-def _map_writer(export: Path | None) -> Callable[[Path, object], None] | None:
-    """Return what writes the deviations that lie in a folder as a map; refuses a name that says no format."""
-    if export is None:
-        return None
-    from counterflex.app.inspection.inspect import DEVIATIONS
-    from counterflex.files.deviation_map import require_format, write_deviation_map
-    from counterflex.files.part_deviations import read_part_deviations
-
-    require_format(export)
-    return lambda folder, _: write_deviation_map(export, read_part_deviations(folder / DEVIATIONS)[0])
+    say_written(of_scan.export, f"wrote {of_scan.export}: deviation_mm, positive = material left")

@@ -9,14 +9,16 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
+from counterflex.cli.commands.program import CellFile, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar, say_written
 from counterflex.core.remarks import shown
-from counterflex.programs.language import BY_ENDING, robot_dialects
+from counterflex.programs.language import robot_dialects
 
 _ORDER: Final = ("fail", "warning", "ok")
 
 
+@with_records
 def preflight(
     program: Annotated[Path, argument("Program file.", arguments.file, "PROGRAM")],
     cell: CellFile,
@@ -47,9 +49,8 @@ def preflight(
             "STEP",
         ),
     ] = None,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Check a program on a cell before it runs: one table with the worst line of each check.
@@ -64,12 +65,11 @@ def preflight(
 
     Example: `counterflex preflight part.ngc --cell cell.toml --out preflight`
     """
-    keep_inputs(out, cell, program, parameters, nominal)
+    keep_inputs(out, cell, program, source.parameters, nominal)
     from counterflex.app import preflight as job
-    from counterflex.app.inputs import Reading
 
     with progress_bar(f"checking {program.name}") as progress:
-        reading = Reading(dialect, parameters, complete=not without_end)
+        reading = source.reading()
         summary = job.run(program, cell, out, reading=reading, language=language, nominal=nominal, progress=progress)
     print_result(summary, as_json, _show)
     if out is not None and not as_json:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, line_of, print_json, print_table, progress_bar, say_written, warn
 from counterflex.cli.predicted import MODEL
 from counterflex.cli.scenario import Layers
 from counterflex.core.units import UM
 from counterflex.programs.language import BY_ENDING, at_prompt, dialects
+
+if TYPE_CHECKING:
+    from counterflex.app.inputs import Reading
 
 Program = Annotated[
     Path,
@@ -53,6 +58,59 @@ AssumeClass = Annotated[
 WithoutEnd = Annotated[
     bool, option("--without-end", "The program is complete though it stops without M2, M30 or a closing %.")
 ]
+
+
+JudgedSurface = Annotated[
+    str,
+    option(
+        "--surface",
+        "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
+        arguments.one_of(("both", "wall", "floor"), "surface"),
+    ),
+]
+
+
+@dataclass(frozen=True)
+class MachineOptions:
+    """Options by which a program in the language of its ending is read."""
+
+    parameters: Parameters = None
+    without_end: WithoutEnd = False
+
+    def reading(self, dialect: str = BY_ENDING) -> Reading:
+        """Settings of the reader."""
+        from counterflex.app.inputs import Reading
+
+        return Reading(dialect, self.parameters, complete=not self.without_end)
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Options by which a program is read."""
+
+    dialect: Dialect = BY_ENDING
+    parameters: Parameters = None
+    without_end: WithoutEnd = False
+
+    def reading(self) -> Reading:
+        """Settings of the reader."""
+        return MachineOptions(self.parameters, self.without_end).reading(self.dialect)
+
+
+@dataclass(frozen=True)
+class ResultOptions:
+    """Options that choose what a compensation computes and writes."""
+
+    assume_class: AssumeClass = False
+    predict: Annotated[bool, option("--predict/--no-predict", "Predict the path error before and after.")] = True
+    report: Annotated[bool, option("--report/--no-report", "Write report.html.")] = True
+    programmed_feed: Annotated[
+        bool, option("--programmed-feed", "Leave the feed as programmed: for `run --original`, corrected online.")
+    ] = False
+
+    def files(self) -> list[str]:
+        """Names of what is written beside the program."""
+        return ["plan.parquet", "summary.json", *(["report.html"] if self.report else [])]
 
 
 def path(
@@ -99,6 +157,7 @@ def path(
             say_written(csv, f"wrote {csv}: {count} motions")
 
 
+@with_records
 def compensate(
     program: Program,
     cell: CellFile,
@@ -112,15 +171,10 @@ def compensate(
             arguments.one_of(lambda: at_prompt("write"), "language"),
         ),
     ] = None,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: MachineOptions,
     scenario: Layers = None,
-    assume_class: AssumeClass = False,
-    predict: Annotated[bool, option("--predict/--no-predict", "Predict the path error before and after.")] = True,
-    report: Annotated[bool, option("--report/--no-report", "Write report.html.")] = True,
-    programmed_feed: Annotated[
-        bool, option("--programmed-feed", "Leave the feed as programmed: for `run --original`, corrected online.")
-    ] = False,
+    results: ResultOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program: predict force and deflection at each point and write the corrected program.
@@ -144,12 +198,11 @@ def compensate(
 
     Example: `counterflex compensate part.ngc --cell cell.toml --out out --as krl`
     """
-    keep_inputs(out, program, parameters)
+    keep_inputs(out, program, source.parameters)
     from counterflex.files.scenario_file import read_scenario
 
     wish, table = None, read_scenario(scenario or (), ("compensation",)).compensation
     from counterflex.app import written_out as job
-    from counterflex.app.inputs import Reading
     from counterflex.plan.feed_for_tolerance import FeedTolerance
 
     if table.feed_for_tolerance_um is not None:
@@ -161,21 +214,18 @@ def compensate(
             program,
             cell,
             out,
-            assume_class=assume_class,
-            report=report,
             progress=progress,
             language=language,
-            reading=Reading(table.dialect, parameters, complete=not without_end),
+            reading=source.reading(table.dialect),
             tolerance_m=table.tolerance_um * UM,
             normal_only=table.normal_only,
-            predict=predict,
             feed=wish,
-            programmed_feed=programmed_feed,
+            **asdict(results),
         )
     if as_json:
         print_json(summary)
     else:
-        _show(summary, [*summary["files"], "plan.parquet", "summary.json", *(["report.html"] if report else [])], out)
+        _show(summary, [*summary["files"], *results.files()], out)
         if "feed" in summary:
             _show_feed(summary["feed"])
         if "feed_limits" in summary:

@@ -11,7 +11,8 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import LARGEST_SEED, MOST_WORKERS, argument, option
-from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import AssumeClass, CellFile, MachineOptions, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import (
     keep_folders,
     keep_inputs,
@@ -25,7 +26,6 @@ from counterflex.cli.output import (
 )
 from counterflex.core.errors import InputError
 from counterflex.core.units import UM
-from counterflex.programs.language import BY_ENDING
 from counterflex.twin.truth.family import FAMILIES
 
 SEEDS = option("--seeds", "Truth seeds: how many, from 1 on, or which: 2001-2008,2011.", metavar="N|A-B,C")
@@ -72,6 +72,7 @@ def truth(
     say_written(out, f"wrote {out}: {len(made.bodies)} bodies, seed {'none' if seed is None else seed}")
 
 
+@with_records
 def simulate(
     program: Program,
     cell: CellFile,
@@ -81,9 +82,8 @@ def simulate(
         Path | None,
         option("--original", "The uncompensated program, reference of a compensated one.", arguments.file, "PROGRAM"),
     ] = None,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Machine a program on the simulated cell.
@@ -92,11 +92,10 @@ def simulate(
 
     Example: `counterflex simulate out/part.ngc --original part.ngc --cell cell.toml --truth truth.toml --out run`
     """
-    keep_inputs(out, program, cell, truth, original, parameters)
-    from counterflex.app.inputs import Reading
+    keep_inputs(out, program, cell, truth, original, source.parameters)
     from counterflex.app.proof import simulate as job
 
-    reading = Reading(dialect, parameters, complete=not without_end)
+    reading = source.reading()
     with progress_bar(f"machining {program.name}") as progress:
         summary = job.run(program, cell, truth, out, original=original, reading=reading, progress=progress)
     if as_json:
@@ -198,6 +197,7 @@ def report(
     typer.echo(f"wrote {out / 'report.html'} and summary.json")
 
 
+@with_records
 def prove(
     program: Program,
     cell: CellFile,
@@ -207,8 +207,8 @@ def prove(
     exact: Annotated[bool, option("--exact/--no-exact", "Also plan with the truth's exact constants.")] = True,
     assume_class: AssumeClass = False,
     workers: Workers = None,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: MachineOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Compensate a program, machine it before and after on simulated cells, compare, and write the report.
@@ -216,12 +216,10 @@ def prove(
     Example: `counterflex prove part.ngc --cell cell.toml --seeds 5 --out out`
     """
     numbers = arguments.seeds(seeds)
-    keep_inputs(out, program, cell, parameters)
-    from counterflex.app.inputs import Reading
+    keep_inputs(out, program, cell, source.parameters)
     from counterflex.app.proof import prove as job
     from counterflex.twin.truth.family import family_of
 
-    reading = Reading(parameters=parameters, complete=not without_end)
     with progress_bar(f"proving {program.name}") as progress:
         summary = job.run(
             program,
@@ -232,7 +230,7 @@ def prove(
             exact=exact,
             assume_class=assume_class,
             workers=workers,
-            reading=reading,
+            reading=source.reading(),
             progress=progress,
         )
     print_result(summary, as_json, show_proof, out)

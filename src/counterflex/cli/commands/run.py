@@ -10,8 +10,9 @@ import typer
 from counterflex.cli import arguments, interrupt
 from counterflex.cli.arguments import address, option
 from counterflex.cli.commands.log import show_process
-from counterflex.cli.commands.program import CellFile, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, MachineOptions, Out, Program
 from counterflex.cli.commands.simulated.options import require_not_abandoned, say_force_device
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, line_period_s, print_result, print_table, progress_bar
 from counterflex.cli.scenario import Layers, host_port
 from counterflex.core.errors import InputError
@@ -159,6 +160,7 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     typer.echo(f"wrote {out}")
 
 
+@with_records
 def cell(
     program: Program,
     cell: CellFile,
@@ -173,8 +175,8 @@ def cell(
         Path | None,
         option("--original", "The uncompensated program, reference of a compensated one.", arguments.file, "PROGRAM"),
     ] = None,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: MachineOptions,
     scenario: Layers = None,
 ) -> None:
     """Run a program on the simulated cell behind its real protocols: RSI or EGM, force sensor, strains, tracker.
@@ -190,9 +192,8 @@ def cell(
     from counterflex.files.scenario_file import read_scenario
 
     trial = read_scenario(scenario or (), ("controller", "rsi", "egm", "force_sensor", "strain", "tracker"))
-    keep_inputs(out, program, cell, truth, rsi, original, parameters)
+    keep_inputs(out, program, cell, truth, rsi, original, source.parameters)
     robot = one_link(rsi, egm)
-    from counterflex.app.inputs import Reading
     from counterflex.app.simulated_cell import cell as job, scenario as shown
 
     sensor, own_force = trial.force_sensor, trial.egm.own_force
@@ -204,7 +205,7 @@ def cell(
         truth=truth,
         robot=robot,
         original=original,
-        reading=Reading(parameters=parameters, complete=not without_end),
+        reading=source.reading(),
         peer=host_port(trial.controller.peer) or (None if egm is None else address(egm, "--egm")),
         own_force=own_force,
         force_port=None if own_force or ((strained or terminals) and not force_port) else force_port,

@@ -20,7 +20,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive
 from counterflex.core.errors import InputError
-from counterflex.cutting.stability.modes import DIMENSIONS, Modes
+from counterflex.cutting.stability.modes import DIMENSIONS, TipModes
 
 NODES: Final = 10
 """Nodes of a tooth period: eigenvalues of up to omega T = 6 are exact to 1e-4."""
@@ -40,7 +40,7 @@ def _transport(nodes: int) -> Float:
     return 2.0 * D
 
 
-def least_damping(modes: Modes, A: Float, period_s: float) -> float:
+def least_damping(modes: TipModes, A: Float, period_s: float) -> float:
     """Least damping ratio that modes have left while they cut, ``min(-Re lambda / |lambda|)``; below 0 they chatter.
 
     One slow mode alone has ``zeta + T u'Au / (2 omega)``.

@@ -27,13 +27,13 @@ import numpy as np
 
 from counterflex.core.arrays import Complex, Float, Int, as_float, batches
 from counterflex.core.errors import InputError
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 
 POINTS_PER_WIDTH: Final = 16
 _LOWEST, _HIGHEST = 0.05, 6.0
 
 
-def frequencies_for(modes: Modes) -> Float:
+def frequencies_for(modes: TipModes) -> Float:
     """Angular frequencies that resolve every mode: geometric, with points between the half-power frequencies.
 
     From :data:`_LOWEST` of the lowest to :data:`_HIGHEST` times the highest natural frequency.

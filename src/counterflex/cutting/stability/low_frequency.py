@@ -25,7 +25,7 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.arrays import Float, as_float, as_positive
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 
 VALID_TO: Final = 0.3
 """Largest omega T of a mode that the criterion is used for."""
@@ -35,14 +35,14 @@ _STEPS: Final = 24
 _PER_DECADE: Final = 10
 
 
-def valid_factor(modes: Modes, A: Float, period_s: float) -> float:
+def valid_factor(modes: TipModes, A: Float, period_s: float) -> float:
     """Largest factor on the depth that the criterion is good for: ``s T^2/2 |U'AU| <= 0.05``; inf without coupling."""
     coupling = float(np.linalg.norm(modes.shape.T @ A @ modes.shape, 2)) if len(modes) else 0.0
     taken = 0.5 * period_s**2 * coupling
     return LARGEST_MASS / taken if taken > 0.0 else np.inf
 
 
-def limit(modes: Modes, A: Float, period_s: float) -> tuple[float, float]:
+def limit(modes: TipModes, A: Float, period_s: float) -> tuple[float, float]:
     """Factor on the depth at which the modes together lose stability, and the frequency at which they then swing.
 
     Args:
@@ -81,7 +81,7 @@ def limit(modes: Modes, A: Float, period_s: float) -> tuple[float, float]:
     return factor, float(_growth(modes, coupling, T, np.array([factor]))[1][0])
 
 
-def _growth(modes: Modes, coupling: Float, T: float, factors: Float) -> tuple[Float, Float]:
+def _growth(modes: TipModes, coupling: Float, T: float, factors: Float) -> tuple[Float, Float]:
     """Largest real part of the eigenvalues at each factor, and the frequency of that eigenvalue."""
     n = len(modes)
     s = factors[:, None, None] * coupling

@@ -23,7 +23,7 @@ DIMENSIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class TipModes:
     """Modes seen at the tool tip.
 
     Raises:
@@ -49,13 +49,13 @@ class Modes:
         """Number of modes."""
         return len(self.omega_rad_s)
 
-    def turned(self, R: Float) -> Modes:
+    def turned(self, R: Float) -> TipModes:
         """The same modes in other axes: ``R`` (3, 3) takes vectors of the present frame to the new one."""
-        return Modes(self.omega_rad_s, self.damping_ratio, R @ self.shape)
+        return TipModes(self.omega_rad_s, self.damping_ratio, R @ self.shape)
 
-    def only(self, chosen: Bool | Int) -> Modes:
+    def only(self, chosen: Bool | Int) -> TipModes:
         """Those of the modes that a mask or indices (n,) choose."""
-        return Modes(self.omega_rad_s[chosen], self.damping_ratio[chosen], self.shape[:, chosen])
+        return TipModes(self.omega_rad_s[chosen], self.damping_ratio[chosen], self.shape[:, chosen])
 
     def response(self, omega_rad_s: Float) -> Complex:
         """Frequency response at the tip, (len(omega), 3, 3) m/N."""
@@ -65,7 +65,7 @@ class Modes:
         return out
 
 
-def modes_along(frequency_hz: Float, damping_ratio: Float, stiffness_n_m: Float, direction: Float) -> Modes:
+def modes_along(frequency_hz: Float, damping_ratio: Float, stiffness_n_m: Float, direction: Float) -> TipModes:
     """Modes from modal parameters, each along one direction at the tip: ``u = direction omega / sqrt(k)``.
 
     Args:
@@ -85,4 +85,4 @@ def modes_along(frequency_hz: Float, damping_ratio: Float, stiffness_n_m: Float,
     length = np.linalg.norm(u, axis=1, keepdims=True)
     if np.any(length == 0.0):
         raise InputError("the direction of a mode has no length")
-    return Modes(omega, as_float("damping_ratio", damping_ratio), ((u / length) * (omega / np.sqrt(k))[:, None]).T)
+    return TipModes(omega, as_float("damping_ratio", damping_ratio), ((u / length) * (omega / np.sqrt(k))[:, None]).T)

@@ -18,7 +18,7 @@ import scipy
 
 from counterflex.core.arrays import Complex, Float, as_float
 from counterflex.core.errors import InputError
-from counterflex.cutting.stability.modes import DIMENSIONS, Modes
+from counterflex.cutting.stability.modes import DIMENSIONS, TipModes
 
 MOST_MODES: Final = 6
 GOOD: Final = 0.02
@@ -53,7 +53,7 @@ class Response:
         return Response(self.omega_rad_s, R @ self.receptance @ R.T)
 
 
-def fitted_modes(response: Response) -> tuple[Modes, float]:
+def fitted_modes(response: Response) -> tuple[TipModes, float]:
     """Modes of a response, each along one axis of its frame, and the share that they leave unexplained (rms).
 
     Cross responses between the axes are left out.
@@ -79,7 +79,7 @@ def fitted_modes(response: Response) -> tuple[Modes, float]:
     if not omega:
         raise InputError("the response of the tool tip has no mode", limit="a resonance in at least one direction")
     order = np.argsort(omega)
-    modes = Modes(np.array(omega)[order], np.array(zeta)[order], np.array(shape)[order].T)
+    modes = TipModes(np.array(omega)[order], np.array(zeta)[order], np.array(shape)[order].T)
     return modes, float(np.sqrt(rest / whole))
 
 

@@ -25,7 +25,7 @@ import scipy
 
 from counterflex.core.arrays import Float, Int, as_positive
 from counterflex.core.errors import InputError
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.process import Process
 
 LEAST_INTERVALS: Final = 40
@@ -38,7 +38,7 @@ _TAYLOR_NORM, _TAYLOR_ORDER = 0.5, 12
 """Rest of the series: ``0.5^13 / 13!``, below 1e-13."""
 
 
-def intervals_for(modes: Modes, process: Process, period_s: float) -> Float:
+def intervals_for(modes: TipModes, process: Process, period_s: float) -> Float:
     """Edges of the intervals of a tooth pitch, (k + 1,) rad, rising from 0 to ``2 pi / N``.
 
     A stretch in which a tooth cuts is divided so that the fastest mode turns by at most 0.3 rad in an interval (the
@@ -56,7 +56,7 @@ def intervals_for(modes: Modes, process: Process, period_s: float) -> Float:
 
 
 def largest_multiplier(
-    modes: Modes, process: Process, period_s: float, factor: float = 1.0, intervals: int | None = None
+    modes: TipModes, process: Process, period_s: float, factor: float = 1.0, intervals: int | None = None
 ) -> float:
     """Largest ``|mu|`` of the cut at a factor on its depth; stable below 1.
 
@@ -77,7 +77,7 @@ def largest_multiplier(
     return _radius(_transition(modes, s * process.means(edges), np.diff(edges) * T / edges[-1]))
 
 
-def _edges(modes: Modes, process: Process, period_s: float, intervals: int | None) -> Float:
+def _edges(modes: TipModes, process: Process, period_s: float, intervals: int | None) -> Float:
     if intervals is None:
         return intervals_for(modes, process, period_s)
     if not 2 <= intervals <= 100_000:
@@ -85,7 +85,7 @@ def _edges(modes: Modes, process: Process, period_s: float, intervals: int | Non
     return np.linspace(0.0, 2.0 * np.pi / process.teeth, intervals + 1)
 
 
-def _transition(modes: Modes, a: Float, step_s: Float) -> Float:
+def _transition(modes: TipModes, a: Float, step_s: Float) -> Float:
     """Transition matrix over a tooth period of (eta, eta', y(-1), ..., y(-k)), y the displacements that feed back."""
     k, n = len(a), len(modes)
     used = np.flatnonzero(np.any(a != 0.0, axis=(0, 1)) & np.any(modes.shape != 0.0, axis=1))
@@ -119,7 +119,7 @@ def _add_delayed(x: Float, R: Float, at: int, n: int, U: Float) -> None:
 
 
 def _interval_maps(
-    modes: Modes, a: Float, used: Int, step_s: Float
+    modes: TipModes, a: Float, used: Int, step_s: Float
 ) -> tuple[list[tuple[Float, Float, Float]], list[int]]:
     """Maps of an interval for each different coefficient matrix and duration, and which of them each interval has."""
     # `x(1) = P x(0) + R0 y(0 - T) + R1 y(1 - T)` from one matrix exponential of the state with y and its slope.
@@ -174,7 +174,7 @@ def _radius(matrix: Float) -> float:
 
 
 def limit(
-    modes: Modes,
+    modes: TipModes,
     process: Process,
     period_s: float,
     *,
@@ -219,7 +219,7 @@ def limit(
     return _refined(growth, (low, g_low), (high, g_high), tolerance)
 
 
-def _growth(modes: Modes, process: Process, period_s: float, intervals: int | None, factor: float) -> float:
+def _growth(modes: TipModes, process: Process, period_s: float, intervals: int | None, factor: float) -> float:
     return math.log(max(largest_multiplier(modes, process, period_s, factor, intervals), 1e-300))
 
 

@@ -17,7 +17,7 @@ MOST: Final = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class StationCurve:
     """Stations at one pitch along a path."""
 
     points: Float  # (m, 3) m
@@ -41,27 +41,27 @@ class Curve:
         out: Float = np.stack([np.interp(where, index, self.points[:, k]) for k in range(3)], axis=-1)
         return out
 
-    def scaled(self, factor: float) -> Curve:
+    def scaled(self, factor: float) -> StationCurve:
         """The same curve in another unit."""
-        return Curve(self.points * factor, self.directions, self.sample, self.pitch_m * factor)
+        return StationCurve(self.points * factor, self.directions, self.sample, self.pitch_m * factor)
 
-    def mirrored(self) -> Curve:
+    def mirrored(self) -> StationCurve:
         """The same curve with its first axis turned over."""
         over = np.array([-1.0, 1.0, 1.0])
-        return Curve(self.points * over, self.directions * over, self.sample, self.pitch_m)
+        return StationCurve(self.points * over, self.directions * over, self.sample, self.pitch_m)
 
 
-def curve_of(p: Float) -> Curve:
+def curve_of(p: Float) -> StationCurve:
     """Stations of a sampled path (n, 3) m: blind to speed, stops and small vibration."""
     size = float(np.linalg.norm(p.max(axis=0) - p.min(axis=0)))
     travelled = float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
     pitch = max(size / STATIONS, travelled / MOST, 1e-12)
     points, sample, broken = path_matching.even_stations(np.ascontiguousarray(p), pitch, np.inf)
     directions = path_matching.travel_directions(points, broken)
-    return Curve(points, directions, sample, pitch)
+    return StationCurve(points, directions, sample, pitch)
 
 
-def offsets(path: Curve, log: Curve, least_share: float) -> Float:
+def offsets(path: StationCurve, log: StationCurve, least_share: float) -> Float:
     """Lengths along the log at which the path may begin, so that it covers at least a share of the path."""
     length = path.length_m
     first, last = -(1.0 - least_share) * length, log.length_m - least_share * length
@@ -70,7 +70,7 @@ def offsets(path: Curve, log: Curve, least_share: float) -> Float:
     return np.linspace(first, last, int(np.clip((last - first) / (length / 250.0), 2, 1500)))
 
 
-def matched_lengths(path: Curve, log: Curve, offset_m: Float, count: int) -> tuple[Float, Float]:
+def matched_lengths(path: StationCurve, log: StationCurve, offset_m: Float, count: int) -> tuple[Float, Float]:
     """Lengths along the path (k, count) that the log covers for each offset (k,), evenly; and along the log."""
     begin = np.maximum(0.0, -offset_m)
     end = np.minimum(path.length_m, log.length_m - offset_m)
@@ -78,7 +78,7 @@ def matched_lengths(path: Curve, log: Curve, offset_m: Float, count: int) -> tup
     return on_path, on_path + offset_m[:, None]
 
 
-def begin_on(path: Curve, log: Curve, least_share: float) -> float:
+def begin_on(path: StationCurve, log: StationCurve, least_share: float) -> float:
     """Length along the log, in the frame of the path, at which the path begins, m."""
     steps = offsets(path, log, least_share)
     if len(steps) == 0:
@@ -91,7 +91,7 @@ def begin_on(path: Curve, log: Curve, least_share: float) -> float:
     return float(steps[int(np.argmin(cost))])
 
 
-def within(samples: int, curve: Curve, first_m: float, last_m: float) -> Bool:
+def within(samples: int, curve: StationCurve, first_m: float, last_m: float) -> Bool:
     """(samples,) the samples of a curve between two lengths along it."""
     place = np.interp([first_m, last_m], curve.pitch_m * np.arange(len(curve)), curve.sample)
     index = np.arange(samples)

@@ -16,7 +16,7 @@ import scipy
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import InputError
 from counterflex.core.units import DEG, MM, UM
-from counterflex.evaluate.tool_path.curve import Curve, matched_lengths, offsets
+from counterflex.evaluate.tool_path.curve import StationCurve, matched_lengths, offsets
 from counterflex.geometry import pose, rotation
 
 CAP_M: Final = 5.0 * MM
@@ -53,7 +53,7 @@ class PathPlace:
         return self.share >= COVERED and self.score_m <= FITS_M
 
 
-def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> PathPlace:
+def score(path: StationCurve, feed: Float, log: StationCurve, T_path_log: Float) -> PathPlace:
     """Score of a log in a given pose against the feed places of a path; ``feed`` (m,) is 1 where the path feeds."""
     rows = np.flatnonzero(feed > 0.5)
     distance, _ = _nearest(path, rows, log, _tree(log), T_path_log)
@@ -61,7 +61,7 @@ def score(path: Curve, feed: Float, log: Curve, T_path_log: Float) -> PathPlace:
     return PathPlace(T_path_log, float(np.mean(capped)), float(np.mean(distance < NEAR_M)))
 
 
-def places(path: Curve, feed: Float, log: Curve) -> list[PathPlace]:
+def places(path: StationCurve, feed: Float, log: StationCurve) -> list[PathPlace]:
     """Poses that a log may have, the best first; empty where it is too short for the path."""
     steps = offsets(path, log, LEAST_SHARE)
     if len(steps) == 0:
@@ -90,7 +90,7 @@ def places(path: Curve, feed: Float, log: Curve) -> list[PathPlace]:
     return sorted(out, key=lambda one: one.score_m)
 
 
-def searched(path: Curve, feed: Float, log: Curve, where: str) -> PathPlace:
+def searched(path: StationCurve, feed: Float, log: StationCurve, where: str) -> PathPlace:
     """The pose of a log of the whole path in any pose.
 
     ``path``: of the program, with its rapids; ``feed``: (m,) 1 where it feeds; ``log``: as logged, m, its own frame.
@@ -116,7 +116,7 @@ def searched(path: Curve, feed: Float, log: Curve, where: str) -> PathPlace:
     raise diagnosed(path, feed, log, where, proper)
 
 
-def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
+def _other_unit(path: StationCurve, feed: Float, log: StationCurve) -> str | None:
     """Words for the unit in which a log would lie on the path, if there is one."""
     for name, factor in UNITS.items():
         for times, text in ((factor, f"it is in {name}"), (1.0 / factor, f"it is {factor:g} times too large")):
@@ -127,7 +127,9 @@ def _other_unit(path: Curve, feed: Float, log: Curve) -> str | None:
     return None
 
 
-def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[PathPlace] | None = None) -> InputError:
+def diagnosed(
+    path: StationCurve, feed: Float, log: StationCurve, where: str, proper: list[PathPlace] | None = None
+) -> InputError:
     """Diagnose a log that does not lie on the path, as an error of one line.
 
     Args:
@@ -181,7 +183,7 @@ def diagnosed(path: Curve, feed: Float, log: Curve, where: str, proper: list[Pat
     )
 
 
-def _as_large(path: Curve, log: Curve) -> bool:
+def _as_large(path: StationCurve, log: StationCurve) -> bool:
     """Return whether a log is about as large as the path, or larger: it may hold an approach."""
     size, other = (float(np.linalg.norm(np.ptp(one.points, axis=0))) for one in (path, log))
     return 0.9 * size < other < 5.0 * size
@@ -197,12 +199,14 @@ def _mirrored(best: PathPlace | None, other: PathPlace, where: str) -> InputErro
     )
 
 
-def _tree(log: Curve) -> scipy.spatial.cKDTree:
+def _tree(log: StationCurve) -> scipy.spatial.cKDTree:
     """Of places and directions: a pass the other way is another place."""
     return scipy.spatial.cKDTree(np.column_stack([log.points, _TURN_M / np.sqrt(2.0) * log.directions]))
 
 
-def _nearest(path: Curve, rows: Int, log: Curve, tree: scipy.spatial.cKDTree, T: Float) -> tuple[Float, Int]:
+def _nearest(
+    path: StationCurve, rows: Int, log: StationCurve, tree: scipy.spatial.cKDTree, T: Float
+) -> tuple[Float, Int]:
     """Distance of places of the path to the line of the log that runs their way, and the log's station."""
     p = pose.transform(pose.inverse(T), path.points[rows])
     d = path.directions[rows] @ T[:3, :3]
@@ -215,7 +219,7 @@ def _nearest(path: Curve, rows: Int, log: Curve, tree: scipy.spatial.cKDTree, T:
     return np.where(turned, np.inf, away), nearest
 
 
-def _refined(path: Curve, log: Curve, tree: scipy.spatial.cKDTree, T: Float) -> Float:
+def _refined(path: StationCurve, log: StationCurve, tree: scipy.spatial.cKDTree, T: Float) -> Float:
     """A pose improved by the distances across the path, far places left out."""
     rows = np.arange(0, len(path), max(1, len(path) // 400))
     centre = path.points.mean(axis=0)

@@ -18,7 +18,7 @@ from counterflex.files.cell.controller import ControllerTable
 from counterflex.files.schema import Table
 from counterflex.path.tool_rotation import ToolRotation
 from counterflex.plan.feed_schedule import SWING_M
-from counterflex.plan.inputs import Limits
+from counterflex.plan.inputs import CorrectionLimits
 from counterflex.plan.lowest_mode import ASSUMED_DAMPING, Damping
 from counterflex.plan.preflight.row import CheckLimits
 from counterflex.programs.robot_writer.writer import RobotSettings
@@ -170,9 +170,9 @@ class LimitsTable(Table):
         )
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> CorrectionLimits:
         """The same, as planning takes them."""
-        return Limits(
+        return CorrectionLimits(
             correction_m=self.correction_mm * MM,
             rotation_rad=self.correction_deg * DEG,
             joint_margin_rad=self.joint_margin_deg * DEG,

@@ -19,7 +19,7 @@ from counterflex.evaluate.run_digest import DigestMaker
 from counterflex.files.logs import segment as form
 from counterflex.files.logs.columns import require_all
 from counterflex.files.logs.run_log import BOOT_KEY
-from counterflex.files.logs.segments import Segment, read_segment
+from counterflex.files.logs.segments import LogSegment, read_segment
 from counterflex.runtime.record_ring import CYCLE
 
 STILL_S: Final = 5.0
@@ -104,7 +104,7 @@ def repair_segment(
     return Repaired(file.name, original.name, len(rows), "", missing, len(result.damage))
 
 
-def _write(stream: BinaryIO, segment: Segment, facts: Mapping[str, Any]) -> None:
+def _write(stream: BinaryIO, segment: LogSegment, facts: Mapping[str, Any]) -> None:
     """Write all that could be read of a segment: records, states before the next record, actions, facts, digest."""
     states = sorted(segment.states, key=lambda state: state.cycle)
     writer, channel, state_channel = form.begin_segment(stream, facts)
@@ -138,7 +138,7 @@ def _is_locked(file: Path) -> bool | None:
     return None if ours is None else not ours
 
 
-def _require_ended(file: Path, segment: Segment, locked: bool | None, now_s: float | None) -> None:
+def _require_ended(file: Path, segment: LogSegment, locked: bool | None, now_s: float | None) -> None:
     """Who holds a segment decides; where it was held on this computer, the time of the file says nothing more."""
     context = {"where": str(file), "hint": "End the run first"}
     if locked:
@@ -156,7 +156,7 @@ def _require_ended(file: Path, segment: Segment, locked: bool | None, now_s: flo
         )
 
 
-def _begin(segment: Segment, about: Mapping[str, Any]) -> int | None:
+def _begin(segment: LogSegment, about: Mapping[str, Any]) -> int | None:
     """Cycle before the first one of a segment by itself: 0 for the first segment of a run, else not known."""
     number = segment.name[4:].partition(".")[0]
     own = about.get("segment", int(number) if number.isdigit() else 0)

@@ -51,7 +51,7 @@ UNKNOWN: Final = "unknown"
 _RETRY_S: Final = 1.0
 
 
-class RunLog:
+class RunLogWriter:
     """Writes records into segments ``run-000.mcap``, ``run-001.mcap``, ... of a folder.
 
     Args:

@@ -110,7 +110,7 @@ def _records(data: bytes, opcode: int, kind: Any) -> list[Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class LogSegment:
     """One file of a run log."""
 
     name: str
@@ -142,7 +142,7 @@ class Segment:
         return int(self.about.get("run", 0))
 
 
-def read_segment(path: str | Path) -> Segment:
+def read_segment(path: str | Path) -> LogSegment:
     """Read a segment, also one that was cut short or is damaged: every record that stands in a sound chunk.
 
     Raises:
@@ -175,7 +175,7 @@ def read_segment(path: str | Path) -> Segment:
     absent = tuple(name for name in COLUMNS if name not in columns)
     lost = form.lost_at_end(result, table) + int(about.get("repaired", {}).get("missing_at_end", 0))
     actions = tuple(form.read_actions(result))
-    return Segment(file.name, table, about, result.finished, tuple(states), damage, lost, absent, actions)
+    return LogSegment(file.name, table, about, result.finished, tuple(states), damage, lost, absent, actions)
 
 
 def _read_chunk(
@@ -207,7 +207,7 @@ def _salvaged(file: Path) -> Salvaged:
             return salvage(data)
 
 
-def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) -> Segment | None:
+def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) -> LogSegment | None:
     """Read the digest of a segment in place of its records: some kilobytes from the end of the file.
 
     The index of the file and the checksums of what is read are looked at, its chunks are not.
@@ -234,10 +234,10 @@ def read_brief(path: str | Path, count: Callable[[int], None] = lambda _: None) 
         return None
     lost = int(about.get("repaired", {}).get("missing_at_end", 0))
     actions = tuple(index.metadata_named(form.ACTION))
-    return Segment(file.name, digest.rows, about, True, lost_at_end=lost, actions=actions, digest=digest)
+    return LogSegment(file.name, digest.rows, about, True, lost_at_end=lost, actions=actions, digest=digest)
 
 
-def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
+def segments(folder: str | Path, *, brief: bool = False) -> Iterator[LogSegment]:
     """Segments of a folder in order, one at a time; a file of which nothing can be read is a segment without records.
 
     A segment that has lost what it was made of belongs to the run whose cycles it continues, else to one of its own.
@@ -252,7 +252,7 @@ def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
     if not files:
         raise FileFormatError("there is no run log in this folder", where=str(folder), hint="Expected run-000.mcap")
     refused = None
-    before: Segment | None = None  # the last one with records
+    before: LogSegment | None = None  # the last one with records
     read = False
     for file in files:
         try:
@@ -261,7 +261,7 @@ def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
             if not fault.data.get("nothing"):
                 raise
             refused = refused or fault
-            yield Segment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
+            yield LogSegment(file.name, np.zeros((0, len(COLUMNS))), {}, False)
             continue
         result = result if result.about else replace(result, about=_likely(result, before))
         yield result
@@ -271,7 +271,7 @@ def segments(folder: str | Path, *, brief: bool = False) -> Iterator[Segment]:
         raise refused
 
 
-def _likely(segment: Segment, before: Segment | None) -> dict[str, Any]:
+def _likely(segment: LogSegment, before: LogSegment | None) -> dict[str, Any]:
     """The run that a segment without its facts belongs to: the one before, whose cycles it continues, or its own."""
     number, rows = segment.name[4:].partition(".")[0], segment.rows
     own = int(number) if number.isdigit() else 0

@@ -23,7 +23,12 @@ from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.record import contact, zero
 from counterflex.identify.cutting.residuals import SlotResiduals
 from counterflex.identify.cutting.steady_cuts import SteadyCuts, pieces_of
-from counterflex.identify.data.alternative_readings import Reading, sign_mistakes, swapped_columns, unit_mistakes
+from counterflex.identify.data.alternative_readings import (
+    AlternativeReading,
+    sign_mistakes,
+    swapped_columns,
+    unit_mistakes,
+)
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.data.manifest_checks import Misfit, check_reading
 from counterflex.identify.data.model import CellModel
@@ -120,7 +125,7 @@ def _trusted(data: Dataset, name: str) -> Dataset:
     return replace(data, channels={**data.channels, name: replace(channel, sigma=sigma)})
 
 
-def readings(cell: CellModel, data: Dataset) -> tuple[Reading, ...]:
+def readings(cell: CellModel, data: Dataset) -> tuple[AlternativeReading, ...]:
     """Other readings of test cuts."""
     name = next((n for n in FORCES if data.has(n)), FORCES[0])
     out = [
@@ -135,10 +140,10 @@ def readings(cell: CellModel, data: Dataset) -> tuple[Reading, ...]:
     return tuple(out)
 
 
-def _factor(channel: str, factor: float, large: str, small: str) -> tuple[Reading, ...]:
+def _factor(channel: str, factor: float, large: str, small: str) -> tuple[AlternativeReading, ...]:
     """A channel whose unit ``large`` was taken for ``small`` (``factor`` times less), or the other way round."""
     return tuple(
-        Reading(
+        AlternativeReading(
             channel,
             f"'{channel}' is {factor:.3g} times too {size} ({right} read as {wrong})",
             f'write unit = "{right}" under [channels.{channel}]',
@@ -156,7 +161,7 @@ def _with(data: Dataset, channel: str, values: Float) -> Dataset:
     return replace(data, channels={**data.channels, channel: replace(data.channel(channel), values=values)})
 
 
-def _axes(cell: CellModel, data: Dataset, name: str) -> tuple[Reading, ...]:
+def _axes(cell: CellModel, data: Dataset, name: str) -> tuple[AlternativeReading, ...]:
     """Forces in other axes than stated: those of the part, the base, or the tool."""
     R_base_part = cell.T_base_part[:3, :3]
     in_part = name == "f_tcp_part"
@@ -174,8 +179,8 @@ def _from_tool(cell: CellModel, in_part: bool, sample: Dataset) -> Float:
     return cell.T_base_part[:3, :3].T @ R_base_tcp if in_part else R_base_tcp
 
 
-def _turned(name: str, stated: str, other: str, rotations: Callable[[Dataset], Float]) -> Reading:
-    return Reading(
+def _turned(name: str, stated: str, other: str, rotations: Callable[[Dataset], Float]) -> AlternativeReading:
+    return AlternativeReading(
         name,
         f"'{name}' is written in the axes of the {other}, stated as those of the {stated}",
         f"turn it into the axes of the {stated}, or map the channel that means the axes of the {other}",

@@ -1,7 +1,8 @@
 """Other ways to read the same data: what a laboratory's file may mean when it does not mean what its manifest says.
 
-Each :class:`Reading` changes one thing in a dataset: the unit, a sign, the order of columns or rows, the hand of the
-axes. :mod:`counterflex.identify.data.manifest_checks` tries them; none is ever applied to what is identified.
+Each :class:`AlternativeReading` changes one thing in a dataset: the unit, a sign, the order of columns or rows, the
+hand of the axes. :mod:`counterflex.identify.data.manifest_checks` tries them; none is ever applied to what is
+identified.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _OTHER_UNITS: Final = {
 
 
 @dataclass(frozen=True)
-class Reading:
+class AlternativeReading:
     """One other way to read a dataset."""
 
     channel: str  # the channel it concerns
@@ -41,7 +42,7 @@ class Reading:
     change: Change  # makes the dataset as it would then be
 
 
-def unit_mistakes(data: Dataset, channel: str) -> tuple[Reading, ...]:
+def unit_mistakes(data: Dataset, channel: str) -> tuple[AlternativeReading, ...]:
     """Lengths 1000 times too large or small, deg for rad, kN for N, N mm for N m, for the parts of a like unit."""
     out = []
     for unit, places in _parts(data, channel).items():
@@ -51,7 +52,7 @@ def unit_mistakes(data: Dataset, channel: str) -> tuple[Reading, ...]:
             too = f"{times:.0f}" if times > 100.0 else f"{times:.3g}"
             large, small = ("large", "small") if size < 1.0 else ("small", "large")
             out.append(
-                Reading(
+                AlternativeReading(
                     channel,
                     f"{part} is {too} times too {large} ({other} read as {unit})",
                     f'write unit = "{other}" under [channels.{channel}]',
@@ -59,7 +60,7 @@ def unit_mistakes(data: Dataset, channel: str) -> tuple[Reading, ...]:
                 )
             )
             out.append(
-                Reading(
+                AlternativeReading(
                     channel,
                     f"{part} is {too} times too {small} ({unit} read as {other})",
                     f'write unit = "{unit}" under [channels.{channel}]',
@@ -69,7 +70,7 @@ def unit_mistakes(data: Dataset, channel: str) -> tuple[Reading, ...]:
     return tuple(out)
 
 
-def sign_mistakes(data: Dataset, channel: str, *, single: bool = True) -> tuple[Reading, ...]:
+def sign_mistakes(data: Dataset, channel: str, *, single: bool = True) -> tuple[AlternativeReading, ...]:
     """The sign of the whole channel, of each part of a like unit, and (``single``) of each component."""
     count = data.values(channel).shape[1]
     sets = {tuple(range(count))} | {tuple(p) for p in _parts(data, channel).values()}
@@ -80,7 +81,7 @@ def sign_mistakes(data: Dataset, channel: str, *, single: bool = True) -> tuple[
         factor = np.ones(count)
         factor[list(places)] = -1.0
         out.append(
-            Reading(
+            AlternativeReading(
                 channel,
                 f"the sign of {_part_name(data, channel, places)} is reversed",
                 _sign_remedy(channel, factor),
@@ -90,7 +91,7 @@ def sign_mistakes(data: Dataset, channel: str, *, single: bool = True) -> tuple[
     return tuple(out)
 
 
-def swapped_columns(data: Dataset, channel: str) -> tuple[Reading, ...]:
+def swapped_columns(data: Dataset, channel: str) -> tuple[AlternativeReading, ...]:
     """Any two components of like unit exchanged."""
     out = []
     for places in _parts(data, channel).values():
@@ -98,7 +99,7 @@ def swapped_columns(data: Dataset, channel: str) -> tuple[Reading, ...]:
             order = np.arange(data.values(channel).shape[1])
             order[[i, j]] = j, i
             out.append(
-                Reading(
+                AlternativeReading(
                     channel,
                     f"columns {_component(channel, i)} and {_component(channel, j)} of '{channel}' are swapped",
                     f"put columns = [...] under [channels.{channel}] in the right order",
@@ -110,7 +111,7 @@ def swapped_columns(data: Dataset, channel: str) -> tuple[Reading, ...]:
 
 def left_handed(
     points: Sequence[str], rotations: Sequence[str] = (), *, free_frame: bool = True
-) -> tuple[Reading, ...]:
+) -> tuple[AlternativeReading, ...]:
     """One axis of the measuring frame mirrored: a left-handed frame, in positions and orientations alike.
 
     Args:
@@ -123,9 +124,9 @@ def left_handed(
     remedy = "export from a right-handed frame, or turn the sign of one axis in the file"
     if free_frame:
         text = f"{names} are in a left-handed frame"
-        return (Reading(points[0], text, remedy, _mirrored(points, rotations, 1)),)
+        return (AlternativeReading(points[0], text, remedy, _mirrored(points, rotations, 1)),)
     return tuple(
-        Reading(
+        AlternativeReading(
             points[0],
             f"{names} are in a left-handed frame (axis {name} points the other way)",
             remedy,
@@ -135,9 +136,9 @@ def left_handed(
     )
 
 
-def inverted_pose(point: str, rotation: str) -> Reading:
+def inverted_pose(point: str, rotation: str) -> AlternativeReading:
     """The pose given the other way round: the tracker in the target."""
-    return Reading(
+    return AlternativeReading(
         point,
         f"'{point}' and '{rotation}' are given the other way round (inverse poses)",
         "invert the poses, or map them to the channels of the inverse pose",
@@ -150,9 +151,9 @@ def _inverted(point: str, rotation: str, d: Dataset) -> Dataset:
     return _with(_with(d, point, -np.einsum("nij,nj->ni", R, d.values(point))), rotation, R)
 
 
-def transposed(rotation: str) -> Reading:
+def transposed(rotation: str) -> AlternativeReading:
     """Rotation matrices transposed: rows read as columns, or the inverse rotation."""
-    return Reading(
+    return AlternativeReading(
         rotation,
         f"the rotations '{rotation}' are transposed",
         f"check the order of the columns and rotation = ... under [channels.{rotation}]",
@@ -160,10 +161,10 @@ def transposed(rotation: str) -> Reading:
     )
 
 
-def quaternion_mistakes(channel: str) -> tuple[Reading, ...]:
+def quaternion_mistakes(channel: str) -> tuple[AlternativeReading, ...]:
     """The real part of quaternions read as first for last, and the reverse."""
     return tuple(
-        Reading(
+        AlternativeReading(
             channel,
             f"the quaternions '{channel}' are in the order {actual}, not {read}",
             f'check the order of the columns, or write rotation = "quat_{actual}" under [channels.{channel}]',
@@ -178,18 +179,18 @@ def _rolled_quaternions(channel: str, shift: int, d: Dataset) -> Dataset:
     return _with(d, channel, rotation.from_quat_wxyz(np.roll(rotation.quat_wxyz(d.values(channel)), shift, -1)))
 
 
-def row_mistakes(channel: str) -> tuple[Reading, ...]:
+def row_mistakes(channel: str) -> tuple[AlternativeReading, ...]:
     """The rows of one channel in reversed order, or off by one against the others."""
     remedy = "bring the rows of the files into the same order, or join them by a common column"
     return (
-        Reading(
+        AlternativeReading(
             channel,
             f"the rows of '{channel}' are in reversed order",
             remedy,
             lambda d: _with(d, channel, np.ascontiguousarray(d.values(channel)[::-1])),
         ),
-        Reading(channel, f"'{channel}' comes one row late", remedy, partial(_shifted, channel, -1)),
-        Reading(channel, f"'{channel}' comes one row early", remedy, partial(_shifted, channel, 1)),
+        AlternativeReading(channel, f"'{channel}' comes one row late", remedy, partial(_shifted, channel, -1)),
+        AlternativeReading(channel, f"'{channel}' comes one row early", remedy, partial(_shifted, channel, 1)),
     )
 
 
@@ -199,13 +200,14 @@ def _shifted(channel: str, by: int, d: Dataset) -> Dataset:
     return _with(d, channel, np.roll(d.values(channel), by, axis=0)).rows(row > 0 if by > 0 else row < len(d) - 1)
 
 
-def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy: str) -> Reading:
+def other_axes(channel: str, R_of: Callable[[Dataset], Float], text: str, remedy: str) -> AlternativeReading:
     """The three-vectors of a channel given in other axes than stated.
 
     ``channel``: (n, 3) or (n, 6): each half is a vector. ``R_of``: Rotation (n, 3, 3) from the axes they would be in to
-    those stated: ``v_stated = R v``. ``text``: As in :class:`Reading`: ``'w_tcp_base' is in the axes of the sensor``.
+    those stated: ``v_stated = R v``. ``text``: As in :class:`AlternativeReading`: ``'w_tcp_base' is in the axes of the
+    sensor``.
     """
-    return Reading(channel, text, remedy, partial(_in_axes, channel, R_of))
+    return AlternativeReading(channel, text, remedy, partial(_in_axes, channel, R_of))
 
 
 def _in_axes(channel: str, R_of: Callable[[Dataset], Float], d: Dataset) -> Dataset:

@@ -18,7 +18,7 @@ import scipy
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
-from counterflex.identify.data.alternative_readings import Reading
+from counterflex.identify.data.alternative_readings import AlternativeReading
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.solver.fit import Fit
 
@@ -67,7 +67,7 @@ Score = Callable[[Dataset], Misfit]
 class Suspicion:
     """Another reading that explains the data far better."""
 
-    reading: Reading
+    reading: AlternativeReading
     # misfit as stated: of the rows, or of the values against their priors; infinite where no fit is possible
     stated: float
     otherwise: float  # the same as read otherwise
@@ -111,7 +111,9 @@ def thinned(data: Dataset, count: int = ROWS) -> Dataset:
     return data.rows(keep)
 
 
-def suspect(data: Dataset, readings: Sequence[Reading], score: Score, *, rows: int = ROWS) -> Suspicion | None:
+def suspect(
+    data: Dataset, readings: Sequence[AlternativeReading], score: Score, *, rows: int = ROWS
+) -> Suspicion | None:
     """Look for another reading that explains a dataset far better than its manifest does.
 
     Nothing is tried where the stated reading leaves residuals and values within :data:`PLAUSIBLE`. Otherwise a reading
@@ -141,7 +143,7 @@ def suspect(data: Dataset, readings: Sequence[Reading], score: Score, *, rows: i
 
 
 def check_reading(
-    data: Dataset, readings: Sequence[Reading], score: Score, *, as_stated: bool = False, rows: int = ROWS
+    data: Dataset, readings: Sequence[AlternativeReading], score: Score, *, as_stated: bool = False, rows: int = ROWS
 ) -> tuple[str, ...]:
     """Refuse a dataset that another reading explains far better.
 
@@ -169,7 +171,7 @@ def _scored(score: Score, data: Dataset) -> Misfit:
         return Misfit(np.full(max(len(data), 1), np.inf), np.zeros(0), 0.0)
 
 
-def _compared(reading: Reading, stated: Misfit, other: Misfit, count: int) -> Suspicion | None:
+def _compared(reading: AlternativeReading, stated: Misfit, other: Misfit, count: int) -> Suspicion | None:
     if not math.isfinite(other.size):
         return None
     ratio = stated.size / max(other.size, 1.0)

@@ -203,7 +203,7 @@ def _misfit(cell: CellModel, d: Dataset, partly: bool, target: Float | None) -> 
     return Misfit(frames.error_m / ROBOT_M, np.zeros(0), float(max(numbers - (12 if target is None else 6), 1)))
 
 
-def readings_of(d: Dataset) -> tuple[alternative_readings.Reading, ...]:
+def readings_of(d: Dataset) -> tuple[alternative_readings.AlternativeReading, ...]:
     """Other readings of a table of tracker poses or points."""
     channel = "q" if d.has("q") else "p_base_flange"
     out = [
@@ -248,10 +248,10 @@ _FORMS: Final[dict[str, tuple[Callable[[Float], Float], Callable[[Float], Float]
 """Three numbers of a rotation, and back."""
 
 
-def euler_mistakes(channel: str) -> tuple[alternative_readings.Reading, ...]:
+def euler_mistakes(channel: str) -> tuple[alternative_readings.AlternativeReading, ...]:
     """The three numbers of the orientation read by another convention than meant, or in deg where they are rad."""
     out = [
-        alternative_readings.Reading(
+        alternative_readings.AlternativeReading(
             channel,
             f"the numbers of '{channel}' are in rad, not in deg ({form})",
             f'write unit = "rad" under [channels.{channel}]',
@@ -263,7 +263,7 @@ def euler_mistakes(channel: str) -> tuple[alternative_readings.Reading, ...]:
         for actual, (_, matrix) in _FORMS.items():
             if read != actual:
                 out.append(
-                    alternative_readings.Reading(
+                    alternative_readings.AlternativeReading(
                         channel,
                         f"the numbers of '{channel}' are {actual}, not {read}",
                         f"state that under [channels.{channel}]: rotation = ...",

@@ -17,7 +17,7 @@ from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
 from counterflex.identify.kinematics.approach_sense import CHANNEL, PRIOR_RAD, SEEN, in_order, senses
-from counterflex.identify.kinematics.setup import POSE_KINDS, Setup, by_channel, used_places
+from counterflex.identify.kinematics.setup import POSE_KINDS, CalibrationSetup, by_channel, used_places
 from counterflex.identify.recipe import Figure
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import Folds, HeldOut, Local, cross_validate, position_error, score_separate
@@ -42,7 +42,7 @@ FEWEST: Final = 20
 _STEP_RAD: Final = 1e-5
 
 
-def approach_remarks(setup: Setup, fit: Fit, data: Sequence[Dataset]) -> tuple[str, ...]:
+def approach_remarks(setup: CalibrationSetup, fit: Fit, data: Sequence[Dataset]) -> tuple[str, ...]:
     """Say by how much the residuals depend on the direction of approach, by the order of the rows."""
     sense = _senses(data)
     blocks = list(_postures(setup))
@@ -112,7 +112,7 @@ class _Rows:
         return h, sigma, float(g @ h)
 
 
-def _moved(setup: Setup, fit: Fit, blocks: Sequence[int], sense: Sequence[Float], h: Float) -> Float:
+def _moved(setup: CalibrationSetup, fit: Fit, blocks: Sequence[int], sense: Sequence[Float], h: Float) -> Float:
     """(n,) m by which lost motion moves the target."""
     out = []
     for i, s in zip(blocks, sense, strict=True):
@@ -131,7 +131,7 @@ _REGIONS: Final = 5
 """Regions of the joint space that are held out one after the other."""
 
 
-def _weighted(setup: Setup, fit: Fit) -> list[Any]:
+def _weighted(setup: CalibrationSetup, fit: Fit) -> list[Any]:
     """The blocks with the weights that the fit gave their rows: gross errors count as little in every fold."""
     return [
         replace(cast(Any, b), sigma=b.sigma / np.sqrt(np.maximum(w, _NO_WEIGHT))[:, None])
@@ -139,7 +139,7 @@ def _weighted(setup: Setup, fit: Fit) -> list[Any]:
     ]
 
 
-def placed(setup: Setup, unseen: Sequence[Residuals], names: Sequence[str]) -> Local:
+def placed(setup: CalibrationSetup, unseen: Sequence[Residuals], names: Sequence[str]) -> Local:
     """Frames that only held-out data have, with the residuals that place them.
 
     A tracker is placed by the positions of its target where these span a plane: it is positions that are judged, and a
@@ -164,7 +164,9 @@ def _spans_a_plane(p: Float) -> bool:
     return bool(s[1] > _SPREAD_M)
 
 
-def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent) -> HeldOut:
+def held_out(
+    setup: CalibrationSetup, holdout: Sequence[Dataset], folds: int, fit: Fit, progress: Progress = silent
+) -> HeldOut:
     """Errors of held-out rows: of separate data, or of folds of the postures.
 
     ``holdout``: Separate data; empty is folds.
@@ -184,7 +186,7 @@ def held_out(setup: Setup, holdout: Sequence[Dataset], folds: int, fit: Fit, pro
     )  # fmt: skip
 
 
-def _postures(setup: Setup) -> dict[int, Float]:
+def _postures(setup: CalibrationSetup) -> dict[int, Float]:
     """(m, 6) rad of each block in which the tracker sees the arm, by the place of the block."""
     return {
         i: b.arm.q
@@ -193,7 +195,7 @@ def _postures(setup: Setup) -> dict[int, Float]:
     }
 
 
-def _rows_of(setup: Setup, fit: Fit, blocks: Sequence[int]) -> _Rows:
+def _rows_of(setup: CalibrationSetup, fit: Fit, blocks: Sequence[int]) -> _Rows:
     """Weighted residuals of blocks, with their derivatives by the fitted parameters and by the angles."""
     free, x = fit.free_index, fit.values
     slope = fit.parameters.slope(x)[free]
@@ -209,7 +211,9 @@ def _rows_of(setup: Setup, fit: Fit, blocks: Sequence[int]) -> _Rows:
     return _Rows(np.concatenate(r), np.concatenate(J), np.concatenate(G), np.concatenate(row), fit.covariance)
 
 
-def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
+def region_errors(
+    setup: CalibrationSetup, fit: Fit, progress: Progress = silent
+) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
     """Error of whole regions of the joint space, and of whole files, that their fit had not seen.
 
     Returns figures, and what is said of a way of holding out that these data do not allow.
@@ -262,7 +266,7 @@ def region_errors(setup: Setup, fit: Fit, progress: Progress = silent) -> tuple[
     return tuple(out), tuple(remarks)
 
 
-def _own_frames(setup: Setup, blocks: Sequence[Any], parts: Mapping[int, Int]) -> list[tuple[str, ...]]:
+def _own_frames(setup: CalibrationSetup, blocks: Sequence[Any], parts: Mapping[int, Int]) -> list[tuple[str, ...]]:
     """Per part the frames that no other data fix."""
     names, out = setup.parameters.names, []
     for part in range(1 + max(int(np.max(p)) for p in parts.values())):
@@ -272,7 +276,7 @@ def _own_frames(setup: Setup, blocks: Sequence[Any], parts: Mapping[int, Int]) -
 
 
 def _refitted_errors(
-    setup: Setup,
+    setup: CalibrationSetup,
     fit: Fit,
     blocks: Sequence[Any],
     parts: Mapping[int, Int],

@@ -20,7 +20,7 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import Progress, share_of, silent
 from counterflex.identify.geometry.arm_geometry import ArmGeometry, PeriodicTerm
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
-from counterflex.identify.kinematics.setup import Setup
+from counterflex.identify.kinematics.setup import CalibrationSetup
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import fold_of_groups
 
@@ -60,7 +60,7 @@ class _HarmonicTable:
         return out
 
 
-def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progress = silent) -> Harmonics:
+def choose_harmonics(setup: CalibrationSetup, fit: Fit, prior_rad: float, progress: Progress = silent) -> Harmonics:
     """Harmonics of the drives that hold-out wants. Returns orders by axis 0..5, only where there are any."""
     tables = _tables(setup, fit)
     if sum(len(t.q) for t in tables) < ENOUGH:
@@ -90,7 +90,7 @@ def choose_harmonics(setup: Setup, fit: Fit, prior_rad: float, progress: Progres
     }
 
 
-def _tables(setup: Setup, fit: Fit) -> list[_HarmonicTable]:
+def _tables(setup: CalibrationSetup, fit: Fit) -> list[_HarmonicTable]:
     pairs = [
         (b, w, f)
         for b, w, f in zip(setup.blocks, fit.weights, fit.sigma_factors, strict=True)

@@ -37,7 +37,7 @@ from counterflex.identify.kinematics.setup import (
     POSE_KINDS,
     TARGET,
     TRACKER,
-    Setup,
+    CalibrationSetup,
     by_channel,
     propose,
     sessions,
@@ -154,13 +154,13 @@ def _setup_of(
     sag: str,
     known: frames.KnownFrames | None,
     priors: ArmPriors,
-) -> Setup:
+) -> CalibrationSetup:
     model = model_of_data(cell, [*data, *holdout], priors, sag, tied=known is not None)
     return set_up(cell, model, data, holdout, known=known)
 
 
 def _without_off_rows(
-    setup: Setup, fit: Fit, inputs: Inputs, notes: tuple[str, ...]
+    setup: CalibrationSetup, fit: Fit, inputs: Inputs, notes: tuple[str, ...]
 ) -> tuple[tuple[str, ...], Inputs | None]:
     """Remarks, and the inputs without consecutive rows that are all off; None where nothing is left out."""
     off = [
@@ -231,7 +231,7 @@ def _poses_of(data: Sequence[Dataset]) -> list[tuple[str, Dataset]]:
 
 
 def _check_offsets(
-    setup: Setup, data: Sequence[Dataset], x: Float, options: Mapping[str, Any], *, least_m: float = 0.0
+    setup: CalibrationSetup, data: Sequence[Dataset], x: Float, options: Mapping[str, Any], *, least_m: float = 0.0
 ) -> tuple[str, ...]:
     """Name files whose tracker or target stands elsewhere than that of the others."""
     blocks = [b for b in (*setup.blocks, *setup.unseen) if isinstance(b, TrackerResiduals)]
@@ -260,13 +260,13 @@ def _not_turning(d: Dataset, tool: str, known: bool) -> str:
 
 def _with_periodic(
     cell: CellModel,
-    setup: Setup,
+    setup: CalibrationSetup,
     fit: Fit,
     inputs: Inputs,
     priors: ArmPriors,
     known: frames.KnownFrames | None,
     progress: Progress,
-) -> tuple[Setup, Fit, Harmonics, HeldOut | None, tuple[str, ...]]:
+) -> tuple[CalibrationSetup, Fit, Harmonics, HeldOut | None, tuple[str, ...]]:
     """The fit with periodic errors of the drives that lower the error of held-out poses, else as given."""
     options, holdout = inputs.settings, inputs.holdout
     orders = _harmonics(str(options["periodic"]), setup, fit, priors, share_of(progress, 0.0, 0.7))
@@ -286,7 +286,7 @@ def _with_periodic(
     return wider, more, orders, errors, ()
 
 
-def _harmonics(requested: str, setup: Setup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
+def _harmonics(requested: str, setup: CalibrationSetup, fit: Fit, priors: ArmPriors, progress: Progress) -> Harmonics:
     if requested == "off":
         return {}
     if requested == "auto":
@@ -307,7 +307,7 @@ def _rejected(orders: Harmonics, with_orders: HeldOut, without: HeldOut) -> str:
     )
 
 
-def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
+def _plays(setup: CalibrationSetup, fit: Fit) -> dict[int, AxisPlay | None]:
     """Entries of the cell file for the lost motion of each axis that has some."""
     lay, x, chain = setup.model.layout, fit.values, setup.model.chain
     out = {}
@@ -318,11 +318,13 @@ def _plays(setup: Setup, fit: Fit) -> dict[int, AxisPlay | None]:
     return out
 
 
-def _angles(setup: Setup) -> Float:
+def _angles(setup: CalibrationSetup) -> Float:
     return np.concatenate([arm.q for b in setup.blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)])
 
 
-def _changes(cell: CellModel, setup: Setup, fit: Fit, plays: Mapping[int, AxisPlay | None]) -> tuple[Change, ...]:
+def _changes(
+    cell: CellModel, setup: CalibrationSetup, fit: Fit, plays: Mapping[int, AxisPlay | None]
+) -> tuple[Change, ...]:
     lay, x = setup.model.layout, fit.values
     out: list[Change] = [
         Calibration(name, d) for name in lay.displaced if (d := lay.displacement_at(name, x)) is not None

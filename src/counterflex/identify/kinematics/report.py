@@ -10,7 +10,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.units import MM, MRAD
 from counterflex.identify.geometry.arm_geometry import ArmGeometry
 from counterflex.identify.geometry.pose_residuals import TrackerResiduals
-from counterflex.identify.kinematics.setup import Setup
+from counterflex.identify.kinematics.setup import CalibrationSetup
 from counterflex.identify.recipe import Curve, Figure, Picture
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.holdout import HeldOut
@@ -18,7 +18,7 @@ from counterflex.identify.solver.holdout import HeldOut
 _MOST_NAMED = 10
 
 
-def headline(setup: Setup, held_out: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
+def headline(setup: CalibrationSetup, held_out: HeldOut, *, separate: bool = False) -> tuple[Figure, ...]:
     """Errors of held-out rows, with the nominal arm in frames of its own beside them, and which rows these are.
 
     ``separate``: They come from data given for that, else from folds of the postures.
@@ -39,7 +39,7 @@ def headline(setup: Setup, held_out: HeldOut, *, separate: bool = False) -> tupl
     )
 
 
-def figures(setup: Setup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tuple[Figure, ...]:
+def figures(setup: CalibrationSetup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tuple[Figure, ...]:
     """Residuals of the fit, factors of the stated standard deviations, sizes of what was found."""
     out = []
     for k, (block, residuals, factor) in enumerate(zip(setup.blocks, fit.residuals, fit.sigma_factors, strict=True)):
@@ -61,7 +61,9 @@ def figures(setup: Setup, fit: Fit, orders: Mapping[int, Sequence[int]]) -> tupl
     return tuple(out)
 
 
-def remarks(setup: Setup, fit: Fit, held_out: HeldOut, orders: Mapping[int, Sequence[int]]) -> tuple[str, ...]:
+def remarks(
+    setup: CalibrationSetup, fit: Fit, held_out: HeldOut, orders: Mapping[int, Sequence[int]]
+) -> tuple[str, ...]:
     """Sentences for the report."""
     out = []
     for o in fit.outliers[:_MOST_NAMED]:
@@ -100,7 +102,7 @@ def remarks(setup: Setup, fit: Fit, held_out: HeldOut, orders: Mapping[int, Sequ
     return tuple(out)
 
 
-def _outside(setup: Setup, axes: Sequence[int]) -> float:
+def _outside(setup: CalibrationSetup, axes: Sequence[int]) -> float:
     """Share of the poses held out in which one of some axes is beyond the angles that were fitted."""
     fitted, unseen = (
         [arm.q[:, axes] for b in blocks if isinstance(arm := getattr(b, "arm", None), ArmGeometry)]
@@ -112,7 +114,7 @@ def _outside(setup: Setup, axes: Sequence[int]) -> float:
     return float(np.mean(np.any((other < q.min(axis=0)) | (other > q.max(axis=0)), axis=1)))
 
 
-def pictures(setup: Setup, fit: Fit, held_out: HeldOut) -> tuple[Picture, ...]:
+def pictures(setup: CalibrationSetup, fit: Fit, held_out: HeldOut) -> tuple[Picture, ...]:
     """Errors of held-out rows in order of size, and residuals over the angles of the axes."""
     good = ~held_out.gross
     share = np.linspace(0.0, 100.0, int(np.sum(good)))

@@ -99,7 +99,7 @@ class MeasuringFrames:
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
+class CalibrationSetup:
     """One geometric calibration."""
 
     parameters: Parameters  # those of the arm, then those of frames, anchors and planes
@@ -118,7 +118,7 @@ def set_up(
     holdout: Sequence[Dataset] = (),
     *,
     known: KnownFrames | None = None,
-) -> Setup:
+) -> CalibrationSetup:
     """Find frames, anchors and planes robustly, then build the residuals of all datasets.
 
     ``data``: Datasets of the kinds :data:`KINDS`. ``known``: Tracker and target of the cell file with their standard
@@ -142,7 +142,7 @@ def set_up(
     names = tuple(p.name for p in frames.items)
     used = used_places(blocks)
     local = tuple(n for k, n in enumerate(names) if frames.first + k not in used)
-    return Setup(
+    return CalibrationSetup(
         parameters=model.parameters + Parameters.of(frames.items),
         blocks=tuple(blocks),
         unseen=tuple(unseen),

@@ -19,7 +19,7 @@ from counterflex.identify.geometry.known_frames import KnownFrames
 from counterflex.identify.kinematics.approach_sense import PRIOR_RAD, better, describe, seen_axes, senses
 from counterflex.identify.kinematics.held_out import held_out
 from counterflex.identify.kinematics.periodic_errors import GAIN
-from counterflex.identify.kinematics.setup import Setup, set_up
+from counterflex.identify.kinematics.setup import CalibrationSetup, set_up
 from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.solve import solve
 from counterflex.robot.model.calibration import LARGEST_M, LARGEST_RAD
@@ -59,12 +59,14 @@ class Widened:
     """A calibration with the priors that its data bear out."""
 
     priors: ArmPriors  # as stated, or wider
-    setup: Setup
+    setup: CalibrationSetup
     fit: Fit  # of its blocks
     remarks: tuple[str, ...]  # sentences on priors that the data contradict
 
 
-def widened(priors: ArmPriors, setup: Setup, fit: Fit, made: Callable[[ArmPriors], Setup], option: str) -> Widened:
+def widened(
+    priors: ArmPriors, setup: CalibrationSetup, fit: Fit, made: Callable[[ArmPriors], CalibrationSetup], option: str
+) -> Widened:
     """Widen priors that the data contradict.
 
     ``made``: Returns the setup with other priors: same parameters in the same order. ``option``: ``evidence``, or
@@ -98,18 +100,18 @@ def widened(priors: ArmPriors, setup: Setup, fit: Fit, made: Callable[[ArmPriors
 class _Trial:
     """Priors with their fit and its evidence."""
 
-    def __init__(self, priors: ArmPriors, setup: Setup, fit: Fit) -> None:
+    def __init__(self, priors: ArmPriors, setup: CalibrationSetup, fit: Fit) -> None:
         self.priors, self.setup, self.fit = priors, setup, fit
         self.evidence = _evidence(setup, fit)
 
-    def other(self, made: Callable[[ArmPriors], Setup], priors: ArmPriors) -> _Trial:
+    def other(self, made: Callable[[ArmPriors], CalibrationSetup], priors: ArmPriors) -> _Trial:
         """The same data with other priors, fitted from here."""
         setup = made(priors)
         start = self.fit.values
         return _Trial(priors, setup, solve(setup.parameters.with_fixed(setup.local), setup.blocks, start=start))
 
 
-def _refined(best: _Trial, made: Callable[[ArmPriors], Setup], stated: ArmPriors) -> _Trial:
+def _refined(best: _Trial, made: Callable[[ArmPriors], CalibrationSetup], stated: ArmPriors) -> _Trial:
     """Each group of priors as wide as its values are, with their uncertainty."""
     for _ in range(_ROUNDS):
         sizes = tuple(_size(best.setup, best.fit, places) for places in _groups(best.setup))
@@ -122,13 +124,13 @@ def _refined(best: _Trial, made: Callable[[ArmPriors], Setup], stated: ArmPriors
     return best
 
 
-def _misfit(setup: Setup, fit: Fit) -> bool:
+def _misfit(setup: CalibrationSetup, fit: Fit) -> bool:
     u = np.abs(setup.parameters.coordinates(fit.values))
     far = any(len(places) and float(np.max(u[places])) > OFF for places in _groups(setup))
     return far or max(fit.sigma_factors, default=1.0) > MISFIT
 
 
-def _groups(setup: Setup) -> tuple[Int, Int, Int]:
+def _groups(setup: CalibrationSetup) -> tuple[Int, Int, Int]:
     """Places of the displacements: lengths, tilts, zeros."""
     at = list(setup.model.layout.displaced.values())
     if not at:
@@ -138,7 +140,7 @@ def _groups(setup: Setup) -> tuple[Int, Int, Int]:
     return places[:, :3].ravel(), places[:, 3:5].ravel(), places[:, 5]
 
 
-def _size(setup: Setup, fit: Fit, places: Int) -> float:
+def _size(setup: CalibrationSetup, fit: Fit, places: Int) -> float:
     """Root mean square of the values that the data determine, in units of the prior."""
     u = setup.parameters.coordinates(fit.values)[places]
     variance = (fit.sigma[places] / np.array([setup.parameters.items[i].unit_step for i in places])) ** 2
@@ -146,7 +148,7 @@ def _size(setup: Setup, fit: Fit, places: Int) -> float:
     return max(float(np.sqrt(np.sum(u**2) / determined)), _LEAST) if determined >= 1.0 else 1.0
 
 
-def _evidence(setup: Setup, fit: Fit) -> float:
+def _evidence(setup: CalibrationSetup, fit: Fit) -> float:
     known = np.array([p.free and p.has_prior for p in fit.parameters], dtype=np.bool_)
     u = fit.parameters.coordinates(fit.values)[known]
     spread = sum(
@@ -186,7 +188,7 @@ def _described(stated: ArmPriors, best: _Trial) -> str:
     return f"{', '.join(changes)} (largest zero found {float(np.max(np.abs(values))) / MRAD:.3g} mrad)"
 
 
-def _median_mm(setup: Setup, fit: Fit) -> float:
+def _median_mm(setup: CalibrationSetup, fit: Fit) -> float:
     lengths = [np.linalg.norm((r * b.sigma)[:, :3], axis=1) for b, r in zip(setup.blocks, fit.residuals, strict=True)]
     return float(np.median(np.concatenate(lengths))) / MM
 
@@ -217,14 +219,14 @@ def model_of_data(cell: CellModel, data: Sequence[Dataset], priors: ArmPriors, s
 
 def with_turns(
     cell: CellModel,
-    setup: Setup,
+    setup: CalibrationSetup,
     fit: Fit,
     data: Sequence[Dataset],
     holdout: Sequence[Dataset],
     priors: ArmPriors,
     folds: int,
     known: KnownFrames | None,
-) -> tuple[Setup, Fit, tuple[str, ...]]:
+) -> tuple[CalibrationSetup, Fit, tuple[str, ...]]:
     """The fit with turns of axes 2 and 3 by own weight where folds of the data are predicted better, else as given."""
     model = model_of_data(cell, [*data, *holdout], priors, "axes", tied=known is not None)
     wider = set_up(cell, model, data, holdout, known=known)
@@ -242,13 +244,13 @@ def with_turns(
 
 def with_lost(
     cell: CellModel,
-    setup: Setup,
+    setup: CalibrationSetup,
     fit: Fit,
     data: Sequence[Dataset],
     holdout: Sequence[Dataset],
     folds: int,
     known: KnownFrames | None,
-) -> tuple[Setup, Fit, tuple[str, ...]]:
+) -> tuple[CalibrationSetup, Fit, tuple[str, ...]]:
     """The fit with lost motion by the sense of approach, of the axes that show it, where poses held out bear it out.
 
     ``data``: Fitted datasets, with the channel ``approach``.
@@ -278,7 +280,7 @@ def with_lost(
     return wider, more, (f"Lost motion by the sense of approach, half of it: {description}; {compared}.",)
 
 
-def refitted(setup: Setup, fit: Fit, wider: Setup) -> Fit:
+def refitted(setup: CalibrationSetup, fit: Fit, wider: CalibrationSetup) -> Fit:
     """The fit of a setup whose arm has more parameters, behind those of the one before; frames as they were."""
     first, added = len(setup.model.parameters), len(wider.model.parameters) - len(setup.model.parameters)
     start = np.concatenate([fit.values[:first], np.zeros(added), fit.values[first:]])

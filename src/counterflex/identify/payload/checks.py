@@ -22,8 +22,8 @@ MASS_SHARE = 0.15
 CHANNEL = "w_sensor"
 
 
-def _exchanged() -> alternative_readings.Reading:
-    return alternative_readings.Reading(
+def _exchanged() -> alternative_readings.AlternativeReading:
+    return alternative_readings.AlternativeReading(
         CHANNEL,
         "the columns of forces and moments are exchanged",
         "list the columns of the forces first",
@@ -31,14 +31,14 @@ def _exchanged() -> alternative_readings.Reading:
     )
 
 
-def _mirrored(axis: int) -> alternative_readings.Reading:
+def _mirrored(axis: int) -> alternative_readings.AlternativeReading:
     """A left-handed sensor frame: one axis counts the other way, and moments follow its hand."""
     factor = np.ones(6)
     factor[axis] = -1.0
     factor[[3 + (axis + 1) % 3, 3 + (axis + 2) % 3]] = -1.0
     name = "xyz"[axis]
     signs = ", ".join(f"{int(s)}" for s in factor)
-    return alternative_readings.Reading(
+    return alternative_readings.AlternativeReading(
         CHANNEL,
         f"the axes of the sensor are left-handed (axis {name} counts the other way, moments with it)",
         f"write signs = [{signs}] under [channels.{CHANNEL}], or export from a right-handed frame",

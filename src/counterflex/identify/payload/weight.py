@@ -20,7 +20,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import CounterflexError, InputError
 from counterflex.geometry import rotation
 from counterflex.geometry.rotation import skew
-from counterflex.identify.data.alternative_readings import Reading, quaternion_mistakes, transposed
+from counterflex.identify.data.alternative_readings import AlternativeReading, quaternion_mistakes, transposed
 from counterflex.identify.data.dataset import Dataset
 from counterflex.identify.payload.data import CHANNEL, axes_of, distinct
 from counterflex.identify.payload.residuals import MASS, OFFSET, TURN, SensorReadings
@@ -82,7 +82,7 @@ def plain_weight(block: SensorReadings) -> Plain:
     return Plain(size, float(x[6]), sigma, float(max(6 * n - _UNKNOWN, 1)))
 
 
-def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
+def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[AlternativeReading, ...]:
     """Other readings of the rotations and axes of a file."""
     base = axes_of(data) == "base"
     acts = f'write acts_on = "surroundings" under [channels.{CHANNEL}]'
@@ -96,17 +96,26 @@ def axis_readings(data: Dataset, block_of: _BlockOf) -> tuple[Reading, ...]:
     export = "export it in sensor axes"
     forth, back = partial(_turned, block_of, back=not base), partial(_turned, block_of, back=base)
     out = [
-        Reading(CHANNEL, there, write, forth),
-        Reading(CHANNEL, wrong, export, back),
-        Reading(CHANNEL, f"the sign of '{CHANNEL}' is reversed", acts, lambda d: _with(d, -d.channel(CHANNEL).values)),
-        Reading(CHANNEL, f"{there}, and its sign is reversed", f"{write} and {acts}", partial(forth, sign=-1.0)),
-        Reading(CHANNEL, f"{wrong}, and its sign is reversed", f"{export} and {acts}", partial(back, sign=-1.0)),
+        AlternativeReading(CHANNEL, there, write, forth),
+        AlternativeReading(CHANNEL, wrong, export, back),
+        AlternativeReading(
+            CHANNEL, f"the sign of '{CHANNEL}' is reversed", acts, lambda d: _with(d, -d.channel(CHANNEL).values)
+        ),
+        AlternativeReading(
+            CHANNEL, f"{there}, and its sign is reversed", f"{write} and {acts}", partial(forth, sign=-1.0)
+        ),
+        AlternativeReading(
+            CHANNEL, f"{wrong}, and its sign is reversed", f"{export} and {acts}", partial(back, sign=-1.0)
+        ),
     ]
     for name in _ROTATIONS:
         if data.has(name) and not data.has("q"):
             first = (transposed(name), *quaternion_mistakes(name))
             out += first
-            out += [Reading(CHANNEL, f"{r.says}, and {there}", f"{r.remedy}; {write}", _both(r, forth)) for r in first]
+            out += [
+                AlternativeReading(CHANNEL, f"{r.says}, and {there}", f"{r.remedy}; {write}", _both(r, forth))
+                for r in first
+            ]
     return tuple(out)
 
 
@@ -120,7 +129,7 @@ def _with(data: Dataset, w: Float) -> Dataset:
     return replace(data, channels={**data.channels, CHANNEL: replace(data.channel(CHANNEL), values=w)})
 
 
-def _mistakes(data: Dataset, block_of: _BlockOf, stated: Plain) -> list[tuple[Reading, Plain]]:
+def _mistakes(data: Dataset, block_of: _BlockOf, stated: Plain) -> list[tuple[AlternativeReading, Plain]]:
     """Readings that fit better than the stated one, the best first."""
     problems = []
     readings = axis_readings(data, block_of)
@@ -134,7 +143,7 @@ def _mistakes(data: Dataset, block_of: _BlockOf, stated: Plain) -> list[tuple[Re
     return sorted(problems, key=lambda item: item[1].size)
 
 
-def _both(first: Reading, then: Callable[[Dataset], Dataset]) -> Callable[[Dataset], Dataset]:
+def _both(first: AlternativeReading, then: Callable[[Dataset], Dataset]) -> Callable[[Dataset], Dataset]:
     return lambda d: then(first.change(d))
 
 

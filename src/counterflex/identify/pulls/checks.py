@@ -137,11 +137,11 @@ def check_worth(unexplained_percent: float, where: str) -> None:
         )
 
 
-def readings(chain: ElasticChain, data: Dataset) -> tuple[alternative_readings.Reading, ...]:
+def readings(chain: ElasticChain, data: Dataset) -> tuple[alternative_readings.AlternativeReading, ...]:
     """Other readings of a dataset of pulls: signs, units, columns, rows, axes of the flange or the tool."""
     load = "w_tcp_base" if data.has("w_tcp_base") else "f_tcp_base"
     moved = "d_tcp_base" if data.has("d_tcp_base") else "d_tracker_target"
-    out: list[alternative_readings.Reading] = []
+    out: list[alternative_readings.AlternativeReading] = []
     for channel in (load, moved):
         out += [
             *alternative_readings.sign_mistakes(data, channel),
@@ -168,7 +168,7 @@ def _rotation(frame: Callable[[ElasticChain, Float], Float], chain: ElasticChain
     return frame(chain, data.values("q"))[:, :3, :3]
 
 
-def _in_tool_axes(chain: ElasticChain, channel: str) -> Sequence[alternative_readings.Reading]:
+def _in_tool_axes(chain: ElasticChain, channel: str) -> Sequence[alternative_readings.AlternativeReading]:
     remedy = f"turn '{channel}' into base axes with the pose of the robot, row by row"
     return [
         alternative_readings.other_axes(

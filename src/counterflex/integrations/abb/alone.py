@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -62,11 +63,19 @@ def egm_controller(cell: Cell, robotware: int = 7, **changes: Any) -> FakeEgm:
 def controller(order: ControllerOrder) -> SimulatedController:
     """Controller of the simulated cell."""
     egm = egm_controller(order.cell)
+    address = ("127.0.0.1", (order.cell.tables.egm or EgmTable()).port)
+    return SimulatedController(egm, address, functools.partial(setattr, egm, "force"))
 
-    def take_force(w_sensor: Float) -> None:
-        egm.force = w_sensor
 
-    return SimulatedController(egm, ("127.0.0.1", (order.cell.tables.egm or EgmTable()).port), take_force)
+class LargestShift:
+    """Largest distance of the tool from its program."""
+
+    largest_m = 0.0
+
+    def see(self, seen: CycleSeen) -> None:
+        """Take a cycle."""
+        step = seen.report.T_part_actual[:3, 3] - seen.report.T_part_nominal[:3, 3]
+        self.largest_m = max(self.largest_m, float(np.linalg.norm(step)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,20 +109,15 @@ class LoneEgm(LoneController):
         egm.force = self.force
         robot = running_robot(cell, self.program, _ROBOT_S, self.answer)
         most = None if self.seconds is None else max(1, round(self.seconds / egm.cycle_s))
-        shift = [0.0]
-
-        def see(seen: CycleSeen) -> None:
-            step = seen.report.T_part_actual[:3, 3] - seen.report.T_part_nominal[:3, 3]
-            shift[0] = max(shift[0], float(np.linalg.norm(step)))
-
-        server, figures = self.serve(robot, egm, self.peer, watched, most_cycles=most, see=see)
+        shift = LargestShift()
+        server, figures = self.serve(robot, egm, self.peer, watched, most_cycles=most, see=shift.see)
         return {
             "job": "twin egm",
             "mode": egm.context.mode,
             "ended": server.stop_reason,
             "cycles": server.cycles,
             "late_answers": egm.late,
-            "largest_shift_mm": round(shift[0] / MM, 4),
+            "largest_shift_mm": round(shift.largest_m / MM, 4),
             **figures,
             "seed": self.faults.seed,
             "counterflex": __version__,

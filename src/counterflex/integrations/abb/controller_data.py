@@ -15,7 +15,7 @@ from counterflex.core.units import MM
 from counterflex.geometry import pose, rotation
 from counterflex.integrations.abb.language.read.data import DECLARATION, frame, truth
 from counterflex.integrations.abb.language.read.literals import AggregateLiteral, aggregate
-from counterflex.integrations.abb.language.read.scanner import Source
+from counterflex.integrations.abb.language.read.scanner import RapidSource
 from counterflex.programs.robot_text.process_words import NUMBER
 
 _CFG: Final = re.compile(r"\s*MOC:CFG_", re.IGNORECASE)
@@ -39,7 +39,7 @@ def read_module(text: str, where: str) -> ControllerData:
         FileFormatError: A declaration is damaged.
     """
     out = ControllerData("ABB")
-    source = Source(text, where)
+    source = RapidSource(text, where)
     for statement in source.statements():
         match = DECLARATION.match(statement.code)
         if match is None or match[2].lower() not in ("tooldata", "wobjdata") or match[4] or not match[5]:

@@ -130,7 +130,7 @@ class NetftServer:
             counts = [min(max(count, -_LARGEST), _LARGEST) for count in counts]
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         sequence = (self._sequence + condition.step) & 0xFFFFFFFF
-        record = netft.Record(sequence, self._sample, status, tuple(map(int, counts)))  # type: ignore[arg-type]
+        record = netft.NetftRecord(sequence, self._sample, status, tuple(map(int, counts)))  # type: ignore[arg-type]
         self._out.put(netft.write_record(record), self._time_s, self._put)
         if self._remaining:
             self._remaining -= 1
@@ -171,18 +171,22 @@ def _taken(fault: OSError, host: str, port: int) -> OutputError:
 
 
 def _document_server(host: str, port: int, document: bytes) -> http.server.ThreadingHTTPServer:
-    class Handler(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            if self.path != "/netftapi2.xml":
-                self.send_error(404)
-                return
-            self.send_response(200)
-            self.send_header("Content-Type", "text/xml")
-            self.send_header("Content-Length", str(len(document)))
-            self.end_headers()
-            self.wfile.write(document)
+    handler = type("Handler", (_DocumentHandler,), {"document": document})
+    return http.server.ThreadingHTTPServer((host, port), handler)
 
-        def log_message(self, *_: object) -> None:
-            """Say nothing."""
 
-    return http.server.ThreadingHTTPServer((host, port), Handler)
+class _DocumentHandler(http.server.BaseHTTPRequestHandler):
+    document: bytes  # Of a subclass: the server makes a handler for each request
+
+    def do_GET(self) -> None:
+        if self.path != "/netftapi2.xml":
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/xml")
+        self.send_header("Content-Length", str(len(self.document)))
+        self.end_headers()
+        self.wfile.write(self.document)
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""

@@ -7,6 +7,7 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -59,44 +60,51 @@ class LoneAds:
         volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0  # gauge factor 2, full bridge
         unit = si_of(table.strain_unit)[1]
         noise = np.random.default_rng(self.faults.seed)
-
-        def reading(value: float) -> Callable[[float], float]:
-            return lambda _: float(value + self.noise * noise.standard_normal()) * volts_per_strain / unit
-
         comment = f"{STRAIN} in {table.strain_unit}"
-        return [PlcVariable(source=reading(float(value)), comment=comment) for value in strain]
+        return [
+            PlcVariable(source=partial(self._strain, noise, float(value), volts_per_strain, unit), comment=comment)
+            for value in strain
+        ]
+
+    def _strain(
+        self, noise: np.random.Generator, value: float, volts_per_strain: float, unit: float, _time_s: float
+    ) -> float:
+        return float(value + self.noise * noise.standard_normal()) * volts_per_strain / unit
 
     def _tracker(self, table: AdsTable) -> dict[str, PlcVariable]:
         tracker, source = table.tracker, self.source
         if tracker is None:
             return {}
         length, angle = si_of(tracker.length_unit)[1], si_of(tracker.angle_unit)[1]
-
-        def position(time_s: float) -> dict[str, float]:
-            T = source(time_s)
-            x, y, z = (float(v) for v in T[:3, 3])
-            qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T[:3, :3]))
-            return {
-                "distance": math.sqrt(x * x + y * y + z * z) / length,
-                "azimuth": math.atan2(y, x) / angle,
-                "zenith": math.atan2(math.hypot(x, y), z) / angle,
-                "qw": qw,
-                "qx": qx,
-                "qy": qy,
-                "qz": qz,
-                "beam_ok": 1.0,
-            }
-
-        def coordinate(name: str) -> Callable[[float], float]:
-            return lambda time_s: position(time_s)[name]
-
         return {
             symbol: PlcVariable(
-                kind="BOOL" if name == "beam_ok" else "LREAL", source=coordinate(name), comment=f"tracker {name}"
+                kind="BOOL" if name == "beam_ok" else "LREAL",
+                source=partial(_tracker_word, source, length, angle, name),
+                comment=f"tracker {name}",
             )
-            for name in position(0.0)
+            for name in _tracker_words(source(0.0), length, angle)
             if (symbol := getattr(tracker, name)) is not None
         }
+
+
+def _tracker_word(source: PoseSource, length: float, angle: float, name: str, time_s: float) -> float:
+    return _tracker_words(source(time_s), length, angle)[name]
+
+
+def _tracker_words(T_tracker_reflector: Float, length: float, angle: float) -> dict[str, float]:
+    """Position in polar coordinates and orientation, in the units of the PLC."""
+    x, y, z = (float(v) for v in T_tracker_reflector[:3, 3])
+    qw, qx, qy, qz = (float(v) for v in rotation.quat_wxyz(T_tracker_reflector[:3, :3]))
+    return {
+        "distance": math.sqrt(x * x + y * y + z * z) / length,
+        "azimuth": math.atan2(y, x) / angle,
+        "zenith": math.atan2(math.hypot(x, y), z) / angle,
+        "qw": qw,
+        "qx": qx,
+        "qy": qy,
+        "qz": qz,
+        "beam_ok": 1.0,
+    }
 
 
 def variables(settings: LoneAds, cell: Cell) -> dict[str, PlcVariable]:
@@ -144,16 +152,19 @@ def terminals(cell: Cell, amplifiers: StrainSender, address: tuple[str, int]) ->
         )  # fmt: skip
     volts_per_strain = (1.0 + holder.beam.poisson_ratio) if table.in_volts else 1.0
     unit = si_of(table.strain_unit)[1]
-
-    def shown(k: int) -> Callable[[float], float]:
-        return lambda _: float(amplifiers.shown[k]) * volts_per_strain / unit
-
-    variables = {symbol: PlcVariable(source=shown(k), comment=STRAIN) for k, symbol in enumerate(table.strain)}
+    variables = {
+        symbol: PlcVariable(source=partial(_shown, amplifiers, k, volts_per_strain, unit), comment=STRAIN)
+        for k, symbol in enumerate(table.strain)
+    }
     if table.strain_time is not None:
         variables[table.strain_time] = PlcVariable("ULINT", source=lambda _: float(amplifiers.time_ns))
     if table.strain_temperature is not None:
         variables[table.strain_temperature] = PlcVariable(source=lambda _: amplifiers.temperature_c)
     return AdsServer(variables, host=address[0], port=address[1], ams_port=table.port)
+
+
+def _shown(amplifiers: StrainSender, k: int, volts_per_strain: float, unit: float, _time_s: float) -> float:
+    return float(amplifiers.shown[k]) * volts_per_strain / unit
 
 
 def run(

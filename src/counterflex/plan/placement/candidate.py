@@ -14,7 +14,7 @@ from counterflex.plan.placement.error import ErrorLeft
 from counterflex.plan.posture.choose import Freedom, cannot_touch
 from counterflex.plan.posture.clearance import Surroundings, kept, too_close
 from counterflex.plan.posture.cut_path import LoadedPath
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.impossible import FAULTS
 from counterflex.plan.posture.survey import RobotHere, survey_path
 from counterflex.plan.posture.survey_kernel import OK, POWER
@@ -127,7 +127,7 @@ class Candidate:
     q: Float | None = None  # (m, 6) rad along the thinned path
 
 
-def site_of(task: Task, stretches: Sequence[Stretch] = (), rotations: int = ROTATIONS) -> Site:
+def site_of(task: PostureTask, stretches: Sequence[Stretch] = (), rotations: int = ROTATIONS) -> Site:
     """The thinned program of a task.
 
     Args:

@@ -23,7 +23,7 @@ from counterflex.plan.placement.search import CandidatePoses
 from counterflex.plan.posture.choose import cannot_touch
 from counterflex.plan.posture.clearance import kept
 from counterflex.plan.posture.cut_path import LoadedPath
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.survey import constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import POWER
 from counterflex.plan.stability.stretches import Stretch
@@ -120,7 +120,7 @@ def operations_of(path: ToolPath, cut_m: Float, top_m: float, clearance_m: float
     return out
 
 
-def sites_of(task: Task, operations: Sequence[Operation], stretches: Sequence[Stretch]) -> list[OperationSite]:
+def sites_of(task: PostureTask, operations: Sequence[Operation], stretches: Sequence[Stretch]) -> list[OperationSite]:
     """Return the operations of a task as sites of their own.
 
     ``operations``: of it; ``stretches``: what it cuts, for the criterion of chatter.
@@ -136,7 +136,7 @@ def sites_of(task: Task, operations: Sequence[Operation], stretches: Sequence[St
         setting = task.setting
         if number:  # the frame of the part is measured where the program begins
             setting = replace(setting, datum_points_part=None)
-        part = Task(task.path, task.line[rows], cut, setting, task.robot, around)
+        part = PostureTask(task.path, task.line[rows], cut, setting, task.robot, around)
         own = [replace(piece, row=piece.row - one.first) for piece in stretches if one.first <= piece.row <= one.last]
         out.append(OperationSite(site_of(part, own), float(cut.weight_m.sum())))
     return out

@@ -47,7 +47,7 @@ class CandidatePoses:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedPlacements:
     """All candidates that were judged."""
 
     places: Float  # (n, 4 + k) m, m, m, rad, as Region has them
@@ -59,7 +59,7 @@ class Judged:
         some = [k for k, candidate in enumerate(self.candidates) if not candidate.refused]
         return sorted(some, key=lambda k: self.candidates[k].error_m)
 
-    def steadied(self, present: Candidate) -> Judged:
+    def steadied(self, present: Candidate) -> JudgedPlacements:
         """The same, with those refused in which the cut feeds a swing (:attr:`Candidate.least_damping`).
 
         Asked for is a damping ratio of 0 with the robot's own damping as it was stated; where no candidate has it, what
@@ -71,7 +71,7 @@ class Judged:
         most = max(values)
         limit = 0.0 if most >= 0.0 else min(present.least_damping, most)
         kept = [c if c.refused or not c.least_damping < limit else replace(c, refused=CHATTER) for c in self.candidates]
-        return Judged(self.places, kept, limit)
+        return JudgedPlacements(self.places, kept, limit)
 
     def refusals(self) -> dict[str, int]:
         """Number of candidates that each constraint refused, the most first."""
@@ -117,7 +117,7 @@ def search(
     count: int,
     seed: int = 1,
     progress: Progress = silent,
-) -> Judged:
+) -> JudgedPlacements:
     """Judge ``count`` poses of the part: Sobol points over the region, differential evolution, Nelder-Mead at the end.
 
     ``region``: where the part may stand. ``seen``: where a candidate (4 + k,) puts things. ``count``: candidates;
@@ -145,7 +145,7 @@ def search(
             scipy.optimize.minimize(cost, best.x, method="Nelder-Mead", bounds=bounds, options=refined)
     else:
         cost(np.empty(0))
-    return Judged(np.array([place for place, _ in judged]), [candidate for _, candidate in judged])
+    return JudgedPlacements(np.array([place for place, _ in judged]), [candidate for _, candidate in judged])
 
 
 def _judge(

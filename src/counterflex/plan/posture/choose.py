@@ -16,7 +16,7 @@ from counterflex.plan.inputs import Setting
 from counterflex.plan.posture.acceleration import too_fast, too_fast_at
 from counterflex.plan.posture.clearance import too_close, worst
 from counterflex.plan.posture.cut_path import LoadedPath, in_contact, stations
-from counterflex.plan.posture.held import Held, Task, held
+from counterflex.plan.posture.held import Held, PostureTask, held
 from counterflex.plan.posture.impossible import in_the_way, no_way, require_possible, too_slow
 from counterflex.plan.posture.survey import RobotHere, constant_costs, survey_path
 from counterflex.plan.posture.survey_kernel import POWER, Survey
@@ -88,7 +88,7 @@ class ChosenPosture:
     poses: int  # postures that were tried
 
 
-def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> ChosenPosture:
+def choose(task: PostureTask, freedom: Freedom, progress: Progress = silent) -> ChosenPosture:
     """Choose the posture with the smallest deflection that matters.
 
     Args:
@@ -126,7 +126,7 @@ def choose(task: Task, freedom: Freedom, progress: Progress = silent) -> ChosenP
     )
 
 
-def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
+def _free_way(task: PostureTask, freedom: Freedom, survey: Survey, rows: Int, blocked: Bool) -> tuple[Way, Held]:
     """The best way on which no bodies come too close and no axis has to accelerate beyond its drive."""
     # `blocked` learns of the postures left out for that.
     cut, robot, around = task.cut, task.robot, task.around
@@ -159,7 +159,7 @@ def _free_way(task: Task, freedom: Freedom, survey: Survey, rows: Int, blocked: 
             looked = True
 
 
-def _setting(task: Task, freedom: Freedom, way: Way, rows: Int) -> Setting:
+def _setting(task: PostureTask, freedom: Freedom, way: Way, rows: Int) -> Setting:
     """The plan's setting with the posture of a way."""
     start = float(freedom.grid_rad[way.index[0]])
     turning = None

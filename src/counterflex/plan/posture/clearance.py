@@ -12,7 +12,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.geometry import pose
 from counterflex.plan.posture.survey import RobotHere
 from counterflex.plan.preflight.bodies import CollisionBody, holds_stock, pairs, tool_of
-from counterflex.plan.preflight.collision import Closest, Scene, Standing, at_least, closest, poses
+from counterflex.plan.preflight.collision import Closest, PartAlongPath, Scene, at_least, closest, poses
 
 PLACES: Final = 12
 """Stations at which every posture is looked at, evenly along the path; the chosen posture is looked at everywhere."""
@@ -95,7 +95,9 @@ def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bo
     }
     for slot in np.flatnonzero(~np.isnan(q[:, :, :, 0]).all(axis=(0, 1))):
         place, turn = np.nonzero(~np.isnan(q[places][:, :, slot, 0]))
-        placed = poses(robot.controller_chain, around.bodies, q[places[place], turn, slot], Standing(robot.T_base_part))
+        placed = poses(
+            robot.controller_chain, around.bodies, q[places[place], turn, slot], PartAlongPath(robot.T_base_part)
+        )
         near = at_least(around.bodies, pairs, placed) < least + _NEAR_M
         near &= np.array([mounted[int(around.tool[rows[k]])] for k in places])[place]
         for row in np.flatnonzero(near.any(axis=1)):
@@ -119,7 +121,7 @@ def worst(q: Float, robot: RobotHere, around: Surroundings) -> Closest | None:
 
 
 def kept(
-    q: Float, robot: RobotHere, around: Surroundings, standing: Standing | None = None
+    q: Float, robot: RobotHere, around: Surroundings, standing: PartAlongPath | None = None
 ) -> tuple[Closest | None, float]:
     """The pair that is too close as :func:`worst` has it, and the clearance of the path.
 
@@ -133,7 +135,7 @@ def kept(
     blunt = [(a, b) for a, b, tool in compared if tool is None]
     sharp = [(a, b) for a, b, tool in compared if tool is not None]
     problems, clearance = [], np.inf
-    standing = Standing(robot.T_base_part) if standing is None else standing
+    standing = PartAlongPath(robot.T_base_part) if standing is None else standing
     for some, least in ((blunt, around.clearance_m), (sharp, 0.0)):
         result = closest(robot.controller_chain, around.bodies, some, q, around.tool, standing)
         if result is not None and some is blunt:

@@ -22,7 +22,7 @@ SHARE: Final = 0.997
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class PostureTask:
     """A program on a cell whose posture is to be chosen."""
 
     path: ToolPath  # n points of the program
@@ -50,7 +50,7 @@ class Held:
     wrist_rad: float  # smallest angle between axes 4 and 6
 
 
-def held(task: Task, setting: Setting) -> Held:
+def held(task: PostureTask, setting: Setting) -> Held:
     """Judge the posture of a setting on a program.
 
     Args:

@@ -12,7 +12,7 @@ from counterflex.core.units import DEG, MM
 from counterflex.plan.inputs import place
 from counterflex.plan.posture.acceleration import TooFast
 from counterflex.plan.posture.clearance import Surroundings
-from counterflex.plan.posture.held import Task
+from counterflex.plan.posture.held import PostureTask
 from counterflex.plan.posture.survey_kernel import ARM_SINGULAR, JOINT_LIMIT, OK, OUT_OF_REACH, WRIST_SINGULAR, Survey
 from counterflex.plan.preflight.bodies import tool_of
 from counterflex.plan.preflight.collision import Closest
@@ -40,7 +40,7 @@ FAULTS: Final = {
 """The same in few words."""
 
 
-def require_possible(survey: Survey, task: Task) -> None:
+def require_possible(survey: Survey, task: PostureTask) -> None:
     """Refuse a path with a point at which no posture is possible.
 
     Raises:
@@ -61,7 +61,7 @@ def require_possible(survey: Survey, task: Task) -> None:
         )
 
 
-def no_way(passed: Int, rows: Int, task: Task, survey: Survey, *, turns: bool) -> ReachError:
+def no_way(passed: Int, rows: Int, task: PostureTask, survey: Survey, *, turns: bool) -> ReachError:
     """Every point has a posture, but none leads from the first point to the last.
 
     ``passed``: (8,) edges that each branch could pass; ``rows``: (m + 1,) stations.
@@ -84,7 +84,7 @@ def no_way(passed: Int, rows: Int, task: Task, survey: Survey, *, turns: bool) -
     )
 
 
-def too_slow(fast: TooFast, task: Task) -> ReachError:
+def too_slow(fast: TooFast, task: PostureTask) -> ReachError:
     """Every posture that leads through the path asks an axis for more acceleration at feed than its drive has.
 
     Args:
@@ -100,7 +100,7 @@ def too_slow(fast: TooFast, task: Task) -> ReachError:
     )
 
 
-def in_the_way(close: Closest, around: Surroundings, task: Task) -> ReachError:
+def in_the_way(close: Closest, around: Surroundings, task: PostureTask) -> ReachError:
     """Every posture that leads through the path brings bodies too close to each other.
 
     ``close``: the pair, in the posture that would be best otherwise.

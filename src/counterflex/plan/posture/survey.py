@@ -15,7 +15,7 @@ from counterflex.core.jit import thread_count
 from counterflex.core.progress import Progress, silent
 from counterflex.geometry import pose, rotation
 from counterflex.path.toolpath import tool_orientation
-from counterflex.plan.inputs import Limits
+from counterflex.plan.inputs import CorrectionLimits
 from counterflex.plan.posture.branches_kernel import SLOTS, arm_record
 from counterflex.plan.posture.cut_path import LoadedPath, fractions
 from counterflex.plan.posture.survey_kernel import CODES, POWER, CandidateGrid, Points, Survey, survey_edges
@@ -34,7 +34,7 @@ class RobotHere:
     chain: ElasticChain  # elastic chain as it is known to be
     controller_chain: ElasticChain  # geometry as the controller has it; its angles are what is commanded
     T_base_part: Float  # (4, 4) pose of the part; says nothing where the robot carries it
-    limits: Limits  # margins to joint limits and wrist singularity
+    limits: CorrectionLimits  # margins to joint limits and wrist singularity
     joint_speeds_rad_s: Float | None = None  # (6,) largest speeds, or None where they are not known
     joint_accelerations_rad_s2: Float | None = None  # (6,) of the drives, or None where they are not known
     acceleration_m_s2: float = 1.0  # with which the controller changes the speed of the tool

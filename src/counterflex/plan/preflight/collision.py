@@ -138,7 +138,7 @@ class Closest:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class PartAlongPath:
     """Part and floor in the robot base along a path of n rows, where external axes carry them or the robot."""
 
     Ts_base_part: Float  # (n, 4, 4), or (4, 4) where nothing moves
@@ -147,17 +147,17 @@ class Standing:
     # (n,) bound of the way that a point of these bodies has gone from row 0 on, rising; None: nothing moves
     moved_m: Float | None = None
 
-    def rows(self, rows: Int | slice) -> Standing:
+    def rows(self, rows: Int | slice) -> PartAlongPath:
         """The same for some rows."""
         if self.Ts_base_part.ndim == 2:
             return self
         before, moved = self.Ts_base_before, self.moved_m
-        return Standing(
+        return PartAlongPath(
             self.Ts_base_part[rows], None if before is None else before[rows], None if moved is None else moved[rows]
         )
 
 
-def poses(chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, standing: Standing) -> Float:
+def poses(chain: ElasticChain, bodies: Sequence[CollisionBody], q: Float, standing: PartAlongPath) -> Float:
     """Poses of bodies in the base.
 
     Args:
@@ -213,7 +213,7 @@ def closest(
     compared: Sequence[tuple[int, int]],
     q: Float,
     tool: Int,
-    standing: Standing,
+    standing: PartAlongPath,
     progress: Progress = silent,
     left_over: LeftOver | None = None,
 ) -> Closest | None:
@@ -276,7 +276,7 @@ class PlacedBody:
         chain: ElasticChain,
         bodies: Sequence[CollisionBody],
         q: Float,
-        standing: Standing,
+        standing: PartAlongPath,
         left_over: LeftOver | None,
     ) -> None:
         self._chain, self._bodies, self._q, self._standing = chain, bodies, q, standing
@@ -320,7 +320,7 @@ def collision_rows(
     bodies: Sequence[CollisionBody],
     q: Float,
     tool: Int,
-    standing: Standing,
+    standing: PartAlongPath,
     clearance_m: float,
     progress: Progress = silent,
     machined: Callable[[], MachinedStock] | None = None,

@@ -13,7 +13,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.path.external_axes import ExternalPlaces, moving
 from counterflex.path.toolpath import ToolPath
 from counterflex.plan.inputs import Setting
-from counterflex.plan.preflight.collision import Standing
+from counterflex.plan.preflight.collision import PartAlongPath
 from counterflex.plan.preflight.process.moves import height_over
 from counterflex.plan.preflight.row import Row
 
@@ -36,12 +36,12 @@ def moved_m(places: ExternalPlaces, place: Float) -> Float:
     return out
 
 
-def standing_along(path: ToolPath, setting: Setting) -> Standing:
+def standing_along(path: ToolPath, setting: Setting) -> PartAlongPath:
     """Part and floor in the robot base along a path."""
     if setting.places is None:
-        return Standing(setting.T_base_part)
+        return PartAlongPath(setting.T_base_part)
     moved = moved_m(setting.places, path.place)
-    return Standing(setting.Ts_base_part(path), setting.Ts_base_before(path), moved)
+    return PartAlongPath(setting.Ts_base_part(path), setting.Ts_base_before(path), moved)
 
 
 def external_row(path: ToolPath, setting: Setting, stock: HeightMap, cutter_of: Callable[[int], Cutter | None]) -> Row:

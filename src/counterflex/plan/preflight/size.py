@@ -29,10 +29,56 @@ class ProgramSize:
     line_point: int | None = None
     foreign: str = ""  # why the robot's controller does not run the language; empty where it may
 
+    def points_row(self) -> Row:
+        """Motions of one file."""
+        main, *parts = self.names
+        over = self.points > self.points_limit
+        value, limit = float(self.points), float(self.points_limit)
+        if not self.written:
+            return Row(
+                "program size",
+                "warning" if over else "ok",
+                value,
+                limit,
+                "",
+                None,
+                f"motions in {self.language}, in one file" + (f"; {self.source}" if over else ""),
+                advice="Divide the program, or write it anew in parts with counterflex convert" if over else "",
+            )
+        files = f"{main} calls {len(parts)} files, {parts[0]} to {parts[-1]}" if parts else f"one file, {main}"
+        text = f"motions in {self.language} without corrections: {files}"
+        return Row("program size", "ok", value, limit, "", None, text)
+
+    def name_row(self) -> Row:
+        """Length of the names."""
+        longest = max(self.names, key=len)
+        over = len(longest) > self.name_limit
+        return Row(
+            "program name",
+            "warning" if over else "ok",
+            float(len(longest)),
+            float(self.name_limit),
+            "",
+            None,
+            f"characters of {longest}",
+            advice=f"Rename it: {self.language} takes {self.name_limit} characters" if over else "",
+        )
+
+    def language_row(self) -> Row:
+        """Language of the controller."""
+        return Row(
+            "language of the controller",
+            "warning" if self.foreign else "ok",
+            what=self.foreign or f"{self.language}; nothing says that the robot's controller runs another language",
+            advice="Run it on the controller that it was posted for, or name that maker in [robot.controller_axes]"
+            if self.foreign
+            else "",
+        )
+
 
 def size_rows(size: ProgramSize) -> list[Row]:
     """Motions per file, length of the names, length of the lines, language of the controller."""
-    rows = [_points_row(size), _name_row(size)]
+    rows = [size.points_row(), size.name_row()]
     if size.line is None:
         rows.append(Row(LINE_LENGTH, "ok", what="the writer keeps lines short"))
     else:
@@ -49,50 +95,4 @@ def size_rows(size: ProgramSize) -> list[Row]:
                 advice="Shorten the comments of this line, or divide it" if over else "",
             )
         )
-    return [*rows, _language_row(size)]
-
-
-def _language_row(size: ProgramSize) -> Row:
-    return Row(
-        "language of the controller",
-        "warning" if size.foreign else "ok",
-        what=size.foreign or f"{size.language}; nothing says that the robot's controller runs another language",
-        advice="Run it on the controller that it was posted for, or name that maker in [robot.controller_axes]"
-        if size.foreign
-        else "",
-    )
-
-
-def _points_row(size: ProgramSize) -> Row:
-    main, *parts = size.names
-    over = size.points > size.points_limit
-    value, limit = float(size.points), float(size.points_limit)
-    if not size.written:
-        return Row(
-            "program size",
-            "warning" if over else "ok",
-            value,
-            limit,
-            "",
-            None,
-            f"motions in {size.language}, in one file" + (f"; {size.source}" if over else ""),
-            advice="Divide the program, or write it anew in parts with counterflex convert" if over else "",
-        )
-    files = f"{main} calls {len(parts)} files, {parts[0]} to {parts[-1]}" if parts else f"one file, {main}"
-    text = f"motions in {size.language} without corrections: {files}"
-    return Row("program size", "ok", value, limit, "", None, text)
-
-
-def _name_row(size: ProgramSize) -> Row:
-    longest = max(size.names, key=len)
-    over = len(longest) > size.name_limit
-    return Row(
-        "program name",
-        "warning" if over else "ok",
-        float(len(longest)),
-        float(size.name_limit),
-        "",
-        None,
-        f"characters of {longest}",
-        advice=f"Rename it: {size.language} takes {size.name_limit} characters" if over else "",
-    )
+    return [*rows, size.language_row()]

@@ -44,6 +44,13 @@ class Swung:
     row: Int  # (n,) row of this path that each row of the given path is
     made: Bool  # (m,) rows on the way of a motion by axes, its end included
 
+    def as_stated(self, turns: Turns, motion: int) -> bool:
+        """Return whether a motion ends in the turns that are stated, as far as it is reached."""
+        ends = np.flatnonzero((self.path.motion == motion) & self.made)
+        if self.solution is None or len(ends) == 0 or ends[-1] >= len(self.solution.q):
+            return True
+        return turns.agree(self.solution.q[ends[-1]])
+
 
 def linear_rows(path: ToolPath, setting: Setting) -> ToolPath:
     """The path without the rows between the ends of motions by axes: a straight line is not their way."""
@@ -156,7 +163,7 @@ def axes_row(whole: Swung, setting: Setting, left_out: tuple[str, ...]) -> Row:
                 )
                 advice = "Give [posture] the posture of the program"
                 return Row(CHECK, "warning", point=int(ends[-1]), what=what, advice=advice)
-        others = [motion for motion in by_axes.turns if not _as_stated(whole, by_axes.turns[motion], motion)]
+        others = [motion for motion in by_axes.turns if not whole.as_stated(by_axes.turns[motion], motion)]
         if others:
             words, first = by_axes.turns[min(others)].words, min(others)
             what = f"{len(others)} targets ask for other turns of the axes ({words}) than are reached in [posture]"
@@ -167,11 +174,3 @@ def axes_row(whole: Swung, setting: Setting, left_out: tuple[str, ...]) -> Row:
                    what=f"{', '.join(left_out[:3])}{' ...' if len(left_out) > 3 else ''}: before the first target or "
                    "behind the last one, from or to a place that the program does not say")  # fmt: skip
     return Row(CHECK, "ok", what=text if by_axes.motions else "none between lines")
-
-
-def _as_stated(whole: Swung, turns: Turns, motion: int) -> bool:
-    """Return whether a motion ends in the turns that are stated, as far as it is reached."""
-    ends = np.flatnonzero((whole.path.motion == motion) & whole.made)
-    if whole.solution is None or len(ends) == 0 or ends[-1] >= len(whole.solution.q):
-        return True
-    return turns.agree(whole.solution.q[ends[-1]])

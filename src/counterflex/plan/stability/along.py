@@ -18,7 +18,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, in_parts, silent
 from counterflex.core.units import DEG
 from counterflex.cutting.stability import lobes, semi_discretisation
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.process import Process
 from counterflex.cutting.stability.response import Response, fitted_modes
 from counterflex.cutting.stock import BlankBox, HeightMap
@@ -44,14 +44,14 @@ class Structure:
     damping: Damping  # of the robot's modes
     measured: Mode | None  # lowest mode of the robot by a tap test, or None
     # spindle and tool in the TCP frame, by a measured response or by modes; None: rigid
-    tip: Response | Modes | None = None
+    tip: Response | TipModes | None = None
 
     @property
     def robot_below(self) -> float:
         """Angular frequency from which a measured response holds what the robot does, too; inf without one."""
         return float(self.tip.omega_rad_s[0]) if isinstance(self.tip, Response) else math.inf
 
-    def tip_modes(self) -> tuple[Modes | None, float]:
+    def tip_modes(self) -> tuple[TipModes | None, float]:
         """Modes of spindle and tool, fitted where a response was measured, and the unexplained share of it."""
         if isinstance(self.tip, Response):
             return fitted_modes(self.tip)
@@ -59,7 +59,7 @@ class Structure:
 
     def tip_response(self) -> Response | None:
         """Response of spindle and tool."""
-        if isinstance(self.tip, Modes):
+        if isinstance(self.tip, TipModes):
             omega = lobes.frequencies_for(self.tip)
             return Response(omega, self.tip.response(omega))
         return self.tip
@@ -73,7 +73,7 @@ class Margin:
     process: Process  # its directional coefficients, feed frame
     R_part_feed: Float  # (3, 3) feed frame (x along the feed, z along the tool axis) in part axes
     R_part_tcp: Float  # (3, 3) TCP frame in part axes
-    robot: Modes  # modes of the robot there, part axes
+    robot: TipModes  # modes of the robot there, part axes
     low_frequency: float  # factor on the depth by the low-frequency criterion with the slow modes; inf without a limit
     robot_margin: float  # factor on the depth of all modes of the robot, at most LARGEST
     tool_margin: float  # the same of spindle and tool; LARGEST without a response
@@ -119,7 +119,7 @@ def margins(
     Rs_part_tcp = Ts_part_tcp[rows, :3, :3]
     number, _ = postures(q, POSTURE_RAD)
     tip = structure.tip_response()
-    modes: dict[int, Modes] = {}
+    modes: dict[int, TipModes] = {}
     robot_limits, tool_limits = SharedLimits(), SharedLimits(_tool_limit)
     out = []
     for at, piece in enumerate(pieces):
@@ -160,14 +160,14 @@ def confirmed(worst: Margin, structure: Structure) -> float:
     )
 
 
-def all_modes(margin: Margin, structure: Structure) -> Modes:
+def all_modes(margin: Margin, structure: Structure) -> TipModes:
     """Modes of robot, spindle and tool at a stretch, in the feed frame."""
     robot = margin.robot.turned(margin.R_part_feed.T)
     tip, _ = structure.tip_modes()
     if tip is None:
         return robot
     tip = tip.turned(margin.R_part_feed.T @ margin.R_part_tcp)
-    return Modes(
+    return TipModes(
         np.concatenate([robot.omega_rad_s, tip.omega_rad_s]),
         np.concatenate([robot.damping_ratio, tip.damping_ratio]),
         np.concatenate([robot.shape, tip.shape], axis=1),

@@ -20,7 +20,7 @@ import numpy as np
 from counterflex.core.arrays import Complex, Float
 from counterflex.cutting.stability import lobes, low_frequency
 from counterflex.cutting.stability.delayed import least_damping as least_damping
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.response import Response
 
 LARGEST: Final = 100.0
@@ -39,7 +39,7 @@ class Limit:
     low: float = math.inf  # by the low-frequency criterion with the slow modes
 
 
-def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
+def robot_limit(modes: TipModes, A: Float, T: float) -> Limit:
     """Limit of the robot's modes: low-frequency where it holds, otherwise zeroth order.
 
     Args:
@@ -59,7 +59,7 @@ def robot_limit(modes: Modes, A: Float, T: float) -> Limit:
 
 
 @functools.lru_cache(maxsize=16)
-def _responses(modes: Modes) -> tuple[Float, Complex]:
+def _responses(modes: TipModes) -> tuple[Float, Complex]:
     """Frequencies and response of modes: the same for hundreds of cuts in one posture."""
     grid = lobes.frequencies_for(modes)
     return grid, modes.response(grid)
@@ -75,7 +75,7 @@ class SharedLimits:
         self._limit_of = limit_of
         self._known: dict[tuple[int, float, bytes], Limit] = {}
 
-    def __call__(self, posture: int, structure: Modes | Response, A: Float, T: float) -> Limit:
+    def __call__(self, posture: int, structure: TipModes | Response, A: Float, T: float) -> Limit:
         """Return the limit of a structure that is known by the number of its posture."""
         size = float(np.abs(A).max())
         key = (posture, T, np.round(A / (size * 2.0 * _SAME)).astype(np.int64).tobytes())

@@ -12,7 +12,7 @@ import scipy
 from counterflex.core.arrays import Float
 from counterflex.core.progress import Progress, silent
 from counterflex.cutting.stability import lobes, semi_discretisation
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.plan.stability.along import Margin, Structure, all_modes
 from counterflex.plan.stability.criterion import robot_limit
 
@@ -74,5 +74,5 @@ def needed_damping(at: Margin) -> float:
 
 def _reserve(ratio: float, at: Margin, A: Float) -> float:
     """Factor of the depth that the robot's modes allow with a damping ratio, less 1."""
-    modes = Modes(at.robot.omega_rad_s, np.full(len(at.robot), ratio), at.robot.shape)
+    modes = TipModes(at.robot.omega_rad_s, np.full(len(at.robot), ratio), at.robot.shape)
     return min(robot_limit(modes, A, at.stretch.period_s).factor, 1e3) - 1.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ModelError
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.plan.elastic_motion import inertia, jacobians, stiffness_of
 from counterflex.plan.lowest_mode import assumed_masses, can_move
 from counterflex.plan.modes import modes
@@ -26,7 +26,7 @@ HIGHEST_HZ: Final = 150.0
 """Modes above are left out: there the bodies themselves bend, and what they do must be measured at the tool."""
 
 
-def robot_modes(chain: ElasticChain, q: Float, to_part: Float, measured: Mode | None, damping_ratio: float) -> Modes:
+def robot_modes(chain: ElasticChain, q: Float, to_part: Float, measured: Mode | None, damping_ratio: float) -> TipModes:
     """Modes below :data:`HIGHEST_HZ` in a posture, and the lowest, shapes in part axes.
 
     Args:
@@ -45,7 +45,7 @@ def robot_modes(chain: ElasticChain, q: Float, to_part: Float, measured: Mode | 
 
 def robot_modes_along(
     chain: ElasticChain, q: Float, to_part: Float, measured: Mode | None, damping_ratio: float
-) -> list[Modes]:
+) -> list[TipModes]:
     """:func:`robot_modes` of many postures, q (k, 6) rad."""
     return [one[0] for one in drawn_modes(chain, q, to_part, measured, damping_ratio, np.ones((1, 1)))]
 
@@ -57,7 +57,7 @@ def drawn_modes(
     measured: Mode | None,
     damping_ratio: float,
     stiffness_factors: Float,
-) -> list[list[Modes]]:
+) -> list[list[TipModes]]:
     """Modes of many postures and of robots whose springs differ from those of the chain.
 
     Args:
@@ -92,7 +92,7 @@ def drawn_modes(
             omega = free.omega_rad_s * scale
             shape = at_tip[:3] @ free.shapes * omega
             chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
-            robots.append(Modes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
+            robots.append(TipModes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
         out.append(robots)
     return out
 

@@ -25,7 +25,7 @@ from counterflex.core.arrays import Bool, Float, Int
 from counterflex.core.errors import InputError
 from counterflex.cutting.coefficients import ForceLaw
 from counterflex.plan.process_limits import ProcessLimits, axis_torques
-from counterflex.plan.strategy.chatter import Standing, Swing, depth_used, worst
+from counterflex.plan.strategy.chatter import Swing, WallPosture, depth_used, worst
 from counterflex.plan.strategy.side_cut import SideCuts, in_part, peak_side_force, wrenches
 from counterflex.robot.elasticity.chain import ElasticChain
 
@@ -61,7 +61,7 @@ class Doubt:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CutPlace:
     """Place of a cut: stiffness and frames. Part axes are those whose z is the tool axis in the place."""
 
     chain: ElasticChain  # the robot
@@ -70,7 +70,7 @@ class Place:
     to_part: Float  # (6, 6) motion of the tool relative to the part, part axes, from that of the hand, base axes
     normal_part: Float  # (3,) unit normal of the wall, horizontal, out of the material
     height_m: float  # of the wall, cut in levels of a_p
-    standings: tuple[Standing, ...] = ()  # the robot in postures along the cut, against chatter; none: nobody looks
+    standings: tuple[WallPosture, ...] = ()  # the robot in postures along the cut, against chatter; none: nobody looks
     swings: tuple[Swing, ...] = ()  # modes of the postures along the cut, that spindle and teeth are kept off
 
 
@@ -177,7 +177,7 @@ def outcomes(
     cuts: SideCuts,
     spindle_rad_s: Float,
     law: ForceLaw,
-    place: Place,
+    place: CutPlace,
     limits: ProcessLimits,
     doubt: Doubt,
     demands: Demands,

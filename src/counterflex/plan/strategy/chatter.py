@@ -16,7 +16,7 @@ import numpy as np
 
 from counterflex.core.arrays import Float
 from counterflex.cutting.coefficients import ForceLaw
-from counterflex.cutting.stability.modes import Modes
+from counterflex.cutting.stability.modes import TipModes
 from counterflex.cutting.stability.process import process_of_side_cut
 from counterflex.plan.stability.criterion import SharedLimits
 from counterflex.plan.stability.robot_modes import robot_modes
@@ -98,14 +98,14 @@ def worst(swings: Sequence[Swing], omega_rad_s: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class WallPosture:
     """The robot in a posture along a wall."""
 
-    modes: Modes  # its modes, part axes
+    modes: TipModes  # its modes, part axes
     normal_part: Float  # (3,) unit normal of the wall there, out of the material
 
 
-def depth_used(cuts: SideCuts, law: ForceLaw, spindle_rad_s: Float, standings: Sequence[Standing]) -> Float:
+def depth_used(cuts: SideCuts, law: ForceLaw, spindle_rad_s: Float, standings: Sequence[WallPosture]) -> Float:
     """Share of the limiting depth that each cut uses in each posture; above 1 it chatters.
 
     ``cuts``: (n) the cuts; ``spindle_rad_s``: (n,) their spindle speeds; ``standings``: k postures.

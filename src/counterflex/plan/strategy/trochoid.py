@@ -34,7 +34,7 @@ _LEAST_LOOP: Final = 0.02
 
 
 @dataclass(frozen=True)
-class Loop:
+class TrochoidLoop:
     """Loops of a slot."""
 
     radius_m: float  # of the tool centre's circles, rho
@@ -60,7 +60,7 @@ def immersions(width_m: float, tool_radius_m: float, step_m: float) -> Float:
     return out
 
 
-def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> Loop:
+def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> TrochoidLoop:
     """Loops whose engagement reaches a wanted angle and no more.
 
     ``engagement_rad``: largest immersion, above 0, below 120 deg.
@@ -93,7 +93,7 @@ def loop_for(width_m: float, tool_radius_m: float, engagement_rad: float) -> Loo
         )
     )
     values = immersions(width_m, tool_radius_m, step)
-    return Loop(rho, step, float(values.max()), float(values.mean()))
+    return TrochoidLoop(rho, step, float(values.max()), float(values.mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Piece:
     centre: Float | None = None  # (2,) m of an arc, else None
 
 
-def pieces(start: Float, end: Float, loop: Loop, *, up: bool) -> list[Piece]:
+def pieces(start: Float, end: Float, loop: TrochoidLoop, *, up: bool) -> list[Piece]:
     """The way of the tool's centre that replaces a straight slot, from its start to its end.
 
     ``start``: (2,) m; ``end``: (2,) m; ``up``: turn clockwise (up-milling), not counter-clockwise.

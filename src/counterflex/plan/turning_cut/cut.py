@@ -19,7 +19,7 @@ from counterflex.cutting.tridexel.columns import ColumnStock
 from counterflex.cutting.tridexel.step_kernels import RIDGE_M, SPARE, step_columns, step_space
 from counterflex.plan.bending_kernels import THRUST_SIZE
 from counterflex.plan.cut_kernel_arrays import CutPath, CutRows
-from counterflex.plan.elastic_motion_kernel import Motion
+from counterflex.plan.elastic_motion_kernel import MotionArrays
 from counterflex.plan.turning_cut.kernel import TURNING_STATE, TurningTool, cut_turning_rows
 
 ROWS_PER_CALL: Final = 500
@@ -54,7 +54,7 @@ class TurningCut:
         path: CutPath,
         omega: float,
         zeta: float,
-        motion: Motion,
+        motion: MotionArrays,
         rows: CutRows,
     ) -> None:
         self._blank, self.stock = stock, ColumnStock.of(stock)

@@ -31,7 +31,7 @@ from counterflex.plan.bending_kernels import (
 )
 from counterflex.plan.cut_kernel import MOVING, engaged, step_length
 from counterflex.plan.cut_kernel_arrays import CUT_PATH, CUT_ROWS, CutPath, CutRows
-from counterflex.plan.elastic_motion_kernel import MOTION, Motion, advance, rest
+from counterflex.plan.elastic_motion_kernel import MOTION, MotionArrays, advance, rest
 
 TURNING_STATE: Final = record(
     displacement=(float, 6),
@@ -93,7 +93,7 @@ def cut_turning_rows(
     columns: StepColumns,
     omega: float,
     zeta: float,
-    motion: Motion,
+    motion: MotionArrays,
     states: Records,
     rows: CutRows,
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM
 from counterflex.programs.convert.machine_languages import DECIMALS, MachineEmitter
-from counterflex.programs.convert.steps import Move, Process
+from counterflex.programs.convert.steps import MachineFunction, Move
 from counterflex.programs.gcode.write.written_line import number
 
 
@@ -37,7 +37,7 @@ class AptEmitter(MachineEmitter):
         """Behind $$."""
         self.lines.append(f"$$ {text.replace('$', ' ')}")
 
-    def process(self, step: Process) -> None:
+    def process(self, step: MachineFunction) -> None:
         """SPINDL, COOLNT, LOADTL, STOP."""
         rpm = number(abs(step.block.modal.spindle_rpm), 3)
         if step.code in (3, 4):

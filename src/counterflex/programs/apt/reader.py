@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from counterflex.core.errors import ProgramError
-from counterflex.programs.apt.run import Run
+from counterflex.programs.apt.run import AptRun
 from counterflex.programs.apt.statements import statements, tilts
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
@@ -39,7 +39,7 @@ def read_apt(text: str, *, name: str = "program", complete: bool = False, listed
     if not any(line.strip() for line in lines):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a cutter location file")
     parts = list(statements(lines, name))
-    run = Run(name, any(tilts(part) for part in parts), listed)
+    run = AptRun(name, any(tilts(part) for part in parts), listed)
     ended = False
     for part in parts:
         if ended:

@@ -22,7 +22,7 @@ from counterflex.programs.gcode.read.motion import FARTHEST_M
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, MotionKind, Word
 
 
-class Run:
+class AptRun:
     """One pass through a file."""
 
     def __init__(self, name: str, turning: bool, listed: bool = False) -> None:
@@ -387,14 +387,14 @@ class Run:
 
 
 _STOPS: Final = {"STOP": [("M", 0)], "OPSTOP": [("M", 1)], "FINI": [("M", 30)], "END": [("M", 30)]}
-_CODES: Final = {"SPINDL": Run._spindle, "COOLNT": Run._coolant, "LOADTL": Run._load, "LOAD": Run._load,
-                 "AUXFUN": Run._function}  # fmt: skip
-_WORDS: Final = dict.fromkeys((*_STOPS, *_CODES), Run._machine) | {
-    "GOTO": Run._goto, "GODLTA": Run._goto, "FEDRAT": Run._feedrate, "DELAY": Run._delay, "CIRCLE": Run._circle,
-    "MOVARC": Run._circle, TOOL_ON_CIRCLE: Run._tool_on_circle}  # fmt: skip
+_CODES: Final = {"SPINDL": AptRun._spindle, "COOLNT": AptRun._coolant, "LOADTL": AptRun._load, "LOAD": AptRun._load,
+                 "AUXFUN": AptRun._function}  # fmt: skip
+_WORDS: Final = dict.fromkeys((*_STOPS, *_CODES), AptRun._machine) | {
+    "GOTO": AptRun._goto, "GODLTA": AptRun._goto, "FEDRAT": AptRun._feedrate, "DELAY": AptRun._delay,
+    "CIRCLE": AptRun._circle, "MOVARC": AptRun._circle, TOOL_ON_CIRCLE: AptRun._tool_on_circle}  # fmt: skip
 """Statements that stand for words of a machine."""
-_SETTINGS: Final = dict.fromkeys(("UNITS", "UNIT", "MM", "INCH", "INCHES"), Run._units) | {
-    "RAPID": Run._rapid_next, "FROM": Run._from, "TLAXIS": Run._direct, "INDIRV": Run._direct,
-    "MULTAX": lambda run, part: run._allow(part, ("ON", "OFF")), "MSYS": Run._system, SYSTEM: Run._system,
-    "GOHOME": Run._leave}  # fmt: skip
+_SETTINGS: Final = dict.fromkeys(("UNITS", "UNIT", "MM", "INCH", "INCHES"), AptRun._units) | {
+    "RAPID": AptRun._rapid_next, "FROM": AptRun._from, "TLAXIS": AptRun._direct, "INDIRV": AptRun._direct,
+    "MULTAX": lambda run, part: run._allow(part, ("ON", "OFF")), "MSYS": AptRun._system, SYSTEM: AptRun._system,
+    "GOHOME": AptRun._leave}  # fmt: skip
 """Statements that stand for none."""

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.errors import OutputError
 from counterflex.core.units import DEG, UM
 from counterflex.geometry import rotation
-from counterflex.programs.convert.steps import Move, Process, Step
+from counterflex.programs.convert.steps import MachineFunction, Move, Step
 
 SAME_M: Final = 1.0 * UM
 """Largest distance of a point that is read back from where it was."""
@@ -84,8 +84,8 @@ def _compared(
     return off
 
 
-def _functions(steps: Sequence[Step]) -> list[Process]:
-    return [step for step in steps if isinstance(step, Process)]
+def _functions(steps: Sequence[Step]) -> list[MachineFunction]:
+    return [step for step in steps if isinstance(step, MachineFunction)]
 
 
 def _turned(move: Move, other: Move, whole_frame: bool) -> float:
@@ -95,7 +95,7 @@ def _turned(move: Move, other: Move, whole_frame: bool) -> float:
     return float(np.linalg.norm(np.cross(move.axis, other.axis)))
 
 
-def _compare_words(source: Sequence[Process], back: Sequence[Process]) -> None:
+def _compare_words(source: Sequence[MachineFunction], back: Sequence[MachineFunction]) -> None:
     for index, step in enumerate(source):
         other = back[index] if index < len(back) else None
         if other is None or not _same(step, other):
@@ -110,7 +110,7 @@ def _compare_words(source: Sequence[Process], back: Sequence[Process]) -> None:
         raise OutputError("more process words are read back than there were", value=_shown(back[len(source)]))
 
 
-def _same(step: Process, other: Process) -> bool:
+def _same(step: MachineFunction, other: MachineFunction) -> bool:
     if step.code in _STOPS and other.code in _STOPS:
         return True
     one, two = step.words, other.words
@@ -119,7 +119,7 @@ def _same(step: Process, other: Process) -> bool:
     )
 
 
-def _shown(step: Process) -> str:
+def _shown(step: MachineFunction) -> str:
     return " ".join(f"{letter}{value:g}" for letter, value in step.words)
 
 

@@ -16,7 +16,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG
 from counterflex.geometry import rotation
-from counterflex.programs.convert.steps import Move, Process, Step
+from counterflex.programs.convert.steps import MachineFunction, Move, Step
 from counterflex.programs.program import Program
 
 UPRIGHT: Final = 5e-5
@@ -78,7 +78,7 @@ class ProgramEmitter(ABC):
         for at, step in enumerate(steps):
             if isinstance(step, str):
                 self.comment(step)
-            elif isinstance(step, Process):
+            elif isinstance(step, MachineFunction):
                 self.process(step)
             elif step.motion.kind == "dwell":
                 self.dwell(step)
@@ -164,7 +164,7 @@ class ProgramEmitter(ABC):
         """A comment."""
 
     @abstractmethod
-    def process(self, step: Process) -> None:
+    def process(self, step: MachineFunction) -> None:
         """A machine function. Raises a ProgramError where the language does not have it."""
 
     @abstractmethod

@@ -9,7 +9,7 @@ import numpy as np
 
 from counterflex.core.units import MM, MM_PER_MIN
 from counterflex.programs.convert.emitter import Conversion, ProgramEmitter
-from counterflex.programs.convert.steps import Move, Process
+from counterflex.programs.convert.steps import MachineFunction, Move
 from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.write.written_line import number
 
@@ -98,7 +98,7 @@ class GcodeEmitter(MachineEmitter):
         """On a line of its own."""
         self.lines.append(self.remark.format(text))
 
-    def process(self, step: Process) -> None:
+    def process(self, step: MachineFunction) -> None:
         """M-codes."""
         own = [(letter, value) for letter, value in step.words if letter in "PQER"]
         if step.code not in self.codes or (own and not self.words_of_codes):

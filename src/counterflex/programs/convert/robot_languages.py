@@ -10,7 +10,7 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
 from counterflex.programs.convert.emitter import ProgramEmitter, turn_deg
-from counterflex.programs.convert.steps import Move, Process
+from counterflex.programs.convert.steps import MachineFunction, Move
 from counterflex.programs.gcode.write.written_line import number
 from counterflex.programs.program import Program
 from counterflex.programs.robot_text.program import RobotProgram
@@ -55,7 +55,7 @@ class RobotEmitter(RobotWords[S], ProgramEmitter, Generic[S]):
         """A comment on a line of its own."""
         self.lines.append(f"{self.sign} {text}")
 
-    def process(self, step: Process) -> None:
+    def process(self, step: MachineFunction) -> None:
         """Statements of the table, or a stop."""
         if step.code in (0, 1):
             self.lines.append(self.stop)

@@ -16,7 +16,7 @@ from counterflex.path.toolpath import ToolPath
 from counterflex.programs.program import TOOL_VECTOR, Motion, Program
 from counterflex.programs.rotary.fitted import fitted
 from counterflex.programs.rotary.machine import RotaryMachine
-from counterflex.programs.rotary.poses import Words, turned_path
+from counterflex.programs.rotary.poses import RotaryWords, turned_path
 from counterflex.programs.simplify import simplify
 
 _STEP_M: Final = 1.0 * MM
@@ -43,7 +43,7 @@ def with_tool_vectors(
         ProgramError: As :func:`~counterflex.programs.rotary.fitted.fitted`; a feed that turns the tool about its tip.
     """
     known = fitted(program, machine)
-    words = Words.of(known, machine)
+    words = RotaryWords.of(known, machine)
     path = turned_path(known, words, step_m=_STEP_M, rapid_speed_m_s=rapid_m_s).path
     along = np.cumsum(
         np.linalg.norm(np.diff(path.p_part_tcp, axis=0, prepend=path.p_part_tcp[:1]), axis=1)

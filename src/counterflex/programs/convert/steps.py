@@ -70,7 +70,7 @@ class Move:
 
 
 @dataclass(frozen=True)
-class Process:
+class MachineFunction:
     """A machine function."""
 
     code: int  # M-code
@@ -89,7 +89,7 @@ class Process:
         return (*out, *sorted(own))
 
 
-Step = Move | Process | str
+Step = Move | MachineFunction | str
 """A string is a comment."""
 
 
@@ -143,15 +143,15 @@ def _move(program: Program, index: int, R_part_tcp: Callable[[int], Float], name
     return Move(index, motion, R, before, named, index in stops, block.line)
 
 
-def _acts_behind(step: Process) -> bool:
+def _acts_behind(step: MachineFunction) -> bool:
     return step.code in BEHIND
 
 
-def _processes(blocks: Iterable[Block]) -> Iterator[Process]:
+def _processes(blocks: Iterable[Block]) -> Iterator[MachineFunction]:
     return itertools.chain.from_iterable(map(_process, blocks))
 
 
-def _process(block: Block) -> Iterator[Process]:
+def _process(block: Block) -> Iterator[MachineFunction]:
     """Machine functions of a block, each by itself, in the order in which they act."""
     rpm = block.modal.spindle_rpm
     codes = [word.value for word in block.words if word.letter == "M"]
@@ -160,7 +160,7 @@ def _process(block: Block) -> Iterator[Process]:
         codes = [3.0 if rpm > 0.0 else 4.0]
     for code in sorted(codes, key=lambda item: _ORDER.index(item) if item in _ORDER else len(_ORDER)):
         words = (Word("M", code, 0, 0), *_own_words(int(code), block))
-        yield Process(int(code), replace(block, text="", words=words, motion_count=0), block.line)
+        yield MachineFunction(int(code), replace(block, text="", words=words, motion_count=0), block.line)
 
 
 def _own_words(code: int, block: Block) -> tuple[Word, ...]:

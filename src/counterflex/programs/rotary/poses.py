@@ -20,7 +20,7 @@ _NONE: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Words:
+class RotaryWords:
     """Meaning of the words of a program."""
 
     machine: RotaryMachine | None  # Its rotary axes; None where every direction is given as I J K
@@ -28,7 +28,7 @@ class Words:
     vector: Bool  # (motions,) True where the direction is given as I J K (G43.5)
 
     @classmethod
-    def of(cls, program: Program, machine: RotaryMachine | None) -> Words:
+    def of(cls, program: Program, machine: RotaryMachine | None) -> RotaryWords:
         """Read them from the modes of the program's blocks."""
         codes = np.array([program.blocks[motion.block].modal.tool_centre for motion in program.motions], dtype=np.int64)
         return cls(machine, codes == TOOL_CENTRE, codes == TOOL_VECTOR)
@@ -67,7 +67,7 @@ def _unit(vector: Float) -> Float:
 
 
 def turned_path(
-    program: Program, words: Words, *, step_m: float, rapid_speed_m_s: float, chord_m: float = 5e-6
+    program: Program, words: RotaryWords, *, step_m: float, rapid_speed_m_s: float, chord_m: float = 5e-6
 ) -> TurnedPath:
     """Sample a program that turns the tool; see :func:`~counterflex.path.turning.sample_turning`.
 
@@ -104,7 +104,9 @@ class CommandedWords:
     dropped_rad: float  # Largest correction of the direction that the words could not say
 
 
-def commanded_words(turned: TurnedPath, words: Words, correction_part: Float, rotvec_part: Float) -> CommandedWords:
+def commanded_words(
+    turned: TurnedPath, words: RotaryWords, correction_part: Float, rotvec_part: Float
+) -> CommandedWords:
     """Turn corrections of the pose into corrected words.
 
     Args:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from counterflex.protocols.processes.control_array import Shown
-from counterflex.protocols.session.tracker_off import Words
+from counterflex.protocols.session.tracker_off import WordArray
 from counterflex.runtime.state.states import Cause
 
 _NUMBERS: Final = (
@@ -24,7 +24,7 @@ _NUMBERS: Final = (
 )
 
 
-def compared(words: Words) -> dict[str, float | None]:
+def compared(words: WordArray) -> dict[str, float | None]:
     """Numbers by name; None where nothing has been looked at.
 
     Args:

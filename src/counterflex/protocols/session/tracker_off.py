@@ -16,14 +16,14 @@ WHAT_TO_DO: Final = (
 )
 
 
-class Words(Protocol):
+class WordArray(Protocol):
     """Words that processes share, by their number: an array, or a view that needs no NumPy."""
 
     def __getitem__(self, key: int, /) -> Any:
         """One word."""
 
 
-def tracker_off(words: Words) -> dict[str, float] | None:
+def tracker_off(words: WordArray) -> dict[str, float] | None:
     """Deviation of the tool by the tracker, while that keeps the loop from being armed.
 
     Args:

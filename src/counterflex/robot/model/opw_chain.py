@@ -41,6 +41,16 @@ class Element:
     mass_kg: float = 0.0  # mass of its body
     p_elem_com: Float = field(default_factory=lambda: np.zeros(3))  # (3,) m centre of gravity in its frame
 
+    def body(self, T_prev_elem: Float) -> Segment:
+        """Undriven body of the chain."""
+        return Segment(
+            name=self.name,
+            T_prev_seg=frozen(T_prev_elem),
+            compliance=frozen(self.compliance),
+            mass_kg=self.mass_kg,
+            p_seg_com=frozen(self.p_elem_com),
+        )
+
 
 def from_opw(
     name: str,
@@ -103,7 +113,7 @@ def from_opw(
         T_here = np.eye(4)  # from the axis' bearing frame to the last segment placed
         for element in elements:
             if element.after_joint == joint - 1:
-                segments.append(_body(element, pose.inverse(T_here) @ element.T_axis_elem))
+                segments.append(element.body(pose.inverse(T_here) @ element.T_axis_elem))
                 T_here = element.T_axis_elem
         segments.append(
             Segment(
@@ -121,7 +131,7 @@ def from_opw(
     T_here = np.eye(4)
     for element in elements:
         if element.after_joint == 5:
-            segments.append(_body(element, pose.inverse(T_here) @ element.T_axis_elem))
+            segments.append(element.body(pose.inverse(T_here) @ element.T_axis_elem))
             T_here = element.T_axis_elem
     return Robot(
         name=name,
@@ -149,13 +159,3 @@ def checked(opw: Opw) -> Opw:
 
 def _rows(what: str, value: Float | None, width: int) -> Float:
     return np.zeros((6, width)) if value is None else as_float(what, value, (6, width))
-
-
-def _body(element: Element, T_prev_elem: Float) -> Segment:
-    return Segment(
-        name=element.name,
-        T_prev_seg=frozen(T_prev_elem),
-        compliance=frozen(element.compliance),
-        mass_kg=element.mass_kg,
-        p_seg_com=frozen(element.p_elem_com),
-    )

@@ -16,7 +16,7 @@ _WIDTH = 0.25  # half width of the play operator by half the play
 _LEAST_RAD = 1e-7
 
 
-class AxisPlay:
+class PlayCompensation:
     """Adds half the play of each gear to the axis correction, in the direction of program and correction together.
 
     Args:

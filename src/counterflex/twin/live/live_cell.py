@@ -23,7 +23,7 @@ from counterflex.twin.plant import simulate as simulation
 from counterflex.twin.plant.controller import Controller, as_it_is
 from counterflex.twin.plant.drives import FollowingLag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.plant.process import Process, as_ground
+from counterflex.twin.plant.process import StockCutting, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles
 from counterflex.twin.truth.truth import Truth
 
@@ -112,7 +112,7 @@ class LiveCell:
             for number in np.unique(mounted)
         }
         self._change_cycles, self._standing = max(1, round(CHANGE_S / controller.cycle_s)), 0
-        self._process = Process(blank, self._cutters[self._tool], truth.cutting, step_s, self.T_base_part)
+        self._process = StockCutting(blank, self._cutters[self._tool], truth.cutting, step_s, self.T_base_part)
         widest = max(one.radius_m for one in self._cutters.values())
         self._near = simulation.near_stock(self.reference.p_part_command, blank, widest)
         self._spindle = path.spindle_rad_s[self.reference.source]

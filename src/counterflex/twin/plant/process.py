@@ -64,7 +64,7 @@ def force_law(cutting: CuttingTruth) -> Float:
     return np.concatenate([k * cutting.h_ref_m**m, 1.0 - m, np.array(cutting.edge_n_m), [cutting.edge_onset_m]])
 
 
-class Process:
+class StockCutting:
     """Cuts a height map with a tool whose tip is given step by step.
 
     ``stock``: Height map in the part frame; a copy is cut. ``step_s``: Time between calls of :meth:`wrench`, s.

@@ -17,14 +17,14 @@ from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.twin.plant.controller import CommandedReference, Controller, as_it_is, interpolate
 from counterflex.twin.plant.drives import first_order_lag, following_gains
 from counterflex.twin.plant.plant import STEP_S, Plant
-from counterflex.twin.plant.process import Process, as_ground
+from counterflex.twin.plant.process import StockCutting, as_ground
 from counterflex.twin.plant.record import Record, SimulatedCycles
 from counterflex.twin.plant.turning.column_material import near as near_columns
 from counterflex.twin.plant.turning.process import TurningProcess
 from counterflex.twin.truth.truth import Truth
 
 
-def tip_in_part(plant: Plant, process: Process, T_base_tcp: Float | None) -> Float:
+def tip_in_part(plant: Plant, process: StockCutting, T_base_tcp: Float | None) -> Float:
     """(3,) m, tip of the tool in the part frame.
 
     ``plant``: The robot; its hand holds the tool, or the part. ``T_base_tcp``: (4, 4) tool frame of a spindle that
@@ -38,7 +38,7 @@ def tip_in_part(plant: Plant, process: Process, T_base_tcp: Float | None) -> Flo
     return held
 
 
-def load_on_hand(plant: Plant, process: Process, T_base_tcp: Float | None) -> Float:
+def load_on_hand(plant: Plant, process: StockCutting, T_base_tcp: Float | None) -> Float:
     """(6,) N, N m, what the process does to the robot, about the origin of its hand, base axes.
 
     Args:
@@ -149,10 +149,10 @@ def simulate(
     mount, widest = cutters[int(tool[0])], max(c.radius_m for c in cutters.values())
     if turning:
         longest = max(min(c.flute_length_m, 1.0) for c in cutters.values())
-        process: Process = TurningProcess(blank, mount, truth.cutting, step_s, T_base_part, plant.R_base_tcp)
+        process: StockCutting = TurningProcess(blank, mount, truth.cutting, step_s, T_base_part, plant.R_base_tcp)
         near = near_columns(reference.p_part_command, reference.axis_part, blank, widest, longest, CLEARANCE_M)
     else:
-        process = Process(blank, mount, truth.cutting, step_s, T_base_part)
+        process = StockCutting(blank, mount, truth.cutting, step_s, T_base_part)
         near = near_stock(reference.p_part_command, blank, widest)
     fixed = controller.T_base_tcp
     run = _SimulatedRun(plant, process, reference, path.spindle_rad_s[reference.source], near, substeps)
@@ -243,7 +243,13 @@ class _SimulatedRun:
     """The time loop and what it records."""
 
     def __init__(
-        self, plant: Plant, process: Process, reference: CommandedReference, spindle: Float, near: Bool, substeps: int
+        self,
+        plant: Plant,
+        process: StockCutting,
+        reference: CommandedReference,
+        spindle: Float,
+        near: Bool,
+        substeps: int,
     ) -> None:
         n = len(reference.time_s)
         self.plant, self.process, self.reference = plant, process, reference

@@ -2,32 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
 from counterflex.core.units import DEG, MM
-from counterflex.programs.language import BY_ENDING
+
+if TYPE_CHECKING:
+    from counterflex.app.strategy.entry_text import Moves
 
 
+@dataclass(frozen=True)
+class EntryOptions:
+    """Options that shape entries and exits."""
+
+    radius_mm: Annotated[
+        float | None, option("--radius-mm", "Radius of the arcs; the cutter's otherwise.", min=0.1, max=500.0)
+    ] = None
+    angle_deg: Annotated[float, option("--angle-deg", "Angle that the arcs turn.", min=5.0, max=180.0)] = 90.0
+    ramp_deg: Annotated[float, option("--ramp-deg", "Slope of a ramp into a slot.", min=0.2, max=45.0)] = 10.0
+    edges: Annotated[bool, option("--edges", "Slots that begin over an edge of the blank get a ramp, too.")] = False
+
+    def moves(self) -> Moves:
+        """Moves that are asked for, in SI."""
+        from counterflex.app.strategy.entry_text import Moves
+
+        radius_m = None if self.radius_mm is None else self.radius_mm * MM
+        return Moves(radius_m, self.angle_deg * DEG, self.ramp_deg * DEG, self.edges)
+
+
+@with_records
 def entry(
     program: Program,
     cell: CellFile,
     out: Out,
-    radius_mm: Annotated[
-        float | None, option("--radius-mm", "Radius of the arcs; the cutter's otherwise.", min=0.1, max=500.0)
-    ] = None,
-    angle_deg: Annotated[float, option("--angle-deg", "Angle that the arcs turn.", min=5.0, max=180.0)] = 90.0,
-    ramp_deg: Annotated[float, option("--ramp-deg", "Slope of a ramp into a slot.", min=0.2, max=45.0)] = 10.0,
-    edges: Annotated[bool, option("--edges", "Slots that begin over an edge of the blank get a ramp, too.")] = False,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    shape: EntryOptions,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Rewrite plunges and retracts at the beginning and end of cuts as arcs beside a wall and ramps into a slot.
@@ -41,15 +58,11 @@ def entry(
 
     Example: `counterflex plan entry part.ngc --cell cell.toml --edges --out soft`
     """
-    keep_inputs(out, program, parameters)
-    from counterflex.app.inputs import Reading
+    keep_inputs(out, program, source.parameters)
     from counterflex.app.strategy import entry as job
-    from counterflex.app.strategy.entry_text import Moves
 
-    moves = Moves(None if radius_mm is None else radius_mm * MM, angle_deg * DEG, ramp_deg * DEG, edges)
     with progress_bar(f"entries of {program.name}") as progress:
-        reading = Reading(dialect, parameters, complete=not without_end)
-        summary = job.run(program, cell, out, moves, reading=reading, progress=progress)
+        summary = job.run(program, cell, out, shape.moves(), reading=source.reading(), progress=progress)
     print_result(summary, as_json, _show, out)
 
 

@@ -8,12 +8,13 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL, MODEL_NOTE, MODEL_UM, expected_text
-from counterflex.programs.language import BY_ENDING
 
 
+@with_records
 def placement(
     program: Program,
     cell: CellFile,
@@ -58,17 +59,9 @@ def placement(
             "blank.",
         ),
     ] = False,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(("both", "wall", "floor"), "surface"),
-        ),
-    ] = "both",
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    surface: JudgedSurface = "both",
+    *,
+    source: ReadingOptions,
 ) -> None:
     """Choose where the part stands in the cell: smallest error at the machined surface, without chatter.
 
@@ -94,10 +87,9 @@ def placement(
 
     Example: `counterflex plan placement part.ngc --cell cell.toml --region 900,1800,-400,400,300,1000 --out placement`
     """
-    keep_inputs(out, program, cell, parameters)
+    keep_inputs(out, program, cell, source.parameters)
     box, axes = arguments.region(region or [], "--region")
     angles = arguments.numbers(turned, "--turned", 2)
-    from counterflex.app.inputs import Reading
     from counterflex.app.placement import operations_job, placement as job
     from counterflex.app.placement.region import Wish
     from counterflex.app.placement.spindle_mounting import Mounting
@@ -110,7 +102,7 @@ def placement(
             hint="Choose the mounting first, then the places with the cell file that it writes",
         )  # fmt: skip
     options: dict[str, Any] = {
-        "reading": Reading(dialect, parameters, complete=not without_end),
+        "reading": source.reading(),
         "surface": cast("Surface", surface),
         "wish": Wish(box, None if angles is None else tuple(angles), axes or None),
         "count": candidates,

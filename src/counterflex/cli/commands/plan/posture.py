@@ -6,29 +6,20 @@ from typing import Annotated, Any, Final, cast
 
 import typer
 
-from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_json, print_table, progress_bar, say_written
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG
-from counterflex.programs.language import BY_ENDING
-
-_SURFACES: Final = ("both", "wall", "floor")
 
 
+@with_records
 def posture(
     program: Program,
     cell: CellFile,
     out: Out,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(_SURFACES, "surface"),
-        ),
-    ] = "both",
+    surface: JudgedSurface = "both",
     rotations: Annotated[
         int, option("--rotations", "Rotations about the tool axis that are tried.", min=4, max=720)
     ] = 72,
@@ -42,9 +33,8 @@ def posture(
             max=360.0,
         ),
     ] = 0.0,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Choose arm configuration and rotation about the tool axis: smallest deflection normal to the machined surface.
@@ -59,9 +49,8 @@ def posture(
 
     Example: `counterflex plan posture part.ngc --cell cell.toml --out posture`
     """
-    keep_inputs(out, program, cell, parameters)
+    keep_inputs(out, program, cell, source.parameters)
     from counterflex.app import posture as job
-    from counterflex.app.inputs import Reading
     from counterflex.plan.posture.choose import Freedom
     from counterflex.plan.posture.cut_path import Surface
 
@@ -70,7 +59,7 @@ def posture(
             program,
             cell,
             out,
-            reading=Reading(dialect, parameters, complete=not without_end),
+            reading=source.reading(),
             surface=cast("Surface", surface),
             freedom=Freedom(rotations, turning * DEG, turning * DEG),
             progress=progress,

@@ -9,11 +9,12 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.commands.program import CellFile, Dialect, Parameters, WithoutEnd
+from counterflex.cli.commands.program import CellFile, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, line_of, print_result, print_table, progress_bar, say_written
-from counterflex.programs.language import BY_ENDING
 
 
+@with_records
 def stability(
     program: Annotated[Path, argument("G-code file.", arguments.file, "PROGRAM")],
     cell: CellFile,
@@ -56,9 +57,8 @@ def stability(
             "RATIO",
         ),
     ] = None,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    *,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Compute the margin of a program against chatter along its path, and name the worst line.
@@ -72,9 +72,8 @@ def stability(
 
     Example: `counterflex plan stability part.ngc --cell cell.toml --out stability`
     """
-    keep_inputs(out, cell, program, parameters, response, modal)
+    keep_inputs(out, cell, program, source.parameters, response, modal)
     from counterflex.app import stability as job
-    from counterflex.app.inputs import Reading
 
     with progress_bar(f"stability of {program.name}") as progress:
         summary = job.run(
@@ -84,7 +83,7 @@ def stability(
             response=response,
             modal=modal,
             damping_ratio=damping,
-            reading=Reading(dialect, parameters, complete=not without_end),
+            reading=source.reading(),
             progress=progress,
         )
     print_result(summary, as_json, _show)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import argument, option
-from counterflex.cli.commands.program import AssumeClass, CellFile, Dialect, Parameters, WithoutEnd
+from counterflex.cli.commands.program import AssumeClass, CellFile, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import line_of, print_result, print_table, progress_bar
 from counterflex.cli.predicted import EXPECTED_NOTE, EXPECTED_UM, MODEL_UM, expected_text
 from counterflex.core.units import DEG, MM, PERCENT, RPM
-from counterflex.programs.language import BY_ENDING
+
+if TYPE_CHECKING:
+    from counterflex.app.strategy.advice import WallOperation
 
 
 def _range(name: str, what: str) -> Any:
@@ -30,42 +34,70 @@ FIRST_MODES = 6
 """Printed; ``--json`` has all."""
 
 
-def strategy(
-    cell: CellFile,
-    program: Annotated[Path | None, argument("G-code file that finishes a wall.", arguments.file, "PROGRAM")] = None,
-    tool: Annotated[int | None, option("--tool", "Number of the tool.", min=0, max=99999)] = None,
-    ae: Annotated[str | None, _range("--ae-mm", "Radial width of cut: the allowance that roughing leaves")] = None,
-    ap: Annotated[str | None, _range("--ap-mm", "Axial depth")] = None,
-    fz: Annotated[str | None, _range("--fz-mm", "Feed per tooth")] = None,
-    rpm: Annotated[str | None, _range("--rpm", "Spindle speed")] = None,
-    at: Annotated[
-        str | None, option("--at-mm", "Point of the wall, part frame.", arguments.numbers_of(3), "X,Y,Z")
-    ] = None,
+@dataclass(frozen=True)
+class WallOptions:
+    """Options that describe the wall, the cut and the choices that are asked for."""
+
+    tool: Annotated[int | None, option("--tool", "Number of the tool.", min=0, max=99999)] = None
+    ae: Annotated[str | None, _range("--ae-mm", "Radial width of cut: the allowance that roughing leaves")] = None
+    ap: Annotated[str | None, _range("--ap-mm", "Axial depth")] = None
+    fz: Annotated[str | None, _range("--fz-mm", "Feed per tooth")] = None
+    rpm: Annotated[str | None, _range("--rpm", "Spindle speed")] = None
+    at: Annotated[str | None, option("--at-mm", "Point of the wall, part frame.", arguments.numbers_of(3), "X,Y,Z")] = (
+        None
+    )
     normal: Annotated[
         float | None,
         option("--normal-deg", "Direction out of the wall, from the part's x towards its y.", metavar="DEG"),
-    ] = None,
+    ] = None
     height_mm: Annotated[
         float | None, option("--height-mm", "Height of the wall, cut in levels.", metavar="MM", min=0.01, max=1000.0)
-    ] = None,
+    ] = None
     material: Annotated[
         str | None,
         option("--material", "Row of the material tables instead of the cell's.", arguments.material, "NAME"),
-    ] = None,
+    ] = None
     kr_over_kc: Annotated[
         float | None, option("--kr-over-kc", "Ratio assumed where that row has no radial constant.")
-    ] = None,
+    ] = None
     ka_over_kc: Annotated[
         float | None, option("--ka-over-kc", "Ratio assumed where that row has no axial constant.")
-    ] = None,
+    ] = None
     time_percent: Annotated[
         float, option("--time-percent", "Longest time, of the program's own.", min=1.0, max=10000.0)
-    ] = 100.0,
-    rows: Annotated[int, option("--rows", "Length of the table.", min=1, max=100)] = 8,
+    ] = 100.0
+    rows: Annotated[int, option("--rows", "Length of the table.", min=1, max=100)] = 8
+
+    def operation(self) -> WallOperation:
+        """Operation that is asked for, in SI."""
+        from counterflex.app.strategy.advice import WallOperation
+
+        point = arguments.numbers(self.at, "--at-mm", 3)
+        return WallOperation(
+            tool=self.tool,
+            ae_m=_scaled(self.ae, "--ae-mm", MM),
+            ap_m=_scaled(self.ap, "--ap-mm", MM),
+            fz_m=_scaled(self.fz, "--fz-mm", MM),
+            spindle_rad_s=_scaled(self.rpm, "--rpm", RPM),
+            at_m=None if point is None else (point[0] * MM, point[1] * MM, point[2] * MM),
+            normal_rad=None if self.normal is None else self.normal * DEG,
+            height_m=None if self.height_mm is None else self.height_mm * MM,
+            material=self.material,
+            kr_over_kc=self.kr_over_kc,
+            ka_over_kc=self.ka_over_kc,
+            longer_share=self.time_percent * PERCENT,
+            rows=self.rows,
+        )
+
+
+@with_records
+def strategy(
+    cell: CellFile,
+    program: Annotated[Path | None, argument("G-code file that finishes a wall.", arguments.file, "PROGRAM")] = None,
+    *,
+    requested: WallOptions,
     assume_class: AssumeClass = False,
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print JSON instead of the table.")] = False,
 ) -> None:
     """Rank the ways to finish a wall: up- or down-milling, widths, depths, feeds per tooth, spindle speeds.
@@ -80,30 +112,11 @@ def strategy(
 
     Example: `counterflex plan strategy --cell cell.toml --ae-mm 0.5:6 --ap-mm 5 --fz-mm 0.02:0.06 --rpm 13000`
     """
-    from counterflex.app.inputs import Reading
     from counterflex.app.strategy import advice_table
-    from counterflex.app.strategy.advice import Operation
 
-    point = arguments.numbers(at, "--at-mm", 3)
-    operation = Operation(
-        tool=tool,
-        ae_m=_scaled(ae, "--ae-mm", MM),
-        ap_m=_scaled(ap, "--ap-mm", MM),
-        fz_m=_scaled(fz, "--fz-mm", MM),
-        spindle_rad_s=_scaled(rpm, "--rpm", RPM),
-        at_m=None if point is None else (point[0] * MM, point[1] * MM, point[2] * MM),
-        normal_rad=None if normal is None else normal * DEG,
-        height_m=None if height_mm is None else height_mm * MM,
-        material=material,
-        kr_over_kc=kr_over_kc,
-        ka_over_kc=ka_over_kc,
-        longer_share=time_percent * PERCENT,
-        rows=rows,
-    )
-    reading = Reading(dialect, parameters, complete=not without_end)
     with progress_bar("strategy" if program is None else f"strategy for {program.name}") as progress:
         answer = advice_table.run(
-            cell, program, operation, assume_class=assume_class, reading=reading, progress=progress
+            cell, program, requested.operation(), assume_class=assume_class, reading=source.reading(), progress=progress
         )
     print_result(answer, as_json, _show)
 

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_result, print_table, progress_bar
 from counterflex.core.units import DEG, MM
-from counterflex.programs.language import BY_ENDING
+
+if TYPE_CHECKING:
+    from counterflex.app.strategy.trochoid import Trochoid
 
 _SIDES = ("up", "down")
 
 
-def trochoid(
-    program: Program,
-    cell: CellFile,
-    out: Out,
+@dataclass(frozen=True)
+class LoopOptions:
+    """Options of the loops."""
+
     tool: Annotated[
         int | None,
         option("--tool", "Number of a smaller tool; the slot stays as wide as the program's.", min=0, max=99999),
-    ] = None,
+    ] = None
     width_mm: Annotated[
         float | None, option("--width-mm", "Width of the slot: keeps the program's tool.", min=0.01, max=1000.0)
-    ] = None,
+    ] = None
     engagement_deg: Annotated[
         float | None,
         option(
@@ -36,14 +40,32 @@ def trochoid(
             min=1.0,
             max=119.0,
         ),
-    ] = None,
+    ] = None
     fz_mm: Annotated[
         float | None, option("--fz-mm", "Feed per tooth; the program's otherwise.", min=1e-4, max=10.0)
-    ] = None,
-    milling: Annotated[str, option("--milling", "up or down.", arguments.one_of(_SIDES, "side"))] = "up",
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    ] = None
+    milling: Annotated[str, option("--milling", "up or down.", arguments.one_of(_SIDES, "side"))] = "up"
+
+    def requested(self) -> Trochoid:
+        """Trochoid that is asked for, in SI."""
+        from counterflex.app.strategy.trochoid import Trochoid
+
+        return Trochoid(
+            tool=self.tool,
+            width_m=None if self.width_mm is None else self.width_mm * MM,
+            engagement_rad=None if self.engagement_deg is None else self.engagement_deg * DEG,
+            fz_m=None if self.fz_mm is None else self.fz_mm * MM,
+            up=self.milling == "up",
+        )
+
+
+@with_records
+def trochoid(
+    program: Program,
+    cell: CellFile,
+    out: Out,
+    loops: LoopOptions,
+    source: ReadingOptions,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
     """Rewrite the straight slots of a program as loops of a smaller tool whose engagement stays below an angle.
@@ -54,20 +76,11 @@ def trochoid(
 
     Example: `counterflex plan trochoid part.ngc --cell cell.toml --width-mm 20 --engagement-deg 40 --out loops`
     """
-    keep_inputs(out, program, parameters)
-    from counterflex.app.inputs import Reading
+    keep_inputs(out, program, source.parameters)
     from counterflex.app.strategy import trochoid as job
 
-    requested = job.Trochoid(
-        tool=tool,
-        width_m=None if width_mm is None else width_mm * MM,
-        engagement_rad=None if engagement_deg is None else engagement_deg * DEG,
-        fz_m=None if fz_mm is None else fz_mm * MM,
-        up=milling == "up",
-    )
     with progress_bar(f"loops for {program.name}") as progress:
-        reading = Reading(dialect, parameters, complete=not without_end)
-        summary = job.run(program, cell, out, requested, reading=reading, progress=progress)
+        summary = job.run(program, cell, out, loops.requested(), reading=source.reading(), progress=progress)
     print_result(summary, as_json, _show, out)
 
 

@@ -8,12 +8,13 @@ import typer
 
 from counterflex.cli import arguments
 from counterflex.cli.arguments import option
-from counterflex.cli.commands.program import CellFile, Dialect, Out, Parameters, Program, WithoutEnd
+from counterflex.cli.commands.program import CellFile, JudgedSurface, Out, Program, ReadingOptions
+from counterflex.cli.option_records import with_records
 from counterflex.cli.output import keep_inputs, print_table, progress_bar, say_written
 from counterflex.cli.predicted import MODEL_NOTE, MODEL_UM
-from counterflex.programs.language import BY_ENDING
 
 
+@with_records
 def working_space(
     program: Program,
     cell: CellFile,
@@ -29,17 +30,9 @@ def working_space(
         ),
     ] = None,
     points: Annotated[int, option("--points", "Places along each axis of a map.", min=2, max=200)] = 21,
-    surface: Annotated[
-        str,
-        option(
-            "--surface",
-            "Surface that must be true: wall (beside the feed), floor (below the tool), both.",
-            arguments.one_of(("both", "wall", "floor"), "surface"),
-        ),
-    ] = "both",
-    dialect: Dialect = BY_ENDING,
-    parameters: Parameters = None,
-    without_end: WithoutEnd = False,
+    surface: JudgedSurface = "both",
+    *,
+    source: ReadingOptions,
 ) -> None:
     """Map the working space: where a program bends the robot least, where it is stiff, where it swings slowly.
 
@@ -49,8 +42,7 @@ def working_space(
 
     Example: `counterflex plan map part.ngc --cell cell.toml --points 9 --out map`
     """
-    keep_inputs(out, program, cell, parameters)
-    from counterflex.app.inputs import Reading
+    keep_inputs(out, program, cell, source.parameters)
     from counterflex.app.placement import placement_map as job
     from counterflex.app.placement.region import Wish
     from counterflex.plan.posture.cut_path import Surface
@@ -61,7 +53,7 @@ def working_space(
             program,
             cell,
             out,
-            reading=Reading(dialect, parameters, complete=not without_end),
+            reading=source.reading(),
             surface=cast("Surface", surface),
             wish=Wish(None if box is None else tuple(box)),
             points=points,

@@ -33,7 +33,7 @@ _ZERO_S: Final = 1.0
 
 
 @dataclass(frozen=True)
-class MakeSettings:
+class EgmMakeSettings:
     """Settings of the modules that are made."""
 
     cell: Path  # Cell file with the tables ``[online]`` and ``[egm]``
@@ -174,4 +174,4 @@ def _rapid(path: Path) -> str:
     return robot_folder.read_program(path, (".mod", ".modx"), "RAPID module", "rapid")
 
 
-SETUP: Final = robot_folder.RobotSetup("ABB EGM", check, lambda out, **given: MakeSettings(**given).make(out))
+SETUP: Final = robot_folder.RobotSetup("ABB EGM", check, lambda out, **given: EgmMakeSettings(**given).make(out))

@@ -203,7 +203,7 @@ def write_scaling(counts_per_n: int, counts_per_nm: int, rate_hz: int, product: 
 
 
 @dataclass(frozen=True)
-class Record:
+class NetftRecord:
     """One record."""
 
     sequence: int  # +1 per record of the stream; a gap is a lost datagram. Wraps at 2^32.
@@ -217,7 +217,7 @@ class Record:
         return self.status in (GOOD, MONITOR)
 
 
-def write_record(record: Record) -> bytes:
+def write_record(record: NetftRecord) -> bytes:
     """A record as bytes: the sensor's side.
 
     Raises:

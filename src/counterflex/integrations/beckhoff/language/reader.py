@@ -13,7 +13,7 @@ from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, FileReader
 from counterflex.programs.gcode.read.scanner import error_at
-from counterflex.programs.gcode.sinumerik.run import Run
+from counterflex.programs.gcode.sinumerik.run import SinumerikRun
 from counterflex.programs.gcode.sinumerik.scanner import Line
 from counterflex.programs.gcode.sinumerik.source import programs_of
 from counterflex.programs.gcode.sinumerik.words import WordTable
@@ -138,7 +138,7 @@ def prepared(text: str, name: str, line: int) -> str:
     return bare
 
 
-class _Run(Run):
+class _Run(SinumerikRun):
     """One pass through a program, with the words of TwinCAT."""
 
     table = TWINCAT

@@ -31,7 +31,7 @@ _DECIMAL_DEG = 10.0**-LIMITS.angle_decimals
 _ADDED_TERMINATION = "CNT100"
 
 
-class _Edits:
+class _ListingEdits:
     """Changes of one listing."""
 
     def __init__(self, listing: FanucListing) -> None:
@@ -64,7 +64,7 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
 
     def __init__(self, program: FanucProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float) -> None:
         super().__init__(program, compensated, tolerance_m, cycle_s)
-        self._edits = {name: _Edits(listing) for name, listing in program.listings.items()}
+        self._edits = {name: _ListingEdits(listing) for name, listing in program.listings.items()}
 
     def points_of(self, program: FanucProgram) -> list[FanucMotion]:
         """The instructions."""
@@ -180,7 +180,7 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
         out: Float = (move.T_part_frame @ np.append(self.rounded(p_user), 1.0))[:3]
         return out
 
-    def _entry_text(self, like: FanucMotion, edits: _Edits, T_user_tool: Float) -> str:
+    def _entry_text(self, like: FanucMotion, edits: _ListingEdits, T_user_tool: Float) -> str:
         """An entry like the end of an instruction."""
         if like.position is not None:
             wpr = wpr_of(T_user_tool[:3, :3])
@@ -193,7 +193,7 @@ class FanucInPlace(PointsInPlace[FanucProgram, FanucMotion]):
         text = f"P[{edits.next}]{{\n   GP1:\n\tUF : {frame}, UT : {tool},\t\tCONFIG : '{like.config}',\n"
         return f"{text}{values_text(T_user_tool)}\n}};".replace("\n", newline)
 
-    def _like_entry(self, edits: _Edits, like: FanucPosition, changes: list[tuple[int, int, str]]) -> str:
+    def _like_entry(self, edits: _ListingEdits, like: FanucPosition, changes: list[tuple[int, int, str]]) -> str:
         """An entry like another one with other numbers."""
         spans = Spans()
         for change in changes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import Final
 
@@ -10,12 +11,12 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.cycle_definitions import define_frame
 from counterflex.integrations.heidenhain.language.cycles import DRILLING, Drilling, drilling
-from counterflex.integrations.heidenhain.language.moves import MoveMaker
-from counterflex.integrations.heidenhain.language.source import KlartextSource, Statement
+from counterflex.integrations.heidenhain.language.moves import KlartextMoveMaker
+from counterflex.integrations.heidenhain.language.source import KlartextSource, KlartextStatement
 from counterflex.integrations.heidenhain.language.state import KlartextState
 from counterflex.integrations.heidenhain.language.table import CYCLES, M_CARRIED, M_READ, M_REFUSED, M_STATE
 from counterflex.integrations.heidenhain.language.tilt import tilt
-from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
+from counterflex.integrations.heidenhain.language.values import VALUE, KlartextValues, required
 from counterflex.integrations.heidenhain.language.words import AXES, PathWords
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.program import Block, Word
@@ -40,8 +41,8 @@ class Control:
         self._tool_names, self._names_open = machine.tool_names, machine.names_open
         vectors = any(tilts(part.code) for part in source.statements)
         self._state = KlartextState(vectors=vectors, inch=source.inch, start_known=machine.known)
-        self.values = Values()
-        self.maker = MoveMaker(self._state, machine.listed)
+        self.values = KlartextValues()
+        self.maker = KlartextMoveMaker(self._state, machine.listed)
         self.blocks: list[Block] = []
         self._cycle: Drilling | None = None
         self._cycle_modal = False
@@ -49,7 +50,7 @@ class Control:
         self._ended = False
 
     def _fault(
-        self, part: Statement, what: str, at: int | None = None, value: object = None, hint: str = ""
+        self, part: KlartextStatement, what: str, at: int | None = None, value: object = None, hint: str = ""
     ) -> ProgramError:
         return part.fault(self._source.name, what, at, value, hint)
 
@@ -59,7 +60,7 @@ class Control:
 
     # ---- paths -------------------------------------------------------------------------------------------------
 
-    def _path(self, part: Statement, function: str, begin: int) -> tuple[tuple[Word, ...], bool]:
+    def _path(self, part: KlartextStatement, function: str, begin: int) -> tuple[tuple[Word, ...], bool]:
         """Execute a path statement: its words for writers, and whether it made a cycle."""
         words, number = PathWords(part, begin, self.values, self._source.name), len(self.blocks)
         self._before(words)
@@ -196,7 +197,7 @@ class Control:
                 self._end_program(words)
                 state.spindle = 0
 
-    def _machine_functions(self, part: Statement, begin: int | None = None) -> tuple[Word, ...]:
+    def _machine_functions(self, part: KlartextStatement, begin: int | None = None) -> tuple[Word, ...]:
         """A block of M functions alone, perhaps with the words that they take."""
         words = PathWords(part, part.start if begin is None else begin, self.values, self._source.name)
         if any(m in (91, 92) for m, _ in words.m):
@@ -212,7 +213,7 @@ class Control:
 
     # ---- tools, cycles, planes ---------------------------------------------------------------------------------
 
-    def _tool_call(self, part: Statement) -> tuple[Word, ...]:
+    def _tool_call(self, part: KlartextStatement) -> tuple[Word, ...]:
         match, state = _TOOL.match(part.code), self._state
         assert match is not None
         if match[2] is not None and match[2].upper() != "Z":
@@ -235,7 +236,7 @@ class Control:
                 out.append(Word("S", value, word.start(1), word.end(), "Q" not in word[2].upper()))
         return tuple(out)
 
-    def _tool_number(self, part: Statement, match: re.Match[str]) -> int:
+    def _tool_number(self, part: KlartextStatement, match: re.Match[str]) -> int:
         text = match[1]
         if text.startswith('"'):
             named = self._tool_names.get(text.strip('"').upper())
@@ -251,7 +252,7 @@ class Control:
             raise self._fault(part, "a tool is called by a whole number", match.start(1), text, "0 to 32767")
         return int(number)
 
-    def _tool_word(self, part: Statement, name: str, value: float, word: re.Match[str]) -> None:
+    def _tool_word(self, part: KlartextStatement, name: str, value: float, word: re.Match[str]) -> None:
         state = self._state
         if name == "S":
             if not 0.0 <= value <= 1e6:
@@ -267,7 +268,7 @@ class Control:
                 raise self._fault(part, "the feed is out of range", word.start(1), word[0].strip(), "Above 0, <= 1e6")
             state.feed, state.called_feed, state.per_turn = value, value, False
 
-    def _cycle_define(self, part: Statement) -> tuple[Word, ...]:
+    def _cycle_define(self, part: KlartextStatement) -> tuple[Word, ...]:
         match = _CYCLE.match(part.code)
         if match is None:
             raise self._fault(part, "CYCL DEF needs the number of a cycle", None, None, "CYCL DEF 200 DRILLING")
@@ -293,7 +294,7 @@ class Control:
                 self._state.aligned = self._stands_upright()
         return ()
 
-    def _drilling(self, part: Statement, number: int) -> Drilling:
+    def _drilling(self, part: KlartextStatement, number: int) -> Drilling:
         given: dict[str, float] = {}
         for match in _PARAMETER.finditer(part.code):
             where = part.place(self._source.name, match.start())
@@ -304,13 +305,14 @@ class Control:
             given[match[1].upper()] = value
             self.values.set(match[1], value)
 
-        def fault(what: str, name: str, hint: str) -> ProgramError:
-            at = next((m.start() for m in _PARAMETER.finditer(part.code) if m[1].upper() == name), None)
-            return self._fault(part, what, at, None, hint)
+        return drilling(number, given, self._state.unit_m, functools.partial(self._cycle_fault, part))
 
-        return drilling(number, given, self._state.unit_m, fault)
+    def _cycle_fault(self, part: KlartextStatement, what: str, name: str, hint: str) -> ProgramError:
+        """Return the fault of a parameter of a cycle."""
+        at = next((m.start() for m in _PARAMETER.finditer(part.code) if m[1].upper() == name), None)
+        return self._fault(part, what, at, None, hint)
 
-    def _dwell(self, part: Statement) -> tuple[Word, ...]:
+    def _dwell(self, part: KlartextStatement) -> tuple[Word, ...]:
         match = re.search(rf"CYCL\s+DEF\s+9\.1\s+(?:[A-Z. ]*?)({VALUE})\s*$", part.code, re.IGNORECASE)
         if match is None:
             raise self._fault(part, "cycle 9 needs its time", None, None, "CYCL DEF 9.1 DWELL 0.5")
@@ -321,7 +323,7 @@ class Control:
         self.maker.dwell(len(self.blocks), time_s)
         return (Word("G", 4.0, part.start, part.start, False), Word("P", time_s, *match.span(1), "Q" not in match[1]))
 
-    def _use_preset(self, part: Statement) -> None:
+    def _use_preset(self, part: KlartextStatement) -> None:
         match = re.search(r"Q339\s*=\s*\+?(\d+)", part.code, re.IGNORECASE)
         if match is None:
             raise self._fault(part, "cycle 247 needs the number of the preset", None, None, "Q339=+1")
@@ -330,7 +332,7 @@ class Control:
                               match.start(), match[0], "Use one preset, and cycle 7 for shifts")  # fmt: skip
         self._preset = match[1]
 
-    def _cycle_call(self, part: Statement) -> tuple[Word, ...]:
+    def _cycle_call(self, part: KlartextStatement) -> tuple[Word, ...]:
         begin = re.match(r"\s*CYCL\s+CALL", part.code, re.IGNORECASE)
         assert begin is not None
         if re.match(r"\s*(PAT|POS)\b", part.code[begin.end() :], re.IGNORECASE):
@@ -344,7 +346,7 @@ class Control:
         self._finish_m(words)
         return words.written(lambda m: M_READ.get(m, ()))
 
-    def _plane(self, part: Statement) -> tuple[Word, ...]:
+    def _plane(self, part: KlartextStatement) -> tuple[Word, ...]:
         before = self._state.frames.A, self._state.frames.t
         turned = tilt(part, self._state, self.values, self._source.name)
         self._state.frame_changed(before, True)
@@ -356,7 +358,7 @@ class Control:
         state = self._state
         return not state.vectors or bool(np.allclose(state.angles, state.plane_axis, rtol=0.0, atol=1e-12))
 
-    def _tcpm(self, part: Statement) -> tuple[Word, ...]:
+    def _tcpm(self, part: KlartextStatement) -> tuple[Word, ...]:
         head = " ".join(part.code.upper().split())
         if head.startswith("FUNCTION RESET TCPM"):
             self._state.tcpm = False

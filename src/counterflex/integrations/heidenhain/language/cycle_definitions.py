@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from counterflex.integrations.heidenhain.language.frames import FrameFault, spatial
-from counterflex.integrations.heidenhain.language.source import Statement
+from counterflex.integrations.heidenhain.language.source import KlartextStatement
 from counterflex.integrations.heidenhain.language.state import KlartextState
-from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
+from counterflex.integrations.heidenhain.language.values import VALUE, KlartextValues, required
 from counterflex.programs.gcode.read.motion import FARTHEST_M
 
 _LINE: Final = re.compile(r"CYCL\s+DEF\s+\d+\.(\d+)", re.IGNORECASE)
@@ -22,7 +22,7 @@ _WORD: Final = re.compile(
 _SMALLEST, _LARGEST = 1e-6, 100.0
 
 
-def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float | None, int]]:
+def _words(part: KlartextStatement, values: KlartextValues, name: str) -> dict[str, tuple[float | None, int]]:
     """Words of the lines behind the first, with their values and places."""
     out: dict[str, tuple[float | None, int]] = {}
     lines = list(_LINE.finditer(part.code))
@@ -43,7 +43,7 @@ def _words(part: Statement, values: Values, name: str) -> dict[str, tuple[float 
     return out
 
 
-def define_frame(part: Statement, number: int, state: KlartextState, values: Values, name: str) -> bool:
+def define_frame(part: KlartextStatement, number: int, state: KlartextState, values: KlartextValues, name: str) -> bool:
     """Execute a cycle that changes coordinates; whether it tilts the working plane.
 
     Raises:
@@ -65,7 +65,7 @@ def define_frame(part: Statement, number: int, state: KlartextState, values: Val
         raise part.fault(name, fault.what, None, None, fault.hint) from fault
 
 
-def _define(part: Statement, number: int, state: KlartextState, numbers: dict[str, float], name: str) -> bool:
+def _define(part: KlartextStatement, number: int, state: KlartextState, numbers: dict[str, float], name: str) -> bool:
     before = state.frames.A
     wrong, hint = _CYCLES[number](state, numbers)
     if wrong:

@@ -11,7 +11,7 @@ import numpy as np
 from counterflex.core.units import MM
 from counterflex.integrations.heidenhain.language import LIMITS, VECTOR_DECIMALS
 from counterflex.programs.convert.machine_languages import OWN_CODES, MachineEmitter
-from counterflex.programs.convert.steps import Move, Process
+from counterflex.programs.convert.steps import MachineFunction, Move
 from counterflex.programs.gcode.write.written_line import number
 
 _MOST_DEG: Final = 5400.0
@@ -57,7 +57,7 @@ class HeidenhainEmitter(MachineEmitter):
         """Behind a semicolon."""
         self.lines.append(f";{text.replace('~', '-')}")
 
-    def process(self, step: Process) -> None:
+    def process(self, step: MachineFunction) -> None:
         """TOOL CALL and M functions; a speed is a TOOL CALL without a tool."""
         if step.code not in OWN_CODES or any(letter in "PQER" for letter, _ in step.words):
             raise self.refuse(

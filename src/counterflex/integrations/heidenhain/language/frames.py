@@ -59,7 +59,7 @@ def composed(steps: list[FrameStep]) -> tuple[Float, Float]:
     return A, t
 
 
-class Frames:
+class KlartextFrames:
     """The active transformations.
 
     Attributes:

@@ -17,9 +17,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import DEG, MINUTE
 from counterflex.integrations.heidenhain.language.cycles import Drilling
-from counterflex.integrations.heidenhain.language.source import Statement
+from counterflex.integrations.heidenhain.language.source import KlartextStatement
 from counterflex.integrations.heidenhain.language.state import MAIN_PLANE, PLANES, Plane
-from counterflex.integrations.heidenhain.language.targets import Targets
+from counterflex.integrations.heidenhain.language.targets import KlartextTargets
 from counterflex.integrations.heidenhain.language.words import AXES, PathWords
 from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
 from counterflex.programs.gcode.read.motion import FARTHEST_M
@@ -28,7 +28,7 @@ _SAME_M: Final = 1e-9
 _STRAIGHT: Final = 1e-9
 
 
-class MoveMaker(Targets):
+class KlartextMoveMaker(KlartextTargets):
     """Turns path statements into motions and moves the state along."""
 
     # ---- statements --------------------------------------------------------------------------------------------
@@ -335,9 +335,9 @@ class MoveMaker(Targets):
         state.motion = "G80"
 
 
-def open_corner(maker: MoveMaker, name: str) -> ProgramError | None:
+def open_corner(maker: KlartextMoveMaker, name: str) -> ProgramError | None:
     """Return the error of an RND that no line follows; None where there is none."""
     if maker.corner is None:
         return None
-    part: Statement = maker.corner[3].part
+    part: KlartextStatement = maker.corner[3].part
     return part.fault(name, "RND without a straight feed behind it", None, None, "Let the CAM system write arcs")

@@ -14,7 +14,7 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.control import Control, tilts
 from counterflex.integrations.heidenhain.language.moves import open_corner
-from counterflex.integrations.heidenhain.language.source import KlartextSource, Library, Statement, label_key
+from counterflex.integrations.heidenhain.language.source import KlartextSource, KlartextStatement, Library, label_key
 from counterflex.integrations.heidenhain.language.table import NEUTRAL, REFUSED
 from counterflex.integrations.heidenhain.language.values import ASSIGNMENT, VALUE, is_arithmetic, required
 from counterflex.integrations.heidenhain.language.words import PathWords
@@ -107,7 +107,7 @@ class KlartextRun(Control):
                        [[list(k), v] for k, v in sorted(self._repeats.items())], repr(self._cycle),
                        self._cycle_modal])  # fmt: skip
 
-    def _append(self, part: Statement, words: tuple[Word, ...], first: int, *, cycle: bool = False) -> None:
+    def _append(self, part: KlartextStatement, words: tuple[Word, ...], first: int, *, cycle: bool = False) -> None:
         modal = self._state.modal()
         modal = self._modals.setdefault(modal, modal)
         own = self._source is self._main and not self._calls
@@ -136,7 +136,7 @@ class KlartextRun(Control):
 
     # ---- statements --------------------------------------------------------------------------------------------
 
-    def _statement(self, part: Statement) -> None:
+    def _statement(self, part: KlartextStatement) -> None:
         """Execute a statement and append its block."""
         first, code = len(self.maker.motions), part.code
         if not code.strip():
@@ -157,7 +157,7 @@ class KlartextRun(Control):
             words = self._worded(part, code)
         self._append(part, words, first)
 
-    def _worded(self, part: Statement, code: str) -> tuple[Word, ...]:
+    def _worded(self, part: KlartextStatement, code: str) -> tuple[Word, ...]:
         """Execute a statement by its key words."""
         match = _WORD.match(code)
         head = " ".join(code.upper().split())
@@ -179,12 +179,12 @@ class KlartextRun(Control):
                 raise self._fault(part, f"{REFUSED[words][0]}: {words}", None, None, REFUSED[words][1])
         raise self._fault(part, "an unknown statement of Klartext", None, None, "Post the path as L, C and CP")
 
-    def _begin(self, part: Statement) -> tuple[Word, ...]:
+    def _begin(self, part: KlartextStatement) -> tuple[Word, ...]:
         if part is not next(one for one in self._source.statements if one.code.strip()):
             raise self._fault(part, "a second BEGIN PGM in one file", None, None, "One program per file")
         return ()
 
-    def _end(self, part: Statement) -> tuple[Word, ...]:
+    def _end(self, part: KlartextStatement) -> tuple[Word, ...]:
         if self._calls and not self._calls[-1].program:
             raise self._fault(part, "a subprogram ends without LBL 0", None, None, "Write LBL 0 behind it")
         if self._calls:
@@ -196,7 +196,7 @@ class KlartextRun(Control):
             self._ended = True
         return ()
 
-    def _label(self, part: Statement) -> tuple[Word, ...]:
+    def _label(self, part: KlartextStatement) -> tuple[Word, ...]:
         text = part.code.strip()[3:].strip()
         if re.fullmatch(r'\d+|"[^"]+"|Q[SLR]?\d+', text, re.IGNORECASE) is None:
             raise self._fault(part, "LBL needs a number or a name in quotation marks", None, None, "LBL 1")
@@ -205,7 +205,7 @@ class KlartextRun(Control):
             self._index = call.index
         return ()
 
-    def _target(self, part: Statement, text: str) -> int:
+    def _target(self, part: KlartextStatement, text: str) -> int:
         if text[:1] in "Qq":
             value = self.values.value_of(text)
             text = f"{required(value, 'the label', part.place(self._source.name, part.start), part.code):.0f}"
@@ -215,7 +215,7 @@ class KlartextRun(Control):
                               text, "Labels are those of this file")  # fmt: skip
         return index
 
-    def _call_label(self, part: Statement) -> tuple[Word, ...]:
+    def _call_label(self, part: KlartextStatement) -> tuple[Word, ...]:
         match = _CALL.match(part.code)
         if match is None:
             raise self._fault(part, "CALL LBL needs a label, and REP a number", None, None, "CALL LBL 1 REP 3")
@@ -236,7 +236,7 @@ class KlartextRun(Control):
             self._repeats.pop(key, None)
         return ()
 
-    def _call_program(self, part: Statement) -> tuple[Word, ...]:
+    def _call_program(self, part: KlartextStatement) -> tuple[Word, ...]:
         match = _PROGRAM.match(part.code)
         source = None if match is None else self._library.find(match[1])
         if match is None or source is None or len(self._calls) >= _DEEPEST:
@@ -257,13 +257,13 @@ class KlartextRun(Control):
             raise words.fault("a called program ends the main one", None, "End it with END PGM")
         super()._end_program(words)
 
-    def _stop(self, part: Statement) -> tuple[Word, ...]:
+    def _stop(self, part: KlartextStatement) -> tuple[Word, ...]:
         words = self._machine_functions(part, part.start + 4)
         return (Word("M", 0.0, part.start, part.start + 4, False), *words)
 
     # ---- parameters --------------------------------------------------------------------------------------------
 
-    def _assign(self, part: Statement, match: re.Match[str]) -> None:
+    def _assign(self, part: KlartextStatement, match: re.Match[str]) -> None:
         if match[2].upper().startswith("QS"):
             self.values.set(match[2], Unknown("a text", f"{self._source.name}:{part.line}"))
             return
@@ -274,7 +274,7 @@ class KlartextRun(Control):
                               "Q1 = Q2 * SIN (Q3)") from fault  # fmt: skip
         self.values.set(match[2], value)
 
-    def _function(self, part: Statement, number: int) -> None:
+    def _function(self, part: KlartextStatement, number: int) -> None:
         """FN of flow, of unknown values and without effect."""
         if number in _OPERATOR:
             match = _IF.match(part.code)

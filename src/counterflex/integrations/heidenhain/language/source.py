@@ -25,7 +25,7 @@ _LABEL: Final = re.compile(rf"\s*LBL\s*{LABEL.pattern}\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class KlartextStatement:
     """One statement, perhaps over several lines."""
 
     line: int  # 1-based line that it begins in
@@ -65,7 +65,7 @@ def code_of(line: str) -> str:
     return (stripped.removesuffix("~")).ljust(len(line))
 
 
-def _statements(lines: tuple[str, ...]) -> Iterator[Statement]:
+def _statements(lines: tuple[str, ...]) -> Iterator[KlartextStatement]:
     at = 0
     while at < len(lines):
         first, parts = at, [lines[at]]
@@ -81,7 +81,7 @@ def _statements(lines: tuple[str, ...]) -> Iterator[Statement]:
                     break
                 parts.append(lines[at])
                 at += 1
-        yield Statement(first + 1, "\n".join(parts), " ".join(code_of(part) for part in parts))
+        yield KlartextStatement(first + 1, "\n".join(parts), " ".join(code_of(part) for part in parts))
 
 
 @dataclass
@@ -94,7 +94,7 @@ class KlartextSource:
 
     name: str
     lines: tuple[str, ...]
-    statements: tuple[Statement, ...] = ()
+    statements: tuple[KlartextStatement, ...] = ()
     labels: dict[str, int] = field(default_factory=dict)
     inch: bool = False
 
@@ -104,7 +104,7 @@ class KlartextSource:
         head = next((part for part in self.statements if part.code.strip()), None)
         begin = None if head is None else _BEGIN.match(head.code)
         if begin is None:
-            raise (head or Statement(1, "", "")).fault(
+            raise (head or KlartextStatement(1, "", "")).fault(
                 self.name, "a Klartext program begins with BEGIN PGM, its name and MM or INCH", None, None,
                 "BEGIN PGM PART MM",
             )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.units import INCH, MM
 from counterflex.integrations.heidenhain.language.cycles import FNumber
-from counterflex.integrations.heidenhain.language.frames import Frames
+from counterflex.integrations.heidenhain.language.frames import KlartextFrames
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR, Modal
 
 _UPRIGHT = (0.0, 0.0, 1.0)
@@ -31,7 +31,7 @@ class KlartextState:
     inch: bool = False  # Lengths are in inches, feeds in 1/10 inch/min
     # The tool starts at zero; else where it stands is not known along axes that are not ``named``
     start_known: bool = True
-    frames: Frames = field(default_factory=Frames)
+    frames: KlartextFrames = field(default_factory=KlartextFrames)
     p_part: Float = field(default_factory=lambda: np.zeros(3))  # (3,) tool tip
     # Rotary axes, rad; under ``vectors`` the tool axis in the part
     angles: tuple[float, float, float] = (0.0, 0.0, 0.0)

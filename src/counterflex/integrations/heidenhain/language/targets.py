@@ -27,7 +27,7 @@ _PLACE: Final = "Retract in coordinates of the part: L Z+100 R0 FMAX"
 _NAME_ALL: Final = "Write X, Y and Z without I"
 
 
-class Targets:
+class KlartextTargets:
     """Turns path statements into motions and moves the state along.
 
     Args:

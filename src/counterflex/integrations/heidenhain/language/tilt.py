@@ -14,9 +14,9 @@ import numpy as np
 from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.heidenhain.language.frames import FrameFault, by_points, by_vectors, euler, spatial
-from counterflex.integrations.heidenhain.language.source import Statement
+from counterflex.integrations.heidenhain.language.source import KlartextStatement
 from counterflex.integrations.heidenhain.language.state import KlartextState
-from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
+from counterflex.integrations.heidenhain.language.values import VALUE, KlartextValues, required
 
 _HEAD: Final = re.compile(r"\s*PLANE\s+([A-Z]+)", re.IGNORECASE)
 _WORD: Final = re.compile(
@@ -39,7 +39,7 @@ _REFUSED: Final = {
 _POSITIONING: Final = ("STAY", "TURN", "MOVE")
 
 
-def tilt(part: Statement, state: KlartextState, values: Values, name: str) -> bool:
+def tilt(part: KlartextStatement, state: KlartextState, values: KlartextValues, name: str) -> bool:
     """Execute PLANE; whether the tool stands at right angles to the plane behind it.
 
     Raises:
@@ -66,7 +66,7 @@ def tilt(part: Statement, state: KlartextState, values: Values, name: str) -> bo
     return "STAY" not in words or (form == "RESET" and not state.vectors)
 
 
-def _words(part: Statement, at: int, values: Values, name: str) -> dict[str, tuple[float, int]]:
+def _words(part: KlartextStatement, at: int, values: KlartextValues, name: str) -> dict[str, tuple[float, int]]:
     out: dict[str, tuple[float, int]] = {}
     while part.code[at:].strip():
         column = at + len(part.code[at:]) - len(part.code[at:].lstrip())
@@ -82,7 +82,7 @@ def _words(part: Statement, at: int, values: Values, name: str) -> dict[str, tup
 
 
 def _check(
-    part: Statement, form: str, words: dict[str, tuple[float, int]], numbers: dict[str, float], name: str
+    part: KlartextStatement, form: str, words: dict[str, tuple[float, int]], numbers: dict[str, float], name: str
 ) -> None:
     geometric = {key for keys in _FORMS.values() for key in keys}
     for key, (_, column) in words.items():
@@ -97,7 +97,7 @@ def _check(
         raise _needs(part, name, form, "one of STAY, TURN and MOVE")
 
 
-def _needs(part: Statement, name: str, form: str, what: str) -> ProgramError:
+def _needs(part: KlartextStatement, name: str, form: str, what: str) -> ProgramError:
     return part.fault(name, f"PLANE {form} needs {what}", None, None, "PLANE SPATIAL SPA+0 SPB+30 SPC+0 TURN FMAX")
 
 

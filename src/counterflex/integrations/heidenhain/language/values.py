@@ -64,7 +64,7 @@ _GRAMMAR: Final = Grammar(
 )  # fmt: skip
 
 
-class Values:
+class KlartextValues:
     """Parameters by name, in capitals; QL belong to the program that sets them."""
 
     def __init__(self) -> None:

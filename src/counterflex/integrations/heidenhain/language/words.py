@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.heidenhain.language.source import Statement
-from counterflex.integrations.heidenhain.language.values import VALUE, Values, required
+from counterflex.integrations.heidenhain.language.source import KlartextStatement
+from counterflex.integrations.heidenhain.language.values import VALUE, KlartextValues, required
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Word
 
@@ -39,7 +39,7 @@ class WordItem:
     literal: bool
 
 
-def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[WordItem]:
+def _items(part: KlartextStatement, begin: int, values: KlartextValues, name: str) -> Iterator[WordItem]:
     at, code, behind_m = begin, part.code, False
     while (at := at + len(code[at:]) - len(code[at:].lstrip())) < len(code):
         kind, match = _token(part, at, name)
@@ -56,7 +56,7 @@ def _items(part: Statement, begin: int, values: Values, name: str) -> Iterator[W
         at = match.end()
 
 
-def _token(part: Statement, at: int, name: str) -> tuple[str, re.Match[str]]:
+def _token(part: KlartextStatement, at: int, name: str) -> tuple[str, re.Match[str]]:
     """Kind and match of the word that begins at an index."""
     code = part.code
     kind, match = next(((k, m) for k, p in _TOKENS if (m := p.match(code, at)) is not None), ("", None))
@@ -77,7 +77,7 @@ class PathWords:
         ProgramError: A word that is unknown, there twice, or has no known value where one is needed.
     """
 
-    def __init__(self, part: Statement, begin: int, values: Values, name: str) -> None:
+    def __init__(self, part: KlartextStatement, begin: int, values: KlartextValues, name: str) -> None:
         self.part, self._name = part, name
         self.m: list[tuple[int, WordItem]] = []  # M functions, in order
         self.items: dict[str, WordItem] = {}  # All words by name; M functions not

@@ -68,7 +68,7 @@ class CheckSettings:
 
 
 @dataclass(frozen=True)
-class MakeSettings:
+class RsiMakeSettings:
     """Settings of the files that are made."""
 
     cell: Path  # Cell file with an ``[online]`` table
@@ -236,5 +236,5 @@ def _krl(path: Path) -> str:
 
 
 SETUP: Final = robot_folder.RobotSetup(
-    "KUKA RSI", lambda **given: CheckSettings(**given).check(), lambda out, **given: MakeSettings(**given).make(out)
+    "KUKA RSI", lambda **given: CheckSettings(**given).check(), lambda out, **given: RsiMakeSettings(**given).make(out)
 )

@@ -10,7 +10,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.reader import COORDINATES_OF_THE_PART, FileReader
-from counterflex.programs.gcode.sinumerik.run import Run
+from counterflex.programs.gcode.sinumerik.run import SinumerikRun
 from counterflex.programs.gcode.sinumerik.source import library_of, programs_of
 from counterflex.programs.program import Program
 
@@ -56,7 +56,7 @@ def read_sinumerik(
     if not any(line.strip() for line in split_lines(text)):
         raise ProgramError("the program is empty", where=f"{name}:1:1", hint="Give a file with a Sinumerik program")
     programs = programs_of(name, text)
-    run = Run(next(iter(programs.values())), machine, library_of(programs, folder))
+    run = SinumerikRun(next(iter(programs.values())), machine, library_of(programs, folder))
     ended = run.run()
     if complete and not ended:
         raise run.flow.fault(

@@ -48,6 +48,11 @@ class ArcPoint:
         out: Float = self.T[:3, 3]
         return out
 
+    def arc(self, p_start: Float, p_centre: Float, normal: Float, turn: float) -> Motion:
+        """Return the arc to it, about centre and normal of a circle."""
+        return Motion(self.block, "arc", p_start, self.p, self.feed_m_s, self.rpm * RPM, self.tool,
+                      p_centre=p_centre, normal=normal, turn_rad=turn)  # fmt: skip
+
 
 def straight_to(node: ArcPoint, before: Motion | None) -> dict[int, Made]:
     """Return the straight motion to the first point of a row; a rapid where it is the first of the program."""
@@ -97,18 +102,17 @@ def arcs_of(row: Sequence[ArcPoint], start: Point | None) -> dict[int, Made]:
             hint="Write FPT at the point at which the arc changes",
         )  # fmt: skip
 
-    def arc(node: ArcPoint, p_start: Float, turn: float, move: InformMotion) -> Made:
-        motion = Motion(node.block, "arc", p_start, node.p, node.feed_m_s, node.rpm * RPM, node.tool,
-                        p_centre=centre, normal=normal, turn_rad=turn)  # fmt: skip
-        return motion, node.R, move
-
     end = row[-1]
     if _is_one(row, turns):
         through = tuple(node.point for node in row[1:-1])
         move = InformMotion("MOVC", end.point, end.form.exact, end.form.rounding_m, through, start)
-        return {end.block: arc(end, points[0], sum(turns), move)}
+        return {end.block: (end.arc(points[0], *parts, sum(turns)), end.R, move)}
     return {
-        node.block: arc(node, before.p, turn, InformMotion("MOVC", node.point, node.form.exact, piece=True))
+        node.block: (
+            node.arc(before.p, *parts, turn),
+            node.R,
+            InformMotion("MOVC", node.point, node.form.exact, piece=True),
+        )
         for before, node, turn in zip(row[:-1], row[1:], turns, strict=True)
     }
 

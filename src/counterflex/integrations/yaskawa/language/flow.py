@@ -8,8 +8,8 @@ from typing import Final, NamedTuple, cast
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.yaskawa.language.form import MOTION
-from counterflex.integrations.yaskawa.language.motions import Motions
-from counterflex.integrations.yaskawa.language.source import Folder, InformStatement, Job
+from counterflex.integrations.yaskawa.language.motions import InformMotions
+from counterflex.integrations.yaskawa.language.source import InformFolder, InformJob, InformStatement
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, OPENS, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.expression import ExpressionError, Value, is_number
@@ -31,31 +31,31 @@ _HINT: Final = "Post the path without loops, conditions and jumps, or set what t
 _DEEPEST: Final = 20
 
 
-class Step(NamedTuple):
+class InformStep(NamedTuple):
     """An instruction that runs: its job, its index there, itself, and its code without the condition behind it."""
 
-    job: Job
+    job: InformJob
     at: int
     statement: InformStatement
     code: str
 
 
-class Flow(Motions):
+class InformFlow(InformMotions):
     """Decides which instruction follows."""
 
-    folder: Folder  # Jobs that can be called
+    folder: InformFolder  # Jobs that can be called
     process: ProcessWords | None  # Finds machine functions of the cell file
     depth: int = 0  # Number of jobs that run, one calling the other
     call_line: int = 1  # Line of the main job that runs
     file: str = ""  # Name of the main job
 
     @abstractmethod
-    def statement(self, step: Step) -> int:
+    def statement(self, step: InformStep) -> int:
         """Execute an instruction; returns the index of the next one."""
 
     # ---- values --------------------------------------------------------------------------------------------
 
-    def value(self, step: Step, text: str) -> Value:
+    def value(self, step: InformStep, text: str) -> Value:
         """Return the value of an expression of an instruction.
 
         Raises:
@@ -67,12 +67,12 @@ class Flow(Motions):
         except ExpressionError as error:
             raise self.mistake(step, error) from error
 
-    def mistake(self, step: Step, error: ExpressionError) -> ProgramError:
+    def mistake(self, step: InformStep, error: ExpressionError) -> ProgramError:
         """Return the error of an expression."""
         return step.job.fault(step.statement.start, str(error), "an expression of INFORM",
                               "Post the job again, or write the value itself")  # fmt: skip
 
-    def decision(self, step: Step, text: str) -> bool | Unknown:
+    def decision(self, step: InformStep, text: str) -> bool | Unknown:
         """Return whether a condition holds, or why that is not known."""
         text = text.strip()
         while text.startswith("(") and text.endswith(")") and text.count("(") == 1:
@@ -84,7 +84,7 @@ class Flow(Motions):
             raise step.job.fault(step.statement.start, "this is no condition", "IF B000=1")
         return value
 
-    def number(self, step: Step, text: str, use: str) -> float:
+    def number(self, step: InformStep, text: str, use: str) -> float:
         """Return a number that an instruction needs."""
         value = known(self.value(step, text), use, step.job.place(step.statement.start), text=step.code)
         if not is_number(value):
@@ -93,7 +93,7 @@ class Flow(Motions):
 
     # ---- flow ----------------------------------------------------------------------------------------------
 
-    def under_condition(self, step: Step) -> int:
+    def under_condition(self, step: InformStep) -> int:
         """Execute JUMP, CALL, RET, PAUSE or ABORT, with what stands behind IF."""
         match = _IF.fullmatch(step.code)
         if match is None:
@@ -107,10 +107,10 @@ class Flow(Motions):
         return self._perhaps(step, decision)
 
     @abstractmethod
-    def action(self, step: Step) -> int:
+    def action(self, step: InformStep) -> int:
         """Execute JUMP, CALL, RET, PAUSE or ABORT without a condition; returns the index of the next one."""
 
-    def label(self, step: Step) -> int:
+    def label(self, step: InformStep) -> int:
         """Return the index of the label that a jump names."""
         match = _LABEL.fullmatch(step.code)
         if match is None:
@@ -121,7 +121,7 @@ class Flow(Motions):
             raise step.job.fault(step.statement.start, f"there is no label {match[1]}", "a label of the job")
         return at
 
-    def _perhaps(self, step: Step, condition: Unknown) -> int:
+    def _perhaps(self, step: InformStep, condition: Unknown) -> int:
         """An instruction that runs or not."""
         word = step.code.split()[0].upper()
         opening = (word, step.statement.line)
@@ -143,7 +143,7 @@ class Flow(Motions):
             self._pass_call(step, condition, opening, 0)
         return step.at + 1
 
-    def do_if(self, step: Step) -> int:
+    def do_if(self, step: InformStep) -> int:
         """IFTHENEXP: the first branch whose condition holds."""
         job, end = step.job, step.job.partner[step.at]
         for at in [step.at, *job.branches[step.at]]:
@@ -160,12 +160,12 @@ class Flow(Motions):
                 return at + 1
         return end + 1
 
-    def leave_branch(self, step: Step) -> int:
+    def leave_branch(self, step: InformStep) -> int:
         """ELSE, ELSEIFEXP, CASE or DEFAULT behind a branch that ran: go on behind the end of the block."""
         begin = next(begin for begin, branches in step.job.branches.items() if step.at in branches)
         return step.job.partner[begin] + 1
 
-    def do_while(self, step: Step) -> int:
+    def do_while(self, step: InformStep) -> int:
         """WHILEEXP: the loop, or what is behind it."""
         end = step.job.partner[step.at]
         decision = self.decision(step, step.code[len("WHILEEXP") :])
@@ -175,11 +175,11 @@ class Flow(Motions):
             return end + 1
         return step.at + 1 if decision else end + 1
 
-    def back(self, step: Step) -> int:
+    def back(self, step: InformStep) -> int:
         """ENDWHILE: the condition again."""
         return step.job.partner[step.at]
 
-    def _for(self, step: Step) -> tuple[str, str, float, float]:
+    def _for(self, step: InformStep) -> tuple[str, str, float, float]:
         """Counter, first value, last value and step of FOR."""
         match = _FOR.fullmatch(step.code)
         if match is None:
@@ -189,23 +189,23 @@ class Flow(Motions):
             raise step.job.fault(step.statement.start, "FOR counts by 0", "another step")
         return match[1], match[2], self.number(step, match[3], "how often FOR repeats"), by
 
-    def do_for(self, step: Step) -> int:
+    def do_for(self, step: InformStep) -> int:
         """FOR: set the counter; leave out the loop where it is beyond its end."""
         name, first, last, by = self._for(step)
         value = self.number(step, first, "where FOR begins")
         self.values.assign(name, value)
         return step.at + 1 if (last - value) * by >= 0.0 else step.job.partner[step.at] + 1
 
-    def do_next(self, step: Step) -> int:
+    def do_next(self, step: InformStep) -> int:
         """NEXT: count on, and go back while the last value is not passed."""
         begin = step.job.partner[step.at]
-        opening = Step(step.job, begin, step.job.statements[begin], step.job.codes[begin])
+        opening = InformStep(step.job, begin, step.job.statements[begin], step.job.codes[begin])
         name, _, last, by = self._for(opening)
         value = self.number(opening, name, "how often FOR repeats") + by
         self.values.assign(name, value)
         return begin + 1 if (last - value) * by >= 0.0 else step.at + 1
 
-    def do_switch(self, step: Step) -> int:
+    def do_switch(self, step: InformStep) -> int:
         """SWITCH: the branch whose value fits."""
         job, end = step.job, step.job.partner[step.at]
         value = self.value(step, step.code[len("SWITCH") :])
@@ -225,18 +225,18 @@ class Flow(Motions):
 
     # ---- what may run or not -------------------------------------------------------------------------------
 
-    def act(self, step: Step) -> None:
+    def act(self, step: InformStep) -> None:
         """Remember an instruction that acts on the cell: its line in the main job, or that of the call."""
         self.acting.append(step.statement.line if step.job.name == self.file else self.call_line)
 
-    def block(self, step: Step) -> None:
+    def block(self, step: InformStep) -> None:
         """Begin the block of an instruction."""
         file = "" if step.job.name == self.file else step.job.name
         text = step.statement.code
         self._blocks.append(Block(step.statement.line, text, (), self.modal("G1"), len(self.motions), 0, file=file))
 
     def pass_over(
-        self, job: Job, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
+        self, job: InformJob, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
     ) -> None:
         """Pass instructions that run where an unknown condition holds.
 
@@ -252,7 +252,7 @@ class Flow(Motions):
             ProgramError: One of them moves the robot, or sets what motions depend on.
         """
         for at in range(begin, end):
-            step = Step(job, at, job.statements[at], job.codes[at])
+            step = InformStep(job, at, job.statements[at], job.codes[at])
             if not step.code:
                 continue
             if (
@@ -265,7 +265,7 @@ class Flow(Motions):
             self._pass(step, condition, opening, (begin, end), level)
 
     def _pass(
-        self, step: Step, condition: Unknown, opening: tuple[str, int], span: tuple[int, int], level: int
+        self, step: InformStep, condition: Unknown, opening: tuple[str, int], span: tuple[int, int], level: int
     ) -> None:
         row = row_of(step.code)
         if row is None or MOTION.match(step.code):
@@ -284,13 +284,13 @@ class Flow(Motions):
         if row.word in ACTING:
             self.act(step)
 
-    def _pass_call(self, step: Step, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+    def _pass_call(self, step: InformStep, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         called = self.called(step)
         if called is None or level >= _DEEPEST:
             raise self._refusal(step, condition, opening)
         self.pass_over(called, 0, len(called.codes), condition, opening, level + 1)
 
-    def called(self, step: Step) -> Job | None:
+    def called(self, step: InformStep) -> InformJob | None:
         """Return the job that CALL or JUMP names; None where the folder has none."""
         match = JOB.fullmatch(step.code)
         if match is None:
@@ -298,7 +298,7 @@ class Flow(Motions):
         start = step.statement.start
         return self.folder.find(match[2], lambda what, hint: step.job.fault(start, what, None, hint))
 
-    def _forget(self, step: Step, condition: Unknown) -> None:
+    def _forget(self, step: InformStep, condition: Unknown) -> None:
         match = _TARGET.match(step.code)
         if match is None:  # an output, or what only the controller has
             return
@@ -306,7 +306,7 @@ class Flow(Motions):
         self.values.where = f"{step.job.name}:{step.statement.line}"
         self.values.assign(match[1], Unknown(why, condition.where or self.values.where))
 
-    def _gives_up(self, job: Job, at: int) -> bool:
+    def _gives_up(self, job: InformJob, at: int) -> bool:
         """Return whether a label leads to an alarm and the end of the job, with nothing that matters on the way."""
         seen: set[int] = set()
         while at < len(job.codes) and at not in seen:
@@ -326,7 +326,7 @@ class Flow(Motions):
                 return False
         return False
 
-    def _refusal(self, step: Step, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
+    def _refusal(self, step: InformStep, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
         word, line = opening
         try:
             known(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from counterflex.core.units import MM
-from counterflex.integrations.yaskawa.language.source import InformStatement, Job
+from counterflex.integrations.yaskawa.language.source import InformJob, InformStatement
 from counterflex.integrations.yaskawa.language.table import OPTION, TABLE
 from counterflex.integrations.yaskawa.language.values import VARIABLE
 from counterflex.programs.robot_text.process_words import NUMBER
@@ -54,7 +54,7 @@ class Form:
         return self.level == 0
 
 
-def form_of(job: Job, statement: InformStatement, match: re.Match[str]) -> Form:
+def form_of(job: InformJob, statement: InformStatement, match: re.Match[str]) -> Form:
     """Divide a motion.
 
     Raises:
@@ -100,7 +100,7 @@ def _span(token: re.Match[str] | None, group: str, otherwise: int) -> Span:
     return (otherwise, otherwise) if token is None else token.span(group)
 
 
-def _refuse(job: Job, statement: InformStatement, at: int) -> None:
+def _refuse(job: InformJob, statement: InformStatement, at: int) -> None:
     rest = statement.code[at:].upper()
     reason = next((why for word, why in _REFUSED.items() if rest.startswith(word)), "")
     raise job.fault(

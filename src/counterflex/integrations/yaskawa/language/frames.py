@@ -24,7 +24,7 @@ class InformCell(NumberedCell):
     pulses_per_deg: tuple[float, ...] = ()  # (6,) of the axes S L U R B T; empty where the cell file does not say them
 
 
-class Frames(NumberedFrames):
+class InformFrames(NumberedFrames):
     """Frames of the positions of a job.
 
     Args:

@@ -23,7 +23,7 @@ _FRAME: Final = re.compile(r"\s+(?:BF|RF|TF|UF#\(\d+\))(?=\s|$)", re.IGNORECASE)
 _LINE_END: Final = re.compile(r"\r\n|\n|\r|\Z")
 
 
-class _Edits:
+class _JobEdits:
     """Changes of one job."""
 
     def __init__(self, job: inform.JobText, newline: str) -> None:
@@ -77,7 +77,7 @@ class InformInPlace(PointsInPlace[inform.InformProgram, inform.Point]):
         self, program: inform.InformProgram, compensated: CompensatedPath, tolerance_m: float, cycle_s: float
     ) -> None:
         super().__init__(program, compensated, tolerance_m, cycle_s)
-        self._edits = {name: _Edits(job, program.newline) for name, job in program.jobs.items()}
+        self._edits = {name: _JobEdits(job, program.newline) for name, job in program.jobs.items()}
         self._straightened: set[int] = set()
         self._starts: dict[int, Float] = {}
 

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.yaskawa.language.flow import JOB, Flow, Step
+from counterflex.integrations.yaskawa.language.flow import JOB, InformFlow, InformStep
 from counterflex.integrations.yaskawa.language.form import FRAME, MOTION, form_of
 from counterflex.integrations.yaskawa.language.frames import InformCell
 from counterflex.integrations.yaskawa.language.program import InformMotion, Point
-from counterflex.integrations.yaskawa.language.source import Folder, Job
+from counterflex.integrations.yaskawa.language.source import InformFolder, InformJob
 from counterflex.integrations.yaskawa.language.table import ACTING, ASSIGNING, row_of
 from counterflex.integrations.yaskawa.language.values import VARIABLE, PositionValue
 from counterflex.programs.expression import ExpressionError, Value
@@ -43,7 +43,7 @@ _TIMER_UNIT_S: Final = 0.01
 _QUIET: Final = ("*", "'", "//", "NOP")
 
 
-class Interpreter(Flow):
+class InformInterpreter(InformFlow):
     """State of the controller while a job runs.
 
     Args:
@@ -51,7 +51,7 @@ class Interpreter(Flow):
         cell: What frames and process words are held against; None takes every frame and knows no process words.
     """
 
-    def __init__(self, job: Job, folder: Folder, cell: InformCell | None) -> None:
+    def __init__(self, job: InformJob, folder: InformFolder, cell: InformCell | None) -> None:
         super().__init__(cell)
         self.job, self.folder, self.file = job, folder, job.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)
@@ -69,7 +69,7 @@ class Interpreter(Flow):
         """
         self._run(self.job)
 
-    def _run(self, job: Job) -> None:
+    def _run(self, job: InformJob) -> None:
         outer, self.values.own = self.values.own, {}
         self.values.take(job.positions, job.name)
         self.depth += 1
@@ -91,9 +91,9 @@ class Interpreter(Flow):
         self.depth -= 1
         self.values.own = outer
 
-    def _executed(self, job: Job, at: int) -> int:
+    def _executed(self, job: InformJob, at: int) -> int:
         """Execute an instruction; returns the index of the next one."""
-        step = Step(job, at, job.statements[at], job.codes[at])
+        step = InformStep(job, at, job.statements[at], job.codes[at])
         self._count += 1
         if len(self.motions) != self._moved:
             self._counted_at, self._moved = self._count, len(self.motions)
@@ -121,7 +121,7 @@ class Interpreter(Flow):
         self._finish(block)
         return then
 
-    def _guarded(self, step: Step) -> int:
+    def _guarded(self, step: InformStep) -> int:
         try:
             return self.statement(step)
         except ProgramError:
@@ -144,7 +144,7 @@ class Interpreter(Flow):
 
     # ---- instructions --------------------------------------------------------------------------------------
 
-    def statement(self, step: Step) -> int:
+    def statement(self, step: InformStep) -> int:
         """Execute an instruction; returns the index of the next one."""
         motion = MOTION.match(step.code)
         start = step.statement.start
@@ -176,7 +176,7 @@ class Interpreter(Flow):
         handler = _HANDLERS.get(row.word)
         return step.at + 1 if handler is None else handler(self, step)
 
-    def _assign(self, step: Step) -> int:
+    def _assign(self, step: InformStep) -> int:
         self.values.where = f"{step.job.name}:{step.statement.line}"
         match = _ASSIGNED.fullmatch(step.code)
         word = step.code.split()[0].upper()
@@ -197,7 +197,7 @@ class Interpreter(Flow):
             self.values.assign(match[2], Unknown(f"{word} sets it", self.values.where))
         return step.at + 1
 
-    def _speed(self, step: Step) -> int:
+    def _speed(self, step: InformStep) -> int:
         text = step.code[len("SPEED") :].strip()
         speeds = {match[1].upper(): match[2] for match in _SPEED.finditer(text)}
         if not speeds or _SPEED.sub("", text).strip():
@@ -207,7 +207,7 @@ class Interpreter(Flow):
             self.speed = float(speeds["V"]) if speeds["V"][0] in "+-.0123456789" else unit
         return step.at + 1
 
-    def _shift(self, step: Step) -> int:
+    def _shift(self, step: InformStep) -> int:
         self.close_arcs()
         match = _SHIFT.fullmatch(step.code)
         if match is None:
@@ -215,12 +215,12 @@ class Interpreter(Flow):
         self.begin_shift(step.job, step.statement, match[1], (match[2] or "").upper())
         return step.at + 1
 
-    def _end_shift(self, step: Step) -> int:
+    def _end_shift(self, step: InformStep) -> int:
         self.close_arcs()
         self.shift = None
         return step.at + 1
 
-    def _frame(self, step: Step) -> int:
+    def _frame(self, step: InformStep) -> int:
         where = step.job.place(step.statement.start)
         match = _MFRAME.fullmatch(step.code)
         if match is None:
@@ -229,7 +229,7 @@ class Interpreter(Flow):
         self.frames.make(int(match[1]), (corners[0], corners[1], corners[2]), where)
         return step.at + 1
 
-    def _position(self, step: Step, text: str) -> PositionValue:
+    def _position(self, step: InformStep, text: str) -> PositionValue:
         value: Value = known(self.values.get(text), f"the position {text}", step.job.place(step.statement.start),
                              text=step.code, hint="Set the variable in the job")  # fmt: skip
         if not isinstance(value, PositionValue):
@@ -239,7 +239,7 @@ class Interpreter(Flow):
 
     # ---- other jobs ----------------------------------------------------------------------------------------
 
-    def action(self, step: Step) -> int:
+    def action(self, step: InformStep) -> int:
         """Execute JUMP, CALL, RET, PAUSE or ABORT."""
         word = step.code.split()[0].upper()
         if word == "RET":
@@ -258,7 +258,7 @@ class Interpreter(Flow):
             return len(step.job.codes) if word == "JUMP" else step.at + 1
         return step.at + 1
 
-    def _other_job(self, step: Step) -> None:
+    def _other_job(self, step: InformStep) -> None:
         called = self.called(step)
         name = JOB.fullmatch(step.code)[2]  # type: ignore[index]
         if called is None and name.upper() == self.job.stem:
@@ -279,7 +279,7 @@ class Interpreter(Flow):
 
     # ---- waits ---------------------------------------------------------------------------------------------
 
-    def _timer(self, step: Step) -> int:
+    def _timer(self, step: InformStep) -> int:
         match = _TIMER.fullmatch(step.code)
         if match is None:
             raise step.job.fault(step.statement.start, "TIMER is not understood", "TIMER T=0.50")
@@ -295,19 +295,19 @@ class Interpreter(Flow):
         return step.at + 1
 
 
-_Handler = Callable[[Interpreter, Step], int]
+_Handler = Callable[[InformInterpreter, InformStep], int]
 _HANDLERS: Final[Mapping[str, _Handler]] = {
-    **dict.fromkeys(("JUMP", "CALL", "RET", "PAUSE", "ABORT"), Interpreter.under_condition),
-    **dict.fromkeys(("ELSEIFEXP", "ELSE", "CASE", "DEFAULT"), Interpreter.leave_branch),
-    "IFTHENEXP": Interpreter.do_if,
-    "WHILEEXP": Interpreter.do_while,
-    "ENDWHILE": Interpreter.back,
-    "FOR": Interpreter.do_for,
-    "NEXT": Interpreter.do_next,
-    "SWITCH": Interpreter.do_switch,
-    "SPEED": Interpreter._speed,
-    "SFTON": Interpreter._shift,
-    "SFTOF": Interpreter._end_shift,
-    "MFRAME": Interpreter._frame,
-    "TIMER": Interpreter._timer,
+    **dict.fromkeys(("JUMP", "CALL", "RET", "PAUSE", "ABORT"), InformInterpreter.under_condition),
+    **dict.fromkeys(("ELSEIFEXP", "ELSE", "CASE", "DEFAULT"), InformInterpreter.leave_branch),
+    "IFTHENEXP": InformInterpreter.do_if,
+    "WHILEEXP": InformInterpreter.do_while,
+    "ENDWHILE": InformInterpreter.back,
+    "FOR": InformInterpreter.do_for,
+    "NEXT": InformInterpreter.do_next,
+    "SWITCH": InformInterpreter.do_switch,
+    "SPEED": InformInterpreter._speed,
+    "SFTON": InformInterpreter._shift,
+    "SFTOF": InformInterpreter._end_shift,
+    "MFRAME": InformInterpreter._frame,
+    "TIMER": InformInterpreter._timer,
 }

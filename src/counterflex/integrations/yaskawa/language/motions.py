@@ -20,7 +20,7 @@ from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.yaskawa.language.arcs import ArcPoint, Made, arcs_of, stands_at, straight_to
 from counterflex.integrations.yaskawa.language.form import Form
-from counterflex.integrations.yaskawa.language.frames import Frames, InformCell
+from counterflex.integrations.yaskawa.language.frames import InformCell, InformFrames
 from counterflex.integrations.yaskawa.language.program import (
     AXES,
     PULSE,
@@ -30,8 +30,8 @@ from counterflex.integrations.yaskawa.language.program import (
     Position,
     frame_of,
 )
-from counterflex.integrations.yaskawa.language.source import InformStatement, Job
-from counterflex.integrations.yaskawa.language.values import PositionValue, Values
+from counterflex.integrations.yaskawa.language.source import InformJob, InformStatement
+from counterflex.integrations.yaskawa.language.values import InformValues, PositionValue
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Word
 from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
@@ -56,7 +56,7 @@ class _InformTarget:
     unknown: Unknown | None = None
 
 
-class Motions(ExecutionByAxes[InformMotion]):
+class InformMotions(ExecutionByAxes[InformMotion]):
     """Motions of a job, with the state that they depend on.
 
     Args:
@@ -68,7 +68,7 @@ class Motions(ExecutionByAxes[InformMotion]):
     """
 
     def __init__(self, cell: InformCell | None) -> None:
-        self.values, self.frames = Values(), Frames(cell)
+        self.values, self.frames = InformValues(), InformFrames(cell)
         super().__init__(self.frames)
         self.cell = cell
         self.speed: Value = Unknown("no V, and no SPEED before it")  # V of motions that name none, mm/s
@@ -83,7 +83,7 @@ class Motions(ExecutionByAxes[InformMotion]):
 
     # ---- targets -------------------------------------------------------------------------------------------
 
-    def motion(self, job: Job, statement: InformStatement, form: Form) -> None:
+    def motion(self, job: InformJob, statement: InformStatement, form: Form) -> None:
         """Make a motion.
 
         Raises:
@@ -118,7 +118,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         self._end_header = target.header if not target.axes else self._end_header
         self._words += [Word(c, float(v) * 1e3, 0, 0) for c, v in zip("XYZ", T[:3, 3], strict=True)]
 
-    def _target(self, job: Job, statement: InformStatement, form: Form) -> _InformTarget:
+    def _target(self, job: InformJob, statement: InformStatement, form: Form) -> _InformTarget:
         at = statement.start + form.named[0]
         if not form.target:
             raise job.fault(at, "the motion names no position", "MOVL C00000 V=25.0")
@@ -151,7 +151,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         axes = tuple(float(pulses) / one for pulses, one in zip(values[:AXES], ratio, strict=True))
         return _InformTarget(header, axes=axes, position=position, computed="pulses")
 
-    def _refuse_other_frame(self, job: Job, position: Position) -> None:
+    def _refuse_other_frame(self, job: InformJob, position: Position) -> None:
         """Refuse a position of a relative job in another frame than that of the job."""
         header = position.header
         own = f"{header.postype} {header.user}" if header.postype == "USER" else header.postype
@@ -159,7 +159,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             raise job.fault(position.start, "a position is in another frame than its relative job",
                             f"////FRAME {job.frame}", "Post the job again")  # fmt: skip
 
-    def _increment(self, job: Job, statement: InformStatement, form: Form) -> _InformTarget:
+    def _increment(self, job: InformJob, statement: InformStatement, form: Form) -> _InformTarget:
         """Target of IMOV."""
         where, at = job.place(statement.start), statement.start + form.named[0]
         if not form.frame:
@@ -180,7 +180,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         T_part_frame = self.frames.of(self._end_header, where)
         return _InformTarget(self._end_header, pose.inverse(T_part_frame) @ T, computed="IMOV")
 
-    def _translation(self, value: object, job: Job, at: int) -> Float:
+    def _translation(self, value: object, job: InformJob, at: int) -> Float:
         """(3,) m of a position variable that displaces."""
         if not isinstance(value, PositionValue) or value.header.postype == PULSE:
             raise job.fault(at, "a displacement in pulses is not read", "X Y Z in mm", "Give it by X Y Z")
@@ -192,7 +192,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         out: Float = frame_of(numbers)[:3, 3]
         return out
 
-    def begin_shift(self, job: Job, statement: InformStatement, target: str, frame: str) -> None:
+    def begin_shift(self, job: InformJob, statement: InformStatement, target: str, frame: str) -> None:
         """SFTON: add a displacement to the positions that follow.
 
         Raises:
@@ -209,7 +209,7 @@ class Motions(ExecutionByAxes[InformMotion]):
         step = self._translation(value, job, statement.start)
         self.shift = self.frames.rotation(frame, where) @ step
 
-    def _place(self, job: Job, statement: InformStatement, form: Form, target: _InformTarget) -> Float | None:
+    def _place(self, job: InformJob, statement: InformStatement, form: Form, target: _InformTarget) -> Float | None:
         """(4, 4) m of a target in the part; None of MOVJ to one that is not known."""
         where = job.place(statement.start)
         if target.unknown is not None:
@@ -227,7 +227,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             return None
         return self.cell.tip_of_axes(target.axes, {})
 
-    def _point(self, job: Job, statement: InformStatement, form: Form, target: _InformTarget) -> Point:
+    def _point(self, job: InformJob, statement: InformStatement, form: Form, target: _InformTarget) -> Point:
         where, base = job.place(statement.start), statement.start
         T_part_frame = np.eye(4)
         if target.T_frame_tool is not None:
@@ -242,7 +242,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             words=form.words, number=(base + form.number[0], base + form.number[1]), tail=form.tail,
         )  # fmt: skip
 
-    def _refuse_others(self, job: Job, statement: InformStatement, form: Form) -> None:
+    def _refuse_others(self, job: InformJob, statement: InformStatement, form: Form) -> None:
         """Refuse external axes that move."""
         if not form.words:
             return
@@ -260,7 +260,7 @@ class Motions(ExecutionByAxes[InformMotion]):
             raise job.fault(statement.start, "an external axis moves", self._others,
                             "Moving stations and base axes are not read: post the path with them at rest")  # fmt: skip
 
-    def _refuse_away(self, away: Away[InformMotion], job: Job, statement: InformStatement) -> ProgramError:
+    def _refuse_away(self, away: Away[InformMotion], job: InformJob, statement: InformStatement) -> ProgramError:
         why = f": {away.unknown}" if away.unknown is not None else ""
         return job.fault(
             statement.start, f"the robot comes from a place that is not known, by axes "
@@ -270,7 +270,7 @@ class Motions(ExecutionByAxes[InformMotion]):
 
     # ---- speeds --------------------------------------------------------------------------------------------
 
-    def _feed_m_s(self, job: Job, statement: InformStatement, form: Form) -> float:
+    def _feed_m_s(self, job: InformJob, statement: InformStatement, form: Form) -> float:
         """Speed along the path, m/s; 0 of MOVJ."""
         if form.word == "MOVJ":
             return 0.0

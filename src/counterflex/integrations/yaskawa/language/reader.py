@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import cast
 
 from counterflex.integrations.yaskawa.language.frames import InformCell
-from counterflex.integrations.yaskawa.language.interpreter import Interpreter
+from counterflex.integrations.yaskawa.language.interpreter import InformInterpreter
 from counterflex.integrations.yaskawa.language.program import DIALECT, InformProgram
-from counterflex.integrations.yaskawa.language.source import Folder, Job, jobs_beside
+from counterflex.integrations.yaskawa.language.source import InformFolder, InformJob, jobs_beside
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.source_text import common_encoding, read_text, refuse_mark
 
@@ -23,7 +23,7 @@ def read_inform(
     name: str = "program.jbi",
     cell: RobotTextCell | None = None,
     complete: bool = True,
-    folder: Folder | None = None,
+    folder: InformFolder | None = None,
 ) -> InformProgram:
     """Execute a job and return the instructions passed and the motions made.
 
@@ -41,8 +41,8 @@ def read_inform(
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
     """
-    job, folder = Job(text, name, complete=complete), folder or Folder()
-    interpreter = Interpreter(job, folder, cast("InformCell | None", cell))
+    job, folder = InformJob(text, name, complete=complete), folder or InformFolder()
+    interpreter = InformInterpreter(job, folder, cast("InformCell | None", cell))
     interpreter.run()
     return InformProgram(
         **interpreter.fields(name, text),
@@ -54,7 +54,7 @@ def read_inform(
     )
 
 
-def _doubts(interpreter: Interpreter) -> tuple[str, ...]:
+def _doubts(interpreter: InformInterpreter) -> tuple[str, ...]:
     """Speeds without decimals: controllers show mm/s with one, cm/min with none; and variables that others may set."""
     out = []
     if interpreter.whole_speeds:
@@ -91,7 +91,7 @@ def read_inform_file(
     """
     file = Path(path)
     text, encoding = read_text(file)
-    folder = Folder(jobs_beside(file), complete=complete)
+    folder = InformFolder(jobs_beside(file), complete=complete)
     refuse_mark(encoding, file)
     program = read_inform(text, name=file.name, cell=cell, complete=complete, folder=folder)
     texts = {file.name: (text, encoding)} | {name: (job.text, job.encoding) for name, job in folder.jobs.items()}

@@ -46,7 +46,7 @@ class InformStatement:
     line: int  # 1-based
 
 
-class Job:
+class InformJob:
     """A job, divided.
 
     Attributes:
@@ -279,14 +279,14 @@ class Job:
         return row_of(self.codes[at])
 
 
-class Folder:
+class InformFolder:
     """Jobs that a job can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
-        self.jobs: dict[str, Job] = {}
+        self.jobs: dict[str, InformJob] = {}
 
-    def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Job | None:
+    def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> InformJob | None:
         """Return a job by its name; None where the folder has none.
 
         Raises:
@@ -300,7 +300,7 @@ class Folder:
         file = own[0].name
         if file not in self.jobs:
             text, encoding = read_text(own[0])
-            self.jobs[file] = Job(text, file, complete=self._complete, encoding=encoding)
+            self.jobs[file] = InformJob(text, file, complete=self._complete, encoding=encoding)
         return self.jobs[file]
 
 

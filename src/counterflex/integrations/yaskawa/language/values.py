@@ -116,7 +116,7 @@ Key = tuple[str, int]
 
 
 @dataclass
-class Values:
+class InformValues:
     """Values of variables."""
 
     where: str = ""  # ``file:line`` of the instruction that runs

@@ -17,7 +17,7 @@ from counterflex.cutting.stock import HeightMap
 from counterflex.path.toolpath import FEED, ToolPath
 from counterflex.plan.cut import Cut, at_points, cut
 from counterflex.plan.feed_limits import cut_demand
-from counterflex.plan.inputs import Inputs, Setting
+from counterflex.plan.inputs import CompensationInputs, Setting
 from counterflex.plan.preflight.process import demands, moves, spindle, tool_use
 from counterflex.plan.preflight.process.tool_bounds import ToolBounds
 from counterflex.plan.preflight.rapids import flute_row, rapid_row
@@ -292,7 +292,7 @@ def demanded(
         return []
     contact = made.forced[: len(q)]
     wrench = at_points(made.result.w_tcp_part, made.forced)[: len(q)]
-    inputs = Inputs(path, path.motion, made.blank, setting, q)
+    inputs = CompensationInputs(path, path.motion, made.blank, setting, q)
     demand = cut_demand(inputs, UndisturbedCut(made.result, contact, contact, wrench), machining.limits_of)
     rows = demands.demand_rows(demand, path.tool, path.spindle_rad_s, machining.limits_of, machining.rigid)
     return [*rows, demands.correction_row(demand, bounds, machining.rigid)]

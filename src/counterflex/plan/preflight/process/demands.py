@@ -37,6 +37,36 @@ class _Limit:
     beyond: Verdict
     advice: str = _SLOWER
 
+    def demand(
+        self, values: Float, bounds: Float, tool: Int, limits_of: Callable[[int], ProcessLimits], rigid: str
+    ) -> Row:
+        """Row of the limit, at the largest share of it."""
+        known = bool(np.isfinite(bounds).any())
+        share = values / bounds if known else values
+        name, row = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
+        value, bound = float(values[name, row]), float(bounds[name, row])
+        what = f"axis {name + 1}" if len(self.names) > 1 else f"tool T{int(tool[row])}"
+        if value == 0.0 and self.check != "tool bending":
+            return Row(self.check, "ok", 0.0, bound if known else None, self.unit, what="nothing asks for it")
+        if self.check == "tool bending" and (lacking := _short_of(tool, limits_of)):
+            return Row(self.check, NOT_LOOKED_AT, what=lacking, missing="tools.overhang_mm")
+        if not known:
+            return Row(self.check, NOT_LOOKED_AT, value, None, self.unit, row, what, self.key)
+        if self.check == "deflection" and rigid:
+            return Row(self.check, NOT_LOOKED_AT, value, bound, self.unit, row, f"stiffness of {rigid} not known",
+                       "robot.elastic")  # fmt: skip
+        over = value > bound * _SLACK
+        return Row(
+            self.check,
+            self.beyond if over else "ok",
+            value,
+            bound,
+            self.unit,
+            row,
+            f"{what}, {100 * value / bound:.0f} % of the limit",
+            advice=self.advice if over else "",
+        )
+
 
 _AXES: Final = tuple(f"torque of axis {k}" for k in range(1, 7))
 LIMITS: Final = (
@@ -76,30 +106,8 @@ def demand_rows(
             for n, table in tables.items():
                 if name in table:
                     bounds[k] = np.where(tool == n, table[name], bounds[k])
-        rows.append(_demand(limit, values, bounds, tool, limits_of, rigid))
+        rows.append(limit.demand(values, bounds, tool, limits_of, rigid))
     return rows
-
-
-def _demand(
-    limit: _Limit, values: Float, bounds: Float, tool: Int, limits_of: Callable[[int], ProcessLimits], rigid: str
-) -> Row:
-    known = bool(np.isfinite(bounds).any())
-    share = values / bounds if known else values
-    name, row = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
-    value, bound = float(values[name, row]), float(bounds[name, row])
-    what = f"axis {name + 1}" if len(limit.names) > 1 else f"tool T{int(tool[row])}"
-    if value == 0.0 and limit.check != "tool bending":
-        return Row(limit.check, "ok", 0.0, bound if known else None, limit.unit, what="nothing asks for it")
-    if limit.check == "tool bending" and (lacking := _short_of(tool, limits_of)):
-        return Row(limit.check, NOT_LOOKED_AT, what=lacking, missing="tools.overhang_mm")
-    if not known:
-        return Row(limit.check, NOT_LOOKED_AT, value, None, limit.unit, row, what, limit.key)
-    if limit.check == "deflection" and rigid:
-        return Row(limit.check, NOT_LOOKED_AT, value, bound, limit.unit, row, f"stiffness of {rigid} not known",
-                   "robot.elastic")  # fmt: skip
-    over = value > bound * _SLACK
-    return Row(limit.check, limit.beyond if over else "ok", value, bound, limit.unit, row,
-               f"{what}, {100 * value / bound:.0f} % of the limit", advice=limit.advice if over else "")  # fmt: skip
 
 
 def _short_of(tool: Int, limits_of: Callable[[int], ProcessLimits]) -> str:

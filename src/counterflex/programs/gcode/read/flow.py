@@ -49,7 +49,7 @@ class Construct:
     branches: list[int] = field(default_factory=list)
 
 
-class Source:
+class GcodeSource:
     """A program or an included file: its lines and the structure of its O words.
 
     Raises:

@@ -12,14 +12,14 @@ from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.canned_cycles import CycleMaker
 from counterflex.programs.gcode.read.codes import TAKES_AXES, code_name
 from counterflex.programs.gcode.read.expression import NamedParameter
-from counterflex.programs.gcode.read.flow import Source
+from counterflex.programs.gcode.read.flow import GcodeSource
 from counterflex.programs.gcode.read.jumps import FlowRunner, Include, Place
 from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import Six
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
@@ -41,8 +41,8 @@ class Interpreter(FlowRunner):
 
     def __init__(
         self,
-        source: Source,
-        state: State,
+        source: GcodeSource,
+        state: ModalState,
         machine: MillingMachine,
         includes: Include | None,
         *,
@@ -126,7 +126,7 @@ class Interpreter(FlowRunner):
             frozen({k: v for k, v in part.items() if k != "line"} if isinstance(part, dict) else part) for part in known
         ]
 
-    def _line(self, source: Source, index: int) -> None:
+    def _line(self, source: GcodeSource, index: int) -> None:
         self._place = Place(source, index + 1)
         here = Place(source, index)
         text = source.lines[index]
@@ -143,7 +143,7 @@ class Interpreter(FlowRunner):
         jump = self._execute(source, index, text, scanned, words or ())
         self._place = after if jump is None else jump
 
-    def _macro_line(self, source: Source, index: int, flow: MacroFlow) -> None:
+    def _macro_line(self, source: GcodeSource, index: int, flow: MacroFlow) -> None:
         """Execute a line of the flow of a Fanuc macro."""
         self._place, self._parameters.line = Place(source, index), index + 1
         self._append_block(source, index, source.lines[index], (), self._modal, len(self._maker.motions), False)
@@ -155,7 +155,7 @@ class Interpreter(FlowRunner):
             jump = self._macro_flow(source, index, flow)
         self._place = jump or Place(source, index + 1)
 
-    def _count(self, source: Source, index: int) -> None:
+    def _count(self, source: GcodeSource, index: int) -> None:
         if source is self._main:
             self._counts[index] = self._counts.get(index, 0) + 1
             if self._frames:
@@ -171,7 +171,7 @@ class Interpreter(FlowRunner):
         return straight
 
     def _append_block(
-        self, source: Source, index: int, text: str, words: tuple[Word, ...], modal: Modal, first: int, cycle: bool
+        self, source: GcodeSource, index: int, text: str, words: tuple[Word, ...], modal: Modal, first: int, cycle: bool
     ) -> None:
         self._count(source, index)
         self.blocks.append(
@@ -239,7 +239,7 @@ class Interpreter(FlowRunner):
     # Every other line -----------------------------------------------------------------------------------------------
 
     def _execute(
-        self, source: Source, index: int, text: str, scanned: ScannedLine | None, literal: tuple[Word, ...]
+        self, source: GcodeSource, index: int, text: str, scanned: ScannedLine | None, literal: tuple[Word, ...]
     ) -> Place | None:
         """Execute a line; the place to go on at where that is not the next line."""
         first = len(self._maker.motions)
@@ -264,7 +264,7 @@ class Interpreter(FlowRunner):
         self._append_block(source, index, text, words, modal, first, cycle)
         return jump() if jump is not None else None
 
-    def _percent_line(self, source: Source, index: int) -> None:
+    def _percent_line(self, source: GcodeSource, index: int) -> None:
         """A percent sign opens the program where nothing but blank lines come before it, and ends it later on."""
         if not any(line.strip() for line in source.lines[:index]):
             self._percent = True
@@ -325,7 +325,7 @@ class Interpreter(FlowRunner):
         maker.run(block, active, machine)
         return active >= 730 and len(maker.motions) > count
 
-    def _words(self, source: Source, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
+    def _words(self, source: GcodeSource, block: BlockWords) -> tuple[Modal, bool, Callable[[], Place | None] | None]:
         """Execute a block's words in LinuxCNC's order."""
         state = self._state
         special = block.g.get("non-modal")
@@ -366,7 +366,7 @@ def _abc(position: Six) -> tuple[float, float, float]:
     return _ZERO_ABC if position[3:] == _ZERO_ABC else radians(position)
 
 
-def _plain_target(state: State, axes: dict[str, float]) -> tuple[float, float, float] | None:
+def _plain_target(state: ModalState, axes: dict[str, float]) -> tuple[float, float, float] | None:
     """(3,) m, where the axis words of a plain line lead; None where no machine reaches that."""
     here, unit = state.position, state.unit_m
     origin = state.origin if state.absolute else here

@@ -10,11 +10,11 @@ from counterflex.core.errors import ProgramError
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import code_name
 from counterflex.programs.gcode.read.expression import Expression
-from counterflex.programs.gcode.read.flow import LOOPS, Construct, Source, split_lines
+from counterflex.programs.gcode.read.flow import LOOPS, Construct, GcodeSource, split_lines
 from counterflex.programs.gcode.read.macro_flow import MacroFlow
-from counterflex.programs.gcode.read.parameters import ARGUMENTS, Parameters, UnknownValue
+from counterflex.programs.gcode.read.parameters import ARGUMENTS, GcodeParameters, UnknownValue
 from counterflex.programs.gcode.read.scanner import FlowWord, error_at
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.unknown import Unknown
 
 Include = Callable[[str], tuple[str, str] | None]
@@ -31,10 +31,10 @@ MACRO_ARGUMENTS: Final = {
 
 
 @dataclass
-class CallFrame:
+class SubroutineCall:
     """A running subroutine: where to go back to, what M98 and G65 still have to repeat, whether it has parameters."""
 
-    source: Source
+    source: GcodeSource
     back: int
     entry: int
     modern: bool
@@ -47,7 +47,7 @@ class CallFrame:
 class Place:
     """Line about to be executed."""
 
-    source: Source
+    source: GcodeSource
     index: int
 
 
@@ -61,14 +61,18 @@ class FlowRunner:
     """
 
     def __init__(
-        self, source: Source, state: State, parameters: Mapping[str | int, float] | None, includes: Include | None
+        self,
+        source: GcodeSource,
+        state: ModalState,
+        parameters: Mapping[str | int, float] | None,
+        includes: Include | None,
     ) -> None:
         self._main = source
         self._place = Place(source, 0)
-        self._parameters = Parameters(parameters, state, self._fault)
+        self._parameters = GcodeParameters(parameters, state, self._fault)
         self._includes = includes
-        self._included: dict[str, Source | None] = {}
-        self._frames: list[CallFrame] = []
+        self._included: dict[str, GcodeSource | None] = {}
+        self._frames: list[SubroutineCall] = []
         self._counters: dict[int, int] = {}
 
     def _fault(self, what: str, column: int, value: object = None, hint: str | None = None) -> ProgramError:
@@ -88,7 +92,7 @@ class FlowRunner:
         except UnknownValue as unknown:
             return unknown.value
 
-    def _jump(self, source: Source, index: int, flow: FlowWord) -> Place | None:
+    def _jump(self, source: GcodeSource, index: int, flow: FlowWord) -> Place | None:
         """Execute an O word."""
         keyword = flow.keyword
         if keyword == "call":
@@ -118,7 +122,7 @@ class FlowRunner:
             return self._loop(source, index, flow, construct)
         return None
 
-    def _condition(self, source: Source, index: int, keyword: str, construct: Construct) -> Place | None:
+    def _condition(self, source: GcodeSource, index: int, keyword: str, construct: Construct) -> Place | None:
         """Go to the branch whose condition holds; a branch that is reached from above has run and leaves."""
         if keyword != "if":
             return Place(source, construct.end)
@@ -137,7 +141,7 @@ class FlowRunner:
     def _loop_counters(self) -> dict[int, int]:
         return self._frames[-1].counters if self._frames else self._counters
 
-    def _loop(self, source: Source, index: int, flow: FlowWord, loop: Construct) -> Place | None:
+    def _loop(self, source: GcodeSource, index: int, flow: FlowWord, loop: Construct) -> Place | None:
         if loop.keyword == "repeat":
             counters = self._loop_counters()
             if index == loop.start:
@@ -168,7 +172,7 @@ class FlowRunner:
 
     def _call(
         self,
-        source: Source,
+        source: GcodeSource,
         index: int,
         label: str,
         arguments: list[float | Unknown | None] | None,
@@ -178,12 +182,12 @@ class FlowRunner:
     ) -> Place:
         self._refuse_depth(column)
         target, entry = self._find(source, label, modern, column)
-        self._frames.append(CallFrame(source, index + 1, entry, modern, repeats, scope=arguments is not None))
+        self._frames.append(SubroutineCall(source, index + 1, entry, modern, repeats, scope=arguments is not None))
         if arguments is not None:
             self._parameters.enter(arguments)
         return Place(target, entry)
 
-    def _find(self, source: Source, label: str, modern: bool, column: int) -> tuple[Source, int]:
+    def _find(self, source: GcodeSource, label: str, modern: bool, column: int) -> tuple[GcodeSource, int]:
         """Find a subroutine here, in the main program, or in a file of its name."""
         included = None
         for place in (source, self._main):
@@ -193,7 +197,7 @@ class FlowRunner:
         if self._includes is not None:
             if label not in self._included:
                 file = self._includes(label)
-                self._included[label] = None if file is None else Source(file[0], split_lines(file[1]))
+                self._included[label] = None if file is None else GcodeSource(file[0], split_lines(file[1]))
             included = self._included[label]
             if included is not None:
                 entry = self._entry(included, label, modern)
@@ -204,7 +208,7 @@ class FlowRunner:
         raise self._fault("the subroutine is not defined", column, f"O{label}",
                           "Put its file into the folder of the program, named by its number")  # fmt: skip
 
-    def _defined(self, source: Source, label: str) -> bool:
+    def _defined(self, source: GcodeSource, label: str) -> bool:
         try:
             self._find(source, label, False, 0)
         except ProgramError:
@@ -213,7 +217,7 @@ class FlowRunner:
 
     # Fanuc macros ---------------------------------------------------------------------------------------------------
 
-    def _macro_flow(self, source: Source, index: int, flow: MacroFlow) -> Place | None:
+    def _macro_flow(self, source: GcodeSource, index: int, flow: MacroFlow) -> Place | None:
         """Return the place that a line of the flow of a macro leads to; None: the next line. The caller runs a THEN."""
         if flow.condition is not None and self._value(flow.condition, "a condition") == 0.0:
             return Place(source, source.loops.get(index, index) + 1) if flow.keyword == "while" else None
@@ -229,7 +233,7 @@ class FlowRunner:
 
     # M97, M98, M99, G65 ---------------------------------------------------------------------------------------------
 
-    def _subprogram(self, source: Source, block: BlockWords) -> Callable[[], Place | None] | None:
+    def _subprogram(self, source: GcodeSource, block: BlockWords) -> Callable[[], Place | None] | None:
         """Return the target of M97, M98, M99 or G65; None where the block has none of them."""
         stop, index = block.m.get("stopping"), self._place.index
         if block.g.get("non-modal") == 650:
@@ -256,7 +260,7 @@ class FlowRunner:
             return lambda: self._return(None)
         return None
 
-    def _macro(self, source: Source, block: BlockWords) -> Callable[[], Place | None]:
+    def _macro(self, source: GcodeSource, block: BlockWords) -> Callable[[], Place | None]:
         """G65: the letters of the block are the parameters of the macro; those it leaves out have no value."""
         number, index = block.whole("P", 1, 99_999_999), self._place.index
         if number is None:
@@ -268,13 +272,13 @@ class FlowRunner:
                 arguments[place - 1] = block.take(letter)
         return lambda: self._call(source, index, str(number), arguments, repeats, 0)
 
-    def _call_block(self, source: Source, index: int, number: int, repeats: int) -> Place:
+    def _call_block(self, source: GcodeSource, index: int, number: int, repeats: int) -> Place:
         """M97: go on at a block number of the same file, until M99."""
         self._refuse_depth(0)
         entry = source.jump(number, -1)
         if entry is None:
             raise self._fault("M97 names a block that is not there", 0, f"N{number}", "Write the block number")
-        self._frames.append(CallFrame(source, index + 1, entry, False, repeats))
+        self._frames.append(SubroutineCall(source, index + 1, entry, False, repeats))
         return Place(source, entry)
 
     def _refuse_depth(self, column: int) -> None:
@@ -285,7 +289,7 @@ class FlowRunner:
             )  # fmt: skip
 
     @staticmethod
-    def _entry(source: Source, label: str, modern: bool) -> int | None:
+    def _entry(source: GcodeSource, label: str, modern: bool) -> int | None:
         if modern:
             sub = source.subs.get(label)
             return None if sub is None else sub.start + 1

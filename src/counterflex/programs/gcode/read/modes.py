@@ -11,7 +11,7 @@ from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import HAAS_OFFSETS, code_name
 from counterflex.programs.gcode.read.frames import Frame, Rotation
-from counterflex.programs.gcode.read.state import State, minus, plus
+from counterflex.programs.gcode.read.state import ModalState, minus, plus
 from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, MOST_FURTHER, ZERO, further, six
 from counterflex.programs.program import TOOL_CENTRE, TOOL_VECTOR
 
@@ -27,7 +27,7 @@ _GIVE_OFFSETS: Final = (
 _MOST: Final = 1_000_000.0
 
 
-def apply_rates(block: BlockWords, state: State) -> None:
+def apply_rates(block: BlockWords, state: ModalState) -> None:
     """Apply feed mode, F, S, T, tool change, spindle and coolant, in the order LinuxCNC executes them."""
     _feed(block, state)
     speed = block.take("S")
@@ -59,7 +59,7 @@ def apply_rates(block: BlockWords, state: State) -> None:
             block.take(letter)
 
 
-def _feed(block: BlockWords, state: State) -> None:
+def _feed(block: BlockWords, state: ModalState) -> None:
     mode = block.g.get("feed")
     if mode is not None and mode // 10 != state.feed_mode:
         state.feed_mode = mode // 10
@@ -80,7 +80,7 @@ def _feed(block: BlockWords, state: State) -> None:
     state.feed_unit_m = state.unit_m
 
 
-def _tool_change(block: BlockWords, state: State) -> None:
+def _tool_change(block: BlockWords, state: ModalState) -> None:
     change = block.m.get("tool change")
     if change == 60:
         if state.prepared is None:
@@ -94,7 +94,7 @@ def _tool_change(block: BlockWords, state: State) -> None:
         state.tool = number
 
 
-def _spindle_mode(block: BlockWords, state: State) -> None:
+def _spindle_mode(block: BlockWords, state: ModalState) -> None:
     code = block.g.get("spindle mode")
     if code == 960:
         limit = block.take("D")
@@ -110,7 +110,7 @@ def _unit(code: int) -> float:
     return INCH if code == 200 else MM
 
 
-def apply_modes(block: BlockWords, state: State, tool_lengths: Mapping[int, float] | None) -> None:
+def apply_modes(block: BlockWords, state: ModalState, tool_lengths: Mapping[int, float] | None) -> None:
     """Apply plane, units, tool length offset, work offset, path control, distance and retract modes."""
     groups = block.g
     if "plane" in groups:
@@ -137,7 +137,7 @@ def apply_modes(block: BlockWords, state: State, tool_lengths: Mapping[int, floa
         state.retract_initial = groups["retract"] == 980
 
 
-def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, float] | None) -> None:
+def _tool_length(block: BlockWords, state: ModalState, tool_lengths: Mapping[int, float] | None) -> None:
     """Change the tool length offset; the machine stays where it is, so the tip's coordinates change."""
     code = block.g["tool length"]
     before = state.tool_length
@@ -170,7 +170,7 @@ def _tool_length(block: BlockWords, state: State, tool_lengths: Mapping[int, flo
     state.position = plus(state.position, minus(before, state.tool_length))
 
 
-def _work_offset(block: BlockWords, state: State) -> None:
+def _work_offset(block: BlockWords, state: ModalState) -> None:
     """Select a work offset; G54 P3 is G54.1 P3."""
     code = block.g["work offset"]
     name = _WORK_OFFSET.get(code, "")
@@ -184,7 +184,7 @@ def _work_offset(block: BlockWords, state: State) -> None:
     _require_offset(block, state, f"G{code}")
 
 
-def _require_offset(block: BlockWords, state: State, code: str) -> None:
+def _require_offset(block: BlockWords, state: ModalState, code: str) -> None:
     """Refuse an offset in force whose zero is not known."""
     offsets, name = state.work_offsets, state.work_offset
     axes = offsets.unknown_axes(name)
@@ -198,7 +198,7 @@ def _require_offset(block: BlockWords, state: State, code: str) -> None:
     )  # fmt: skip
 
 
-def _frame(block: BlockWords, state: State) -> None:
+def _frame(block: BlockWords, state: ModalState) -> None:
     """Apply G68 and G69, G51.1 and G50.1, G15 and G16."""
     groups = block.g
     if not {"rotation", "mirror", "polar"} & set(groups):
@@ -222,7 +222,7 @@ def _frame(block: BlockWords, state: State) -> None:
     state.frame = frame
 
 
-def _mirror(block: BlockWords, state: State, frame: Frame) -> Frame:
+def _mirror(block: BlockWords, state: ModalState, frame: Frame) -> Frame:
     on = block.g["mirror"] == 511
     if frame.rotation is not None:
         raise block.fault("the mirror image changes while G68 is active", f"G{block.g['mirror']}",
@@ -237,7 +237,7 @@ def _mirror(block: BlockWords, state: State, frame: Frame) -> Frame:
     return replace(frame, mirror_m={axis: at for axis, at in frame.mirror_m.items() if axes and axis not in axes})
 
 
-def _rotation(block: BlockWords, state: State, frame: Frame) -> Frame:
+def _rotation(block: BlockWords, state: ModalState, frame: Frame) -> Frame:
     if block.g["rotation"] == 690:
         return replace(frame, rotation=None)
     first, second, third = PLANE_AXES[state.plane]
@@ -261,7 +261,7 @@ def _rotation(block: BlockWords, state: State, frame: Frame) -> Frame:
     return replace(frame, rotation=Rotation(state.plane, (centre[0], centre[1]), angle))
 
 
-def apply_offsets(block: BlockWords, state: State) -> None:
+def apply_offsets(block: BlockWords, state: ModalState) -> None:
     """Apply G10, G52 and the G92 family; the tool does not move."""
     code = block.g.get("non-modal")
     if code in (100, 520, 920, 921, 922, 923) and state.frame.rows is not None:
@@ -294,7 +294,7 @@ def apply_offsets(block: BlockWords, state: State) -> None:
         state.g92 = state.g92_saved
 
 
-def _require_place(block: BlockWords, state: State, axes: Iterable[int], name: str) -> None:
+def _require_place(block: BlockWords, state: ModalState, axes: Iterable[int], name: str) -> None:
     """Refuse an offset that is set from where the tool stands while that is not known."""
     if lost := sorted(state.unknown & set(axes)):
         letter = "XYZ"[lost[0]]
@@ -304,7 +304,7 @@ def _require_place(block: BlockWords, state: State, axes: Iterable[int], name: s
         )  # fmt: skip
 
 
-def _offset_named(block: BlockWords, state: State) -> tuple[int, str]:
+def _offset_named(block: BlockWords, state: ModalState) -> tuple[int, str]:
     """Kind L and name of the work offset that G10 sets."""
     kind = block.whole("L", 0, 99)
     if kind not in (2, 20):
@@ -323,7 +323,7 @@ def _offset_named(block: BlockWords, state: State) -> tuple[int, str]:
     return kind, state.work_offset if number == 0 else further(number) if fanuc else LINUXCNC_OFFSETS[number - 1]
 
 
-def _set_work_offset(block: BlockWords, state: State) -> None:
+def _set_work_offset(block: BlockWords, state: ModalState) -> None:
     kind, name = _offset_named(block, state)
     axes, offsets = block.take_axes(), state.work_offsets
     here = kind == 20 and not state.fanuc_offsets

@@ -13,8 +13,8 @@ from counterflex.core.units import DEG, MINUTE, MM, RPM
 from counterflex.programs.gcode.read.arc import PLANE_AXES, Arc, ArcFault, by_centre, by_radius
 from counterflex.programs.gcode.read.block import BlockWords
 from counterflex.programs.gcode.read.codes import CYCLES, code_name
-from counterflex.programs.gcode.read.parameters import Parameters
-from counterflex.programs.gcode.read.state import State, plus
+from counterflex.programs.gcode.read.parameters import GcodeParameters
+from counterflex.programs.gcode.read.state import ModalState, plus
 from counterflex.programs.gcode.read.targets import target_of
 from counterflex.programs.gcode.read.work_offsets import ZERO, Six, six
 from counterflex.programs.program import TOOL_VECTOR, Motion, MotionKind
@@ -54,7 +54,9 @@ class MotionMaker:
             :attr:`~counterflex.programs.program.Motion.unknown`.
     """
 
-    def __init__(self, state: State, parameters: Parameters, machine_known: bool = True, listed: bool = False) -> None:
+    def __init__(
+        self, state: ModalState, parameters: GcodeParameters, machine_known: bool = True, listed: bool = False
+    ) -> None:
         self._state = state
         self._parameters = parameters
         self._machine_known = machine_known

@@ -99,18 +99,19 @@ def read_parameter_file(path: str | os.PathLike[str]) -> MillingMachine:
 
 
 def _understood(parameters: dict[int, float], file: Path) -> None:
-    def refuse(what: str, index: int, limit: str, hint: str) -> FileFormatError:
-        return FileFormatError(what, where=f"{file}: #{index}", value=f"{parameters[index]:g}", limit=limit, hint=hint)
-
-    for name, start in _OFFSETS.items():
-        if parameters.get(start + _ROTATION, 0.0) != 0.0:
-            turn = "Turn the part frame of the cell file instead"
-            raise refuse(f"the work offset {name} is rotated", start + _ROTATION, "0 deg", turn)
-    if parameters.get(_G92_IN_FORCE, 0.0) != 0.0:
-        raise refuse("an offset by G92 is in force", _G92_IN_FORCE, "0", "Clear it on the machine with G92.1")
-    if parameters.get(_ACTIVE, 1.0) != 1.0:
-        what = "the machine stands in another work offset than G54"
-        raise refuse(what, _ACTIVE, "1 (G54)", "Select G54 on the machine, or set it in the file")
+    turn = "Turn the part frame of the cell file instead"
+    rows = [
+        (start + _ROTATION, 0.0, f"the work offset {name} is rotated", "0 deg", turn)
+        for name, start in _OFFSETS.items()
+    ]
+    g54 = "Select G54 on the machine, or set it in the file"
+    rows += [
+        (_G92_IN_FORCE, 0.0, "an offset by G92 is in force", "0", "Clear it on the machine with G92.1"),
+        (_ACTIVE, 1.0, "the machine stands in another work offset than G54", "1 (G54)", g54),
+    ]
+    for index, needed, what, limit, hint in rows:
+        if (value := parameters.get(index, needed)) != needed:
+            raise FileFormatError(what, where=f"{file}: #{index}", value=f"{value:g}", limit=limit, hint=hint)
 
 
 def _text(file: Path) -> str:

@@ -13,7 +13,7 @@ from typing import Final
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.core.units import INCH, MM
 from counterflex.programs.gcode.read.codes import AXES
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import LINUXCNC_OFFSETS, Six
 from counterflex.programs.unknown import Unknown
 
@@ -58,7 +58,7 @@ class UnknownValue(Exception):
         self.value = value
 
 
-class Parameters:
+class GcodeParameters:
     """The values of parameters, seen from the line being executed.
 
     Args:
@@ -74,7 +74,7 @@ class Parameters:
     def __init__(
         self,
         given: Mapping[str | int, float] | None,
-        state: State,
+        state: ModalState,
         fault: Callable[[str, int, object, str | None], ProgramError],
     ) -> None:
         self._state = state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -11,11 +12,11 @@ from typing import Final
 
 from counterflex.core.errors import InputError, ProgramError
 from counterflex.programs.foreign_language import foreign_language
-from counterflex.programs.gcode.read.flow import Source, line_end, split_lines
+from counterflex.programs.gcode.read.flow import GcodeSource, line_end, split_lines
 from counterflex.programs.gcode.read.interpreter import Interpreter
 from counterflex.programs.gcode.read.jumps import Include
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import WorkOffsets
 from counterflex.programs.program import Block, Motion, Program
 from counterflex.programs.source_text import read_text
@@ -82,7 +83,7 @@ def read_gcode(
     state = _state_at_start(machine, lines)
     zero = state.position[:3]
     try:
-        source = Source(name, lines)
+        source = GcodeSource(name, lines)
         interpreter = Interpreter(
             source, state, machine, includes, step_limit=step_limit, block_delete=block_delete, complete=complete,
             plain=plain_lines,
@@ -102,8 +103,8 @@ def read_gcode(
     )
 
 
-def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> State:
-    state = State(
+def _state_at_start(machine: MillingMachine, lines: Sequence[str]) -> ModalState:
+    state = ModalState(
         work_offsets=WorkOffsets(machine.work_offsets, machine.known, machine.part_offsets),
         unknown=set() if machine.known else {0, 1, 2},
         of_fanuc=any(FANUC.search(COMMENT.sub("", line)) for line in lines),
@@ -187,26 +188,26 @@ def read_gcode_file(
         ProgramError: The file cannot be read, is no text, or is no program that can be executed exactly.
     """
     file = Path(path)
-    folder = file.parent
-
-    def include(label: str) -> tuple[str, str] | None:
-        for name in _file_names(label, file.suffix):
-            neighbour = folder / name
-            if neighbour.parent == folder and neighbour != file and neighbour.is_file():
-                return name, read_text(neighbour)[0]
-        return None
-
     text, encoding = read_text(file)
     program = read_gcode(
         text,
         name=file.name,
         machine=machine,
         step_limit=step_limit,
-        includes=include,
+        includes=functools.partial(_subroutine_beside, file),
         block_delete=block_delete,
         complete=complete,
     )
     return replace(program, encoding=encoding)
+
+
+def _subroutine_beside(file: Path, label: str) -> tuple[str, str] | None:
+    """Name and text of the file of a subroutine in the folder of a program; None where there is none."""
+    for name in _file_names(label, file.suffix):
+        neighbour = file.parent / name
+        if neighbour.parent == file.parent and neighbour != file and neighbour.is_file():
+            return name, read_text(neighbour)[0]
+    return None
 
 
 @dataclass(frozen=True)

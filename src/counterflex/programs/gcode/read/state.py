@@ -31,7 +31,7 @@ def minus(a: Six, b: Six) -> Six:
 
 
 @dataclass
-class State:
+class ModalState:
     """Everything that outlives a block."""
 
     work_offsets: WorkOffsets  # Zeros by name

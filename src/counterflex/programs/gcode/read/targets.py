@@ -8,11 +8,11 @@ from dataclasses import replace
 from counterflex.core.units import DEG
 from counterflex.programs.gcode.read.arc import PLANE_AXES
 from counterflex.programs.gcode.read.block import BlockWords
-from counterflex.programs.gcode.read.state import State
+from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import Six, six
 
 
-def target_of(state: State, block: BlockWords, axes: dict[int, float], machine: bool = False) -> Six:
+def target_of(state: ModalState, block: BlockWords, axes: dict[int, float], machine: bool = False) -> Six:
     """Return the end point in the part frame; axes that it names are known from now on.
 
     Args:
@@ -47,7 +47,7 @@ def target_of(state: State, block: BlockWords, axes: dict[int, float], machine: 
     return six(target)
 
 
-def _require_known(state: State, block: BlockWords, axes: dict[int, float]) -> None:
+def _require_known(state: ModalState, block: BlockWords, axes: dict[int, float]) -> None:
     """Refuse displacements from a place that is not known."""
     if lost := sorted(state.unknown & {axis for axis, value in axes.items() if value != 0.0}):
         letter = "XYZ"[lost[0]]
@@ -57,7 +57,7 @@ def _require_known(state: State, block: BlockWords, axes: dict[int, float]) -> N
         )  # fmt: skip
 
 
-def _settle(state: State, block: BlockWords, named: set[int]) -> None:
+def _settle(state: ModalState, block: BlockWords, named: set[int]) -> None:
     """Refuse a first motion after a change of the coordinates that leaves out an axis of them."""
     pending = state.frame.pending
     if not pending & named:
@@ -73,7 +73,7 @@ def _settle(state: State, block: BlockWords, named: set[int]) -> None:
     state.frame = replace(state.frame, pending=frozenset())
 
 
-def _framed(state: State, block: BlockWords, axes: dict[int, float]) -> Six:
+def _framed(state: ModalState, block: BlockWords, axes: dict[int, float]) -> Six:
     """End point in a rotated, mirrored or polar frame."""
     frame = state.frame
     values = _lengths(state, block, axes)
@@ -94,7 +94,7 @@ def _framed(state: State, block: BlockWords, axes: dict[int, float]) -> Six:
     return six(end)
 
 
-def _lengths(state: State, block: BlockWords, axes: dict[int, float]) -> dict[int, float]:
+def _lengths(state: ModalState, block: BlockWords, axes: dict[int, float]) -> dict[int, float]:
     """Values in m and degrees by axis; radius and angle of the plane as lengths under G16."""
     values = {axis: value * state.unit_m if axis < 3 else value for axis, value in axes.items()}
     first, second, _ = PLANE_AXES[state.plane]

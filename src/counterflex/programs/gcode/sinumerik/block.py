@@ -39,7 +39,7 @@ _TAKEN: Final = frozenset((*AXES, *ROTARY, *VECTOR, *"IJKFSTDNHP", "CR", "AR", "
         "FP"))  # fmt: skip
 
 
-class Block:
+class SinumerikBlock:
     """Words of a block, checked against the tables.
 
     Raises:

@@ -47,7 +47,7 @@ class ProgramSection:
 
 
 @dataclass
-class CallFrame:
+class SubprogramCall:
     """A subprogram that runs."""
 
     source: SinumerikSource  # Its caller
@@ -59,13 +59,13 @@ class CallFrame:
     loops: dict[int, float] = field(default_factory=dict)  # Loops of the caller
 
 
-class Flow:
+class SinumerikFlow:
     """Place of a running program."""
 
     def __init__(self, source: SinumerikSource, library: Library) -> None:
         self.source, self.index = source, source.first
         self.variables = Variables()
-        self.frames: list[CallFrame] = []
+        self.frames: list[SubprogramCall] = []
         self._library = library
         self._loops: dict[int, float] = {}
         self._sections: list[ProgramSection] = []
@@ -248,7 +248,7 @@ class Flow:
             raise self.fault("subprograms call each other too deeply", 0, f"more than {_DEEPEST} levels",
                              "Look for a subprogram that calls itself")  # fmt: skip
         level, returns = self._bound(source, arguments)
-        self.frames.append(CallFrame(self.source, self.index + 1, source.first, repeats, returns, self._loops))
+        self.frames.append(SubprogramCall(self.source, self.index + 1, source.first, repeats, returns, self._loops))
         self.variables.levels.append(level)
         self.source, self.index, self._loops = source, source.first, {}
         return True

@@ -13,7 +13,7 @@ from counterflex.core.units import DEG, MINUTE, RPM
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.programs.gcode.read.arc import Arc, ArcFault, by_centre, by_radius
 from counterflex.programs.gcode.read.motion import FARTHEST_M
-from counterflex.programs.gcode.sinumerik.block import MIDDLE, Block
+from counterflex.programs.gcode.sinumerik.block import MIDDLE, SinumerikBlock
 from counterflex.programs.gcode.sinumerik.cycles import Cycle
 from counterflex.programs.gcode.sinumerik.state import PLANE_AXES, SinumerikState
 from counterflex.programs.gcode.sinumerik.words import AXES, ROTARY, VECTOR
@@ -23,9 +23,10 @@ _CENTRE: Final = "IJK"
 _SHORTEST_VECTOR: Final = 1e-3
 _LONGEST_DWELL_S: Final = 1e6
 _ARC_ENDS: Final = "Write I J K, CR= or AR="
+PlanePoint = tuple[float, float]  # m, in the plane of an arc
 
 
-class MoveMaker:
+class SinumerikMoveMaker:
     """Turns the motion words of blocks into motions and moves the state along.
 
     Args:
@@ -74,7 +75,7 @@ class MoveMaker:
         )
         state.p_part, state.angles = p_end, angles
 
-    def _feed(self, block: Block, length_m: float, angle_deg: float) -> tuple[float, float]:
+    def _feed(self, block: SinumerikBlock, length_m: float, angle_deg: float) -> tuple[float, float]:
         """Feed of a motion of that length in m/s and, where the tool only turns, in rad/s."""
         state = self._state
         if state.feed_mode == 93 and "F" not in block.given:
@@ -94,7 +95,7 @@ class MoveMaker:
             return 0.0, per_minute * DEG / MINUTE
         return per_minute * state.feed_unit_m / MINUTE, 0.0
 
-    def require_place(self, block: Block) -> None:
+    def require_place(self, block: SinumerikBlock) -> None:
         """Refuse a motion from a place that is not known.
 
         Raises:
@@ -114,7 +115,7 @@ class MoveMaker:
         elif self.motions and not self.away:
             self.away = f"{name} in line {self._state.line}"
 
-    def _require_axes(self, block: Block, what: str) -> None:
+    def _require_axes(self, block: SinumerikBlock, what: str) -> None:
         """Refuse a motion that needs to know where the tool stands."""
         lost = [letter for axis, letter in enumerate(AXES) if axis not in self._state.named]
         if lost and not self._state.start_known:
@@ -123,7 +124,7 @@ class MoveMaker:
                 f"Go there with G0 before, in G90: G0 {lost[0]}...",
             )  # fmt: skip
 
-    def _displaced(self, block: Block, letter: str, axis: int, here: float) -> float:
+    def _displaced(self, block: SinumerikBlock, letter: str, axis: int, here: float) -> float:
         """Origin of incremental words, in the programmed axes, m."""
         state = self._state
         if axis not in state.named and not state.start_known:
@@ -140,7 +141,7 @@ class MoveMaker:
             )  # fmt: skip
         return before if state.shift_travelled else here
 
-    def target(self, block: Block) -> Float:
+    def target(self, block: SinumerikBlock) -> Float:
         """End point of a block in the part frame, from its axis words; axes that are not named stay bit for bit."""
         state, p_part = self._state, self._state.p_part.copy()
         p_work = state.to_work(state.p_part)
@@ -170,7 +171,7 @@ class MoveMaker:
         p_part.flags.writeable = False
         return p_part
 
-    def _angles(self, block: Block) -> tuple[float, float, float]:
+    def _angles(self, block: SinumerikBlock) -> tuple[float, float, float]:
         """Rotary positions, or the tool axis in the part frame, at the end of a block."""
         state = self._state
         if state.tool_centre == TOOL_VECTOR:
@@ -188,7 +189,7 @@ class MoveMaker:
                 angles[axis] = base + value * DEG
         return (angles[0], angles[1], angles[2])
 
-    def _vector(self, block: Block) -> tuple[float, float, float]:
+    def _vector(self, block: SinumerikBlock) -> tuple[float, float, float]:
         """The tool axis as a vector, A3 B3 C3, in the part frame."""
         for letter in ROTARY:
             if block.has(letter):
@@ -202,7 +203,7 @@ class MoveMaker:
         x, y, z = map(float, self._state.turned(vector))
         return (x, y, z)
 
-    def straight(self, block: Block, number: int, rapid: bool) -> None:
+    def straight(self, block: SinumerikBlock, number: int, rapid: bool) -> None:
         """Execute G0 or G1."""
         self.require_place(block)
         state = self._state
@@ -215,7 +216,7 @@ class MoveMaker:
         turned = math.dist(state.angles, angles) / DEG
         self._append(number, "feed", p_end, angles, self._feed(block, math.dist(state.p_part, p_end), turned))
 
-    def dwell(self, block: Block, number: int) -> None:
+    def dwell(self, block: SinumerikBlock, number: int) -> None:
         """Execute G4: F in seconds or S in revolutions of the spindle."""
         time_s, turns = block.take("F"), block.take("S")
         if time_s is None and turns is not None and self._state.spindle_rpm != 0.0:
@@ -226,7 +227,7 @@ class MoveMaker:
         if not self.away:
             self._append(number, "dwell", self._state.p_part, self._state.angles, duration_s=time_s)
 
-    def arc(self, block: Block, number: int, clockwise: bool) -> None:
+    def arc(self, block: SinumerikBlock, number: int, clockwise: bool) -> None:
         """Execute G2 or G3 with I J K, CR= or AR=, and TURN=."""
         self.require_place(block)
         state = self._state
@@ -255,7 +256,7 @@ class MoveMaker:
         shape = (state.to_part(centre), state.turned(normal), arc.turn_rad)
         self._append(number, "arc", p_part, self._angles(block), feed, arc=shape)
 
-    def through(self, block: Block, number: int) -> None:
+    def through(self, block: SinumerikBlock, number: int) -> None:
         """Execute CIP: the arc through the point I1= J1= K1=, which counts as the end does (G90, G91)."""
         self.require_place(block)
         self._require_axes(block, "an arc")
@@ -276,7 +277,7 @@ class MoveMaker:
         self._append(number, "arc", p_end, angles, self._feed(block, length, 0.0), arc=(*parts, turn),
                      through=True)  # fmt: skip
 
-    def drill(self, block: Block, number: int, cycle: Cycle) -> None:
+    def drill(self, block: SinumerikBlock, number: int, cycle: Cycle) -> None:
         """Execute a drilling cycle where the tool stands.
 
         Raises:
@@ -308,7 +309,7 @@ class MoveMaker:
             kind: MotionKind = "rapid" if move.kind == "rapid" else "feed"
             self._append(number, kind, state.to_part(p_work), state.angles, (feed[0] * move.share, feed[1]))
 
-    def whole(self, block: Block, name: str) -> int:
+    def whole(self, block: SinumerikBlock, name: str) -> int:
         """Use a word that must be a whole number; 0 where the block has none."""
         value = block.take(name)
         if value is None:
@@ -318,7 +319,7 @@ class MoveMaker:
         return int(value)
 
     def _plane_arc(
-        self, block: Block, a: tuple[float, float], b: tuple[float, float], in_plane: bool, clockwise: bool, turns: int
+        self, block: SinumerikBlock, a: PlanePoint, b: PlanePoint, in_plane: bool, clockwise: bool, turns: int
     ) -> tuple[Arc, tuple[float, float]]:
         """The arc from ``a`` in its plane, m, and its end: ``b``, or what AR with a centre says."""
         state = self._state
@@ -333,7 +334,7 @@ class MoveMaker:
         size = math.copysign(0.5 * math.dist(a, b) / math.sin(0.5 * angle * DEG), 180.0 - angle) if angle else 0.0
         return by_radius(a, b, size if radius is None else radius * unit, clockwise, turns, unit), b
 
-    def _refuse_form(self, block: Block, centred: bool, in_plane: bool) -> None:
+    def _refuse_form(self, block: SinumerikBlock, centred: bool, in_plane: bool) -> None:
         """Refuse an arc that is given in no way, in two, or without the end that it needs."""
         given = [name for name in ("CR", "AR") if name in block.given]
         if len(given) + centred != 1 and (given != ["AR"] or in_plane):
@@ -344,7 +345,7 @@ class MoveMaker:
         if not in_plane and not (centred and given != ["CR"]):
             raise block.fault("an arc without a centre needs an end point in its plane", given[0])
 
-    def _centre(self, block: Block, a: tuple[float, float]) -> tuple[float, float] | None:
+    def _centre(self, block: SinumerikBlock, a: tuple[float, float]) -> tuple[float, float] | None:
         """Centre from I J K, which count from the start unless AC says otherwise; None where the block has none."""
         first, second, third = PLANE_AXES[self._state.plane]
         wrong = _CENTRE[third]
@@ -366,7 +367,7 @@ def _turned(a: tuple[float, float], centre: tuple[float, float], turn_rad: float
     return centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos
 
 
-def frame_of(block: Block, name: str, state: SinumerikState) -> tuple[Float, Float]:
+def frame_of(block: SinumerikBlock, name: str, state: SinumerikState) -> tuple[Float, Float]:
     """Shift (3,) m and rotation vector (3,) rad of a TRANS, ATRANS, ROT or AROT; MIRROR and AMIRROR have neither.
 
     Raises:
@@ -392,7 +393,7 @@ def frame_of(block: Block, name: str, state: SinumerikState) -> tuple[Float, Flo
     return shift, rotvec
 
 
-def _several(block: Block, name: str, turned: list[int]) -> ProgramError:
+def _several(block: SinumerikBlock, name: str, turned: list[int]) -> ProgramError:
     return block.fault(
         f"{name} turns about several axes: the order is a machine datum that is not known here", AXES[turned[0]], None,
         "Write one angle per block: ROT, then AROT",

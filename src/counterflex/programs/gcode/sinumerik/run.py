@@ -14,10 +14,10 @@ from counterflex.programs.endless import LoopWatch, frozen
 from counterflex.programs.gcode.read.flow import line_end
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
 from counterflex.programs.gcode.read.scanner import error_at
-from counterflex.programs.gcode.sinumerik.block import Block
+from counterflex.programs.gcode.sinumerik.block import SinumerikBlock
 from counterflex.programs.gcode.sinumerik.cycles import Cycle, cycle_of
-from counterflex.programs.gcode.sinumerik.jumps import Flow
-from counterflex.programs.gcode.sinumerik.moves import MoveMaker, frame_of
+from counterflex.programs.gcode.sinumerik.jumps import SinumerikFlow
+from counterflex.programs.gcode.sinumerik.moves import SinumerikMoveMaker, frame_of
 from counterflex.programs.gcode.sinumerik.scanner import Line, ScannedName, scan
 from counterflex.programs.gcode.sinumerik.source import Library, SinumerikSource, head_of, no_library
 from counterflex.programs.gcode.sinumerik.state import SinumerikState
@@ -33,7 +33,7 @@ _OWN_DATA: Final = ("$AC_MARKER", "$AC_PARAM", "$A_OUT", "$A_OUTA", "$A_DLB", "$
 _ARC: Final = (*"IJK", "CR", "AR", "TURN")
 
 
-class Run:
+class SinumerikRun:
     """One run of a program."""
 
     table: ClassVar[WordTable] = SINUMERIK
@@ -41,7 +41,7 @@ class Run:
     def __init__(self, source: SinumerikSource, machine: MillingMachine, library: Library = no_library) -> None:
         self._main, self._tool_names = source, machine.tool_names
         self._names_open = machine.names_open
-        self.flow = Flow(source, library)
+        self.flow = SinumerikFlow(source, library)
         vectors = any(_VECTOR_WORD.match(line) for line in source.lines)
         self._state = SinumerikState(
             vectors=vectors,
@@ -53,7 +53,7 @@ class Run:
         self._modal: Cycle | ScannedName | None = None
         self._modal_depth = 0
         self._counts: dict[int, int] = {}
-        self.maker = MoveMaker(self._state, machine.listed)
+        self.maker = SinumerikMoveMaker(self._state, machine.listed)
         self.blocks: list[ReadBlock] = []
 
     def run(self) -> bool:
@@ -129,7 +129,7 @@ class Run:
             text = text[: head.label_start].ljust(head.label_end) + text[head.label_end :]
 
         line = self.scanned(text, number)
-        block = Block(line, partial(error_at, source.name, number), text, self.table)
+        block = SinumerikBlock(line, partial(error_at, source.name, number), text, self.table)
         first = len(self.maker.motions)
         self._frame(block)
         dwell = "dwell" in block.groups
@@ -145,7 +145,7 @@ class Run:
         self._assign(block, line)
         return self._go_on(block, call)
 
-    def _go_on(self, block: Block, call: tuple[ScannedName, int] | None) -> bool:
+    def _go_on(self, block: SinumerikBlock, call: tuple[ScannedName, int] | None) -> bool:
         """Go to the next line, into a subprogram, or back; whether the program ends."""
         flow = self.flow
         ends = [code for code in block.m if code in M_END]
@@ -161,7 +161,7 @@ class Run:
             flow.index += 1
         return False
 
-    def _called(self, block: Block, moves: bool) -> tuple[ScannedName, int] | None:
+    def _called(self, block: SinumerikBlock, moves: bool) -> tuple[ScannedName, int] | None:
         """The subprogram that a block calls, and how often; MCALL: after each block that moves."""
         if len(block.calls) > 1:
             raise block.fault(
@@ -178,7 +178,7 @@ class Run:
             return self._modal, 1
         return None
 
-    def _enter(self, block: Block, call: ScannedName, repeats: int) -> None:
+    def _enter(self, block: SinumerikBlock, call: ScannedName, repeats: int) -> None:
         """Enter a subprogram."""
         name, arguments = call.name, call.arguments
         if name in ("CALL", "PCALL", "EXTCALL"):
@@ -188,7 +188,7 @@ class Run:
         close = close_to(name, [*self.table.group, *self.table.carried], 1)
         raise block.named_fault(call, name, f"Did you mean {close[0]}?" if close else "")
 
-    def _assign(self, block: Block, line: Line) -> None:
+    def _assign(self, block: SinumerikBlock, line: Line) -> None:
         """Let variables have their values; frames, offsets and tools of the control are no variables."""
         for item in line.assigned:
             if item.name == "$SC_FRAME_OFFSET_INCR_PROG":
@@ -203,7 +203,7 @@ class Run:
         """Words of a line."""
         return scan(text, self.flow.source.name, number, self.flow.variables)
 
-    def _drill(self, block: Block, moves: bool) -> bool:
+    def _drill(self, block: SinumerikBlock, moves: bool) -> bool:
         """Drilling cycles: called alone, or behind each block that moves (MCALL); whether one was made."""
         cycle = None
         if block.cycle:
@@ -226,7 +226,7 @@ class Run:
             self._counts[number] = self._counts.get(number, 0) + 1
         self.blocks.append(ReadBlock(number, text, words, modal, first, count, single=own, cycle=cycle))
 
-    def _frame(self, block: Block) -> None:
+    def _frame(self, block: SinumerikBlock) -> None:
         """Plane, TRANS, ATRANS, ROT, AROT, and the settable offset."""
         state = self._state
         if "plane" in block.groups:
@@ -254,7 +254,7 @@ class Run:
             state.machine_axes = False
             self._settable(block, offset)
 
-    def _settable(self, block: Block, offset: str) -> None:
+    def _settable(self, block: SinumerikBlock, offset: str) -> None:
         """Select a settable offset: the first one is that of the part, others as the cell file gives them."""
         state = self._state
         zero = state.zeros.get(offset)
@@ -277,7 +277,7 @@ class Run:
                 state.note_shift(before)
         state.work_offset = offset
 
-    def _modes(self, block: Block, dwell: bool) -> None:
+    def _modes(self, block: SinumerikBlock, dwell: bool) -> None:
         """Modes, speeds and tool."""
         state, groups = self._state, block.groups
         state.unit = groups.get("unit", state.unit)
@@ -293,7 +293,7 @@ class Run:
         if transformation is not None:
             state.traori, state.angles = transformation == "TRAORI", (0.0, 0.0, 0.0)
 
-    def _rates(self, block: Block) -> None:
+    def _rates(self, block: SinumerikBlock) -> None:
         state = self._state
         for name in ("F", "S", "S1"):
             value = block.take(name)
@@ -306,7 +306,7 @@ class Run:
             else:
                 state.speed_rpm = value
 
-    def _tool_number(self, block: Block, tool: str) -> int:
+    def _tool_number(self, block: SinumerikBlock, tool: str) -> int:
         number = self._tool_names.get(tool.strip().upper())
         if number is not None or (tool.isdecimal() and int(tool) <= 99_999):
             return int(tool) if number is None else number
@@ -317,7 +317,7 @@ class Run:
             hint="Give the tool this name in [[tools]] of the cell file, or write T1",
         )  # fmt: skip
 
-    def _tool(self, block: Block) -> None:
+    def _tool(self, block: SinumerikBlock) -> None:
         state = self._state
         tool = block.take_text("T")
         if tool is not None:
@@ -335,7 +335,7 @@ class Run:
             elif code in (3, 4, 5, 19):
                 state.spindle = {3: 1, 4: -1}.get(code, 0)
 
-    def _leave(self, block: Block, machine: str | None, axes: bool) -> None:
+    def _leave(self, block: SinumerikBlock, machine: str | None, axes: bool) -> None:
         """Go to a place of the machine."""
         fixed = machine in ("G74", "G75")
         away = [axis for axis, name in enumerate((*AXES, *ROTARY)) if block.take(name) is not None]
@@ -345,7 +345,7 @@ class Run:
         if axes or fixed:
             self.maker.leave(len(self.blocks), machine or "G500", [axis for axis in away if axis < 3])
 
-    def _move(self, block: Block) -> bool:
+    def _move(self, block: SinumerikBlock) -> bool:
         """Execute the motion of a block; whether its axis words are targets in the part."""
         state, maker = self._state, self.maker
         machine = block.groups.get("machine")

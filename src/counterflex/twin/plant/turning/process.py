@@ -12,7 +12,7 @@ from counterflex.core.units import MM
 from counterflex.cutting.cutter import Cutter
 from counterflex.cutting.stock import HeightMap
 from counterflex.twin.plant.chip import HISTORY, OK
-from counterflex.twin.plant.process import PENDING, Process
+from counterflex.twin.plant.process import PENDING, StockCutting
 from counterflex.twin.plant.turning.chip_kernel import turned_wrench
 from counterflex.twin.plant.turning.column_material import ColumnMaterial, outline_of, place_tool
 from counterflex.twin.truth.truth import CuttingTruth
@@ -23,7 +23,7 @@ _LEVER_M: Final = 20.0 * MM
 """Height on the tool at which its way is measured beside the tip."""
 
 
-class TurningProcess(Process):
+class TurningProcess(StockCutting):
     """Cuts columns of material with a tool whose tip is given step by step and whose axis is that of the plant.
 
     ``step_s``: Time between calls of :meth:`wrench`, s. ``T_base_part``: (4, 4) where the part truly lies.
@@ -53,7 +53,7 @@ class TurningProcess(Process):
         super().__init__(stock, cutter, cutting, step_s, T_base_part)
 
     def mount(self, cutter: Cutter) -> None:
-        """Change the tool, see :meth:`Process.mount`."""
+        """Change the tool, see :meth:`StockCutting.mount`."""
         super().mount(cutter)
         self._parts = outline_of(cutter, self._shape[2])
 
@@ -64,12 +64,12 @@ class TurningProcess(Process):
         return out
 
     def restart(self, p_part: Float) -> None:
-        """Forget the motion so far, see :meth:`Process.restart`."""
+        """Forget the motion so far, see :meth:`StockCutting.restart`."""
         super().restart(p_part)
         self._poses[:, :3], self._poses[:, 3:] = p_part, self.axis_part
 
     def wrench(self, p_base_tcp: Float) -> Float:
-        """Mean cutting wrench now, see :meth:`Process.wrench`.
+        """Mean cutting wrench now, see :meth:`StockCutting.wrench`.
 
         Raises SimulationError: the tool cuts above its flutes, or is moved into stock with the spindle off.
         """

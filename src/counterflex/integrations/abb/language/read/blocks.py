@@ -9,7 +9,7 @@ from typing import Final
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.arithmetic import GRAMMAR
-from counterflex.integrations.abb.language.read.scanner import Source, Statement
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement
 from counterflex.programs.expression import ExpressionError, Node, parse, parse_whole
 
 _OPENS: Final = {"IF": "ENDIF", "FOR": "ENDFOR", "WHILE": "ENDWHILE", "TEST": "ENDTEST"}
@@ -25,16 +25,16 @@ _LABEL: Final = re.compile(r"(\w+)\s*:")
 class Simple:
     """A statement that is executed by itself; ``index`` is its place among the statements of the routine."""
 
-    statement: Statement
+    statement: RapidStatement
     index: int
-    guard: Statement | None = None
+    guard: RapidStatement | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Label:
     """The target of GOTO."""
 
-    statement: Statement
+    statement: RapidStatement
     name: str
 
 
@@ -42,7 +42,7 @@ class Label:
 class Branch:
     """Statements and when they are executed; conditions of CASE are values, none at all is ELSE or DEFAULT."""
 
-    statement: Statement
+    statement: RapidStatement
     conditions: tuple[Node, ...]
     body: list[Tree]
 
@@ -51,7 +51,7 @@ class Branch:
 class TestBlock:
     """IF, or TEST with the value that is compared."""
 
-    statement: Statement
+    statement: RapidStatement
     branches: list[Branch]
     value: Node | None = None
 
@@ -60,7 +60,7 @@ class TestBlock:
 class LoopBlock:
     """WHILE with its condition, or FOR with its variable, first, last and step."""
 
-    statement: Statement
+    statement: RapidStatement
     variable: str
     values: tuple[Node, ...]
     body: list[Tree] = field(default_factory=list)
@@ -69,7 +69,7 @@ class LoopBlock:
 Tree = Simple | Label | TestBlock | LoopBlock
 
 
-def tree_of(source: Source, statements: Sequence[Statement]) -> list[Tree]:
+def tree_of(source: RapidSource, statements: Sequence[RapidStatement]) -> list[Tree]:
     """Return the statements of a routine as a tree, without its handlers of errors.
 
     Raises:
@@ -80,10 +80,10 @@ def tree_of(source: Source, statements: Sequence[Statement]) -> list[Tree]:
 
 
 class _Builder:
-    def __init__(self, source: Source, statements: Sequence[Statement]) -> None:
+    def __init__(self, source: RapidSource, statements: Sequence[RapidStatement]) -> None:
         self.source, self.statements, self.at = source, statements, 0
 
-    def body(self, closing: str, opened: Statement | None = None) -> list[Tree]:
+    def body(self, closing: str, opened: RapidStatement | None = None) -> list[Tree]:
         """Statements up to a word that divides or closes the part, which stays."""
         out: list[Tree] = []
         while self.at < len(self.statements):
@@ -114,7 +114,7 @@ class _Builder:
             )  # fmt: skip
         return out
 
-    def _simple(self, statement: Statement) -> Tree:
+    def _simple(self, statement: RapidStatement) -> Tree:
         if statement.word != "IF":
             return Simple(statement, self.at)
         try:
@@ -134,7 +134,7 @@ class _Builder:
         )
         return TestBlock(statement, [Branch(statement, (condition,), [Simple(inner, self.at, statement)])])
 
-    def _opened(self, statement: Statement) -> Tree:
+    def _opened(self, statement: RapidStatement) -> Tree:
         word = statement.word
         if word == "FOR":
             match = _FOR.fullmatch(statement.code)
@@ -150,7 +150,7 @@ class _Builder:
         self._close(_OPENS[word])
         return loop
 
-    def _choice(self, statement: Statement) -> TestBlock:
+    def _choice(self, statement: RapidStatement) -> TestBlock:
         closing = _OPENS[statement.word]
         value = self._condition(statement) if statement.word == "TEST" else None
         branches, head = [], statement
@@ -179,18 +179,18 @@ class _Builder:
             raise self._fault(f"{statement.word} stands where {closing} is expected", statement, "Post it again")
         self.at += 1
 
-    def _condition(self, statement: Statement) -> Node:
+    def _condition(self, statement: RapidStatement) -> Node:
         match = _HEAD.fullmatch(statement.code)
         text = "" if match is None else next(group for group in match.groups() if group is not None)
         return self._parsed(text, statement)
 
-    def _parsed(self, text: str, statement: Statement) -> Node:
+    def _parsed(self, text: str, statement: RapidStatement) -> Node:
         try:
             return parse_whole(text, GRAMMAR)
         except ExpressionError as fault:
             raise self._fault(f"no expression that is read: {fault}", statement, _READ) from fault
 
-    def _fault(self, what: str, statement: Statement, hint: str) -> ProgramError:
+    def _fault(self, what: str, statement: RapidStatement, hint: str) -> ProgramError:
         value = " ".join(statement.code.split())[:60]
         return ProgramError(what, where=self.source.place(statement.start), value=value, hint=hint)
 

@@ -12,9 +12,9 @@ from counterflex.core.arrays import Float
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.arithmetic import FUNCTIONS, GRAMMAR, WITH_OPTIONS, pose_product
 from counterflex.integrations.abb.language.read.literals import arguments
-from counterflex.integrations.abb.language.read.memory import Memory, RapidVariable, Reference
-from counterflex.integrations.abb.language.read.routines import Modules, Routine, RoutineParameter
-from counterflex.integrations.abb.language.read.scanner import Source, Statement
+from counterflex.integrations.abb.language.read.memory import RapidMemory, RapidVariable, Reference
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine, RoutineParameter
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement
 from counterflex.integrations.abb.language.read.types import copy_of
 from counterflex.integrations.abb.language.table import FUNCTION_OUTPUTS, TABLE
 from counterflex.programs.expression import Call, ExpressionError, Name, Node, evaluate
@@ -52,15 +52,15 @@ class Given:
 class Calls:
     """Names and functions of expressions, and calls of routines."""
 
-    memory: Memory
+    memory: RapidMemory
     modules: Modules
-    source: Source
-    now: Statement
-    _running: list[Routine]
+    source: RapidSource
+    now: RapidStatement
+    _running: list[RapidRoutine]
 
     @abstractmethod
     def execute(
-        self, routine: Routine, names: dict[str, Reference], absent: set[str], place: tuple[int, int]
+        self, routine: RapidRoutine, names: dict[str, Reference], absent: set[str], place: tuple[int, int]
     ) -> object:
         """Execute a routine."""
 
@@ -69,7 +69,7 @@ class Calls:
         """Return the displacement of the program, (4, 4) m."""
 
     @abstractmethod
-    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         """Make an error of a statement."""
 
     # ---- names and functions of expressions ------------------------------------------------------------------
@@ -81,7 +81,7 @@ class Calls:
             return Unknown(value.why, self._here())
         return value
 
-    def call_routine(self, routine: Routine, given: Given, place: tuple[int, int]) -> object:
+    def call_routine(self, routine: RapidRoutine, given: Given, place: tuple[int, int]) -> object:
         """Execute a routine with arguments.
 
         Raises:

@@ -9,8 +9,8 @@ from typing import Final
 
 from counterflex.integrations.abb.language.read.blocks import Label, LoopBlock, Simple, TestBlock, Tree
 from counterflex.integrations.abb.language.read.literals import arguments
-from counterflex.integrations.abb.language.read.routines import Modules, Routine
-from counterflex.integrations.abb.language.read.scanner import Statement
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidStatement
 from counterflex.integrations.abb.language.table import CYCLIC, OUTPUTS, SETS_MOTION, TABLE
 from counterflex.programs.expression import Aggregate, Call, Name, Node, Operator
 from counterflex.programs.statement_table import Treatment
@@ -29,10 +29,10 @@ class Effects:
     """Effects of statements on the path and on data."""
 
     # The first one that moves, or changes how later ones move; None where there is none
-    matters: Statement | None = None
+    matters: RapidStatement | None = None
     # Names that they assign something to, in capitals, each with the module of its routine; a name without module is
     # looked up where the statements stand
-    assigned: set[tuple[Routine | None, str]] = field(default_factory=set)
+    assigned: set[tuple[RapidRoutine | None, str]] = field(default_factory=set)
     returns: bool = False  # A RETURN is among them
     jumps: set[str] = field(default_factory=set)  # Labels that they go to, outside of them
     ends: bool = False  # The program may end in them
@@ -41,11 +41,11 @@ class Effects:
 class EffectsOf:
     """Finds effects of statements, those of the routines that they call included."""
 
-    def __init__(self, modules: Modules, process: Callable[[Routine, Simple], bool]) -> None:
+    def __init__(self, modules: Modules, process: Callable[[RapidRoutine, Simple], bool]) -> None:
         self._modules, self._process = modules, process
         self._whole: dict[int, Effects] = {}
 
-    def of_routine(self, routine: Routine) -> Effects:
+    def of_routine(self, routine: RapidRoutine) -> Effects:
         """Return the effects of a routine on what its caller sees."""
         known = self._whole.get(id(routine))
         if known is not None:
@@ -53,14 +53,14 @@ class EffectsOf:
         self._whole[id(routine)] = Effects()  # a routine that calls itself adds nothing
         inner = self.of(routine.tree, routine)
         own = {*routine.declared, *(parameter.name for parameter in routine.parameters)}
-        assigned: set[tuple[Routine | None, str]] = {
+        assigned: set[tuple[RapidRoutine | None, str]] = {
             (where or routine, name) for where, name in inner.assigned if where is not None or name not in own
         }
         out = Effects(inner.matters, assigned, ends=inner.ends)
         self._whole[id(routine)] = out
         return out
 
-    def of(self, trees: Sequence[Tree], routine: Routine) -> Effects:
+    def of(self, trees: Sequence[Tree], routine: RapidRoutine) -> Effects:
         """Return the effects of statements of a routine."""
         out = Effects()
         labels = {tree.name for tree in trees if isinstance(tree, Label)}
@@ -85,12 +85,12 @@ class EffectsOf:
         out.returns |= inner.returns
         out.ends |= inner.ends
 
-    def _nodes(self, nodes: Iterable[Node], routine: Routine, out: Effects, statement: Statement) -> None:
+    def _nodes(self, nodes: Iterable[Node], routine: RapidRoutine, out: Effects, statement: RapidStatement) -> None:
         """Functions that expressions call."""
         for name in _calls_in(nodes):
             self._called(name, routine, out, statement)
 
-    def _called(self, name: str, routine: Routine, out: Effects, statement: Statement) -> None:
+    def _called(self, name: str, routine: RapidRoutine, out: Effects, statement: RapidStatement) -> None:
         called = self._modules.find(name, routine.module)
         if called is not None:
             inner = self.of_routine(called)
@@ -100,7 +100,7 @@ class EffectsOf:
         elif TABLE.find(name) is None and name.upper() not in _NO_FUNCTION:
             out.matters = out.matters or statement  # a function of another module: it may move the robot
 
-    def _simple(self, tree: Simple, routine: Routine, out: Effects) -> None:
+    def _simple(self, tree: Simple, routine: RapidRoutine, out: Effects) -> None:
         statement, code, word = tree.statement, tree.statement.code, tree.statement.word
         for match in _CALLED.finditer(_STRING.sub('""', code)):
             self._called(match[1], routine, out, statement)
@@ -119,7 +119,7 @@ class EffectsOf:
         else:
             self._instruction(statement, routine, out)
 
-    def _instruction(self, statement: Statement, routine: Routine, out: Effects) -> None:
+    def _instruction(self, statement: RapidStatement, routine: RapidRoutine, out: Effects) -> None:
         word = statement.word
         called = self._modules.find(word, routine.module)
         names = list(names_given(statement))
@@ -141,7 +141,7 @@ def is_output(word: str, position: int, option: str) -> bool:
     return position in places or position == CYCLIC.get(word) or (option != "" and option in places)
 
 
-def names_given(statement: Statement) -> Iterator[tuple[int, str, str]]:
+def names_given(statement: RapidStatement) -> Iterator[tuple[int, str, str]]:
     """Return the arguments of an instruction that are names: position or -1, option or nothing, name in capitals."""
     position = 0
     word = re.match(r"\w+", statement.code)

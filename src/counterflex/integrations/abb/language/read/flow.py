@@ -10,9 +10,9 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.blocks import Label, LoopBlock, Simple, TestBlock, Tree
 from counterflex.integrations.abb.language.read.effects import Effects, EffectsOf
-from counterflex.integrations.abb.language.read.memory import Memory, RapidVariable, Reference
-from counterflex.integrations.abb.language.read.routines import Modules, Routine
-from counterflex.integrations.abb.language.read.scanner import Source, Statement
+from counterflex.integrations.abb.language.read.memory import RapidMemory, RapidVariable, Reference
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement
 from counterflex.integrations.abb.language.table import FORMS
 from counterflex.programs.expression import Node, is_number
 from counterflex.programs.program import Motion
@@ -28,7 +28,7 @@ WITHOUT: Final = "Post the path without this condition, or give its value in the
 class Jump(Exception):
     """GOTO; ``unknown`` where whether it jumps is not known."""
 
-    def __init__(self, label: str, statement: Statement, unknown: Unknown | None = None) -> None:
+    def __init__(self, label: str, statement: RapidStatement, unknown: Unknown | None = None) -> None:
         self.label, self.statement, self.unknown = label, statement, unknown
 
 
@@ -42,7 +42,7 @@ class Return(Exception):
 class MayReturn(Exception):
     """A RETURN behind a condition that is not known."""
 
-    def __init__(self, statement: Statement, unknown: Unknown) -> None:
+    def __init__(self, statement: RapidStatement, unknown: Unknown) -> None:
         self.statement, self.unknown = statement, unknown
 
 
@@ -50,17 +50,17 @@ class BlockEnd(Exception):
     """The program ends."""
 
 
-class Flow(ABC):
+class RapidFlow(ABC):
     """Executes parts of routines; mixed into the interpreter."""
 
-    source: Source
-    memory: Memory
+    source: RapidSource
+    memory: RapidMemory
     modules: Modules
     effects: EffectsOf
     acting: list[int]
     main_line: int
-    now: Statement
-    _running: list[Routine]
+    now: RapidStatement
+    _running: list[RapidRoutine]
     _seen: dict[int, int]
     _count: int
     _most: int
@@ -69,7 +69,7 @@ class Flow(ABC):
     motions: list[Motion]
 
     @abstractmethod
-    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         """Make an error of a statement."""
 
     @abstractmethod
@@ -114,13 +114,13 @@ class Flow(ABC):
         self.forget(effects, jump.unknown)
         return max(at + 1, target)
 
-    def _refuse_standstill(self, statement: Statement) -> None:
+    def _refuse_standstill(self, statement: RapidStatement) -> None:
         """Refuse a way back to where the program was with the same data: it never ends."""
         if self._seen.get(statement.start) == self.memory.stamp:
             raise self._endless(statement)
         self._seen[statement.start] = self.memory.stamp
 
-    def _endless(self, statement: Statement) -> ProgramError:
+    def _endless(self, statement: RapidStatement) -> ProgramError:
         return self.fault(
             "this loop never ends", statement, limit="a program that ends",
             hint="Give the routine that makes one part as a program of its own",
@@ -143,7 +143,7 @@ class Flow(ABC):
                 self.body(branch.body)
                 return
 
-    def _verdict(self, conditions: Sequence[Node], compares: bool, value: object, statement: Statement) -> object:
+    def _verdict(self, conditions: Sequence[Node], compares: bool, value: object, statement: RapidStatement) -> object:
         """Return whether a branch is executed: True, False or Unknown."""
         unknown: Unknown | None = None
         for condition in conditions:
@@ -154,12 +154,12 @@ class Flow(ABC):
                 return True if unknown is None else unknown
         return False if unknown is None else unknown
 
-    def _truth(self, value: object, statement: Statement) -> bool:
+    def _truth(self, value: object, statement: RapidStatement) -> bool:
         if not isinstance(value, bool):
             raise self.fault("the condition is no truth value", statement, limit="TRUE or FALSE", hint="Compare it")
         return value
 
-    def _decided(self, node: Node, statement: Statement) -> object:
+    def _decided(self, node: Node, statement: RapidStatement) -> object:
         self.now = statement
         before, self.memory.deciding = self.memory.deciding, True
         try:
@@ -167,7 +167,7 @@ class Flow(ABC):
         finally:
             self.memory.deciding = before
 
-    def _undecided(self, statement: Statement, bodies: Sequence[Tree], unknown: Unknown) -> None:
+    def _undecided(self, statement: RapidStatement, bodies: Sequence[Tree], unknown: Unknown) -> None:
         """Statements of which nobody knows whether they are executed: passed where they do not matter."""
         effects = self.effects.of(bodies, self._running[-1])
         if effects.matters is not None:
@@ -198,7 +198,7 @@ class Flow(ABC):
                 yield reference
 
     @contextlib.contextmanager
-    def _inside(self, routine: Routine) -> Iterator[None]:
+    def _inside(self, routine: RapidRoutine) -> Iterator[None]:
         """Names as a routine sees them that has no data of its own."""
         frames = self.memory.frames
         self.memory.frames = [self.memory.bare(routine)]
@@ -207,11 +207,11 @@ class Flow(ABC):
         finally:
             self.memory.frames = frames
 
-    def refuse_unknown(self, matters: Statement, unknown: Unknown, statement: Statement) -> None:
+    def refuse_unknown(self, matters: RapidStatement, unknown: Unknown, statement: RapidStatement) -> None:
         """Refuse a statement that matters to the path behind a condition that is not known."""
         raise self._unknown_condition(matters, statement, unknown)
 
-    def _unknown_condition(self, matters: Statement, statement: Statement, unknown: Unknown) -> ProgramError:
+    def _unknown_condition(self, matters: RapidStatement, statement: RapidStatement, unknown: Unknown) -> ProgramError:
         called = self.modules.find(matters.word, self._running[-1].module) is not None
         what = "a motion" if matters.word in FORMS else "a routine that moves" if called else "what sets the motions"
         return self.fault(
@@ -287,7 +287,7 @@ class Flow(ABC):
         else:
             names[tree.variable] = before
 
-    def tick(self, statement: Statement) -> None:
+    def tick(self, statement: RapidStatement) -> None:
         """Count a statement, and refuse a program that does not end."""
         self._count += 1
         if len(self.motions) != self._made:

@@ -14,7 +14,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.integrations.abb.language.read.arithmetic import matrix
-from counterflex.integrations.abb.language.read.memory import Memory
+from counterflex.integrations.abb.language.read.memory import RapidMemory
 from counterflex.programs.expression import is_number
 from counterflex.programs.robot_text.cell import RobotTextCell
 from counterflex.programs.unknown import known
@@ -47,7 +47,7 @@ class RapidCell(RobotTextCell):
         return self.T_base_part if self.T_base_tcp is None else self.T_flange_tcp
 
 
-class Frames:
+class RapidFrames:
     """Checks tool and work object of each instruction.
 
     Args:
@@ -56,7 +56,7 @@ class Frames:
         part_object: Without a cell, the work object that is the part frame, by name in capitals; empty: the first one.
     """
 
-    def __init__(self, cell: RapidCell | None, memory: Memory, part_object: str = "") -> None:
+    def __init__(self, cell: RapidCell | None, memory: RapidMemory, part_object: str = "") -> None:
         self.cell, self.memory = cell, memory
         self.tool = 0  # Number of the tool in the spindle; 0 where nothing says it
         self.objects: dict[str, int] = {}  # Motions by work object, without a cell

@@ -17,10 +17,10 @@ from counterflex.integrations.abb.language.program import RapidMotion
 from counterflex.integrations.abb.language.read.arithmetic import matrix, pose_inverse, pose_product
 from counterflex.integrations.abb.language.read.effects import Effects, EffectsOf, names_given
 from counterflex.integrations.abb.language.read.literals import CallArgument
-from counterflex.integrations.abb.language.read.memory import Memory, Reference
-from counterflex.integrations.abb.language.read.motions import Motions
-from counterflex.integrations.abb.language.read.routines import Modules, Routine
-from counterflex.integrations.abb.language.read.scanner import Statement
+from counterflex.integrations.abb.language.read.memory import RapidMemory, Reference
+from counterflex.integrations.abb.language.read.motions import RapidMotions
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidStatement
 from counterflex.integrations.abb.language.table import CYCLIC, TABLE
 from counterflex.programs.expression import is_number
 from counterflex.programs.unknown import Unknown, known
@@ -28,23 +28,23 @@ from counterflex.programs.unknown import Unknown, known
 _CONNECT: Final = re.compile(r"CONNECT\s+(\w+)\s+WITH\s+(\w+)\s*", re.IGNORECASE)
 
 
-class Instructions(Motions):
+class Instructions(RapidMotions):
     """Evaluates instructions; mixed into the interpreter."""
 
-    memory: Memory
+    memory: RapidMemory
     modules: Modules
     effects: EffectsOf
-    _running: list[Routine]
+    _running: list[RapidRoutine]
 
     @abstractmethod
-    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         """Make an error of a statement."""
 
     @abstractmethod
     def assigned_by(self, effects: Effects) -> Iterator[Reference]:
         """Return the data that statements assign something to, as their own routines see them."""
 
-    def _given(self, statement: Statement, given: Sequence[CallArgument], count: int) -> list[object]:
+    def _given(self, statement: RapidStatement, given: Sequence[CallArgument], count: int) -> list[object]:
         """Values of the arguments of an instruction."""
         if len(given) != count:
             raise self.fault(f"{statement.word} has {count} arguments", statement, hint="Post the program again")
@@ -52,7 +52,7 @@ class Instructions(Motions):
         where = self.source.place(statement.start)
         return known(values, f"what {statement.code.split()[0]} sets", where, text=statement.code)
 
-    def _changed(self, statement: Statement, argument: CallArgument) -> Reference | None:
+    def _changed(self, statement: RapidStatement, argument: CallArgument) -> Reference | None:
         try:
             return self.memory.reference(self.memory.node(argument.text, argument.start))
         except ValueError as fault:
@@ -60,7 +60,7 @@ class Instructions(Motions):
 
     # ---- data ------------------------------------------------------------------------------------------------
 
-    def _change(self, statement: Statement, given: Sequence[CallArgument], by: object) -> None:
+    def _change(self, statement: RapidStatement, given: Sequence[CallArgument], by: object) -> None:
         reference = self._changed(statement, given[0])
         if reference is None:
             return
@@ -73,27 +73,27 @@ class Instructions(Motions):
         else:
             raise self.fault("only numbers are counted", statement, hint="Check the type of the data")
 
-    def incr(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def incr(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``Incr n``."""
         self._change(statement, given, 1)
 
-    def decr(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def decr(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``Decr n``."""
         self._change(statement, given, -1)
 
-    def add(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def add(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``Add n, 5``."""
         if len(given) != 2:
             raise self.fault("Add has 2 arguments", statement, hint="Post the program again")
         self._change(statement, given, self.memory.evaluated(given[1].text, given[1].start))
 
-    def clear(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def clear(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``Clear n``."""
         reference = self._changed(statement, given[0])
         if reference is not None:
             self.memory.assign(reference, 0)
 
-    def bit(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def bit(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``BitSet data, 3``, ``BitClear data, 3``."""
         reference = self._changed(statement, given[0])
         if reference is None or len(given) != 2:
@@ -108,7 +108,7 @@ class Instructions(Motions):
 
     # ---- waits -----------------------------------------------------------------------------------------------
 
-    def wait(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def wait(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         r"""``WaitTime 0.5``, ``WaitTime\InPos,0.5``."""
         argument = next((one for one in given if one.text), None)
         if argument is None:
@@ -127,14 +127,14 @@ class Instructions(Motions):
 
     # ---- speed -----------------------------------------------------------------------------------------------
 
-    def vel_set(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def vel_set(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``VelSet 50, 800``: override in per cent, and the largest speed in mm/s."""
         override, largest = self._given(statement, given, 2)
         if not is_number(override) or not is_number(largest) or not 0.0 < override <= 100.0 or not largest > 0.0:  # type: ignore[operator]
             raise self.fault("VelSet is out of range", statement, limit="above 0, at most 100 %", hint="VelSet 100,800")
         self.override, self.largest_m_s = float(override) / 100.0, float(largest) * MM  # type: ignore[arg-type]
 
-    def speed_refresh(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def speed_refresh(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``SpeedRefresh 100``: any other value acts in the middle of a motion."""
         (value,) = self._given(statement, given, 1)
         if value != 100:
@@ -156,14 +156,14 @@ class Instructions(Motions):
         p, q = self._displacement
         return pose.make(matrix(q), np.array(p, dtype=float) * MM)
 
-    def pdisp_set(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def pdisp_set(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``PDispSet pose``: the targets behind it lie in that frame of the work object."""
         (value,) = self._given(statement, given, 1)
         if not _is_pose(value):
             raise self.fault("PDispSet needs a pose", statement, limit="[[x,y,z],[q1,q2,q3,q4]]", hint="Write it")
         self._displacement = value  # type: ignore[assignment]
 
-    def pdisp_on(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def pdisp_on(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         r"""``PDispOn \Rot \ExeP:=p2, p1, tool``: moves p1 to p2, and turns it with Rot."""
         options = {key: item for argument in given for key, item in argument.options.items()}
         points = [argument for argument in given if argument.text]
@@ -186,12 +186,12 @@ class Instructions(Motions):
             p = [a - b for a, b in zip(there[0], here[0], strict=True)]  # type: ignore[index]
             self._displacement = [p, [1.0, 0.0, 0.0, 0.0]]
 
-    def pdisp_off(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def pdisp_off(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``PDispOff``."""
         del statement, given
         self._displacement = None
 
-    def eoffs_set(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def eoffs_set(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``EOffsSet``: displaces external axes, which stand still in the cut."""
         (value,) = self._given(statement, given, 1)
         if not isinstance(value, list) or any(is_number(item) and 0.0 < abs(item) < 8e8 for item in value):
@@ -202,7 +202,7 @@ class Instructions(Motions):
 
     # ---- interrupts ------------------------------------------------------------------------------------------
 
-    def connect(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def connect(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """``CONNECT n WITH trap``: what the trap assigns may change at any time behind it."""
         del given
         match = _CONNECT.fullmatch(statement.code)
@@ -223,7 +223,7 @@ class Instructions(Motions):
         for reference in self.assigned_by(effects):
             self._volatile(reference, unknown)
 
-    def cyclic(self, statement: Statement, given: Sequence[CallArgument]) -> None:
+    def cyclic(self, statement: RapidStatement, given: Sequence[CallArgument]) -> None:
         """Instructions that let the controller write into a variable from here on."""
         del given
         row = TABLE.find(statement.word)
@@ -239,7 +239,7 @@ class Instructions(Motions):
         reference.variable.volatile = unknown
         self.memory.stamp += 1
 
-    def _line(self, statement: Statement) -> str:
+    def _line(self, statement: RapidStatement) -> str:
         return self.source.where(statement.start)
 
 
@@ -249,7 +249,7 @@ def _is_pose(value: object) -> bool:
     return all(is_number(part) for item in value for part in item) and any(value[1])
 
 
-Handler = Callable[[Instructions, Statement, Sequence[CallArgument]], None]
+Handler = Callable[[Instructions, RapidStatement, Sequence[CallArgument]], None]
 HANDLERS: Final[dict[str, Handler]] = {
     "INCR": Instructions.incr, "DECR": Instructions.decr, "ADD": Instructions.add, "CLEAR": Instructions.clear,
     "BITSET": Instructions.bit, "BITCLEAR": Instructions.bit, "WAITTIME": Instructions.wait,

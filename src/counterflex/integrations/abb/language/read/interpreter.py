@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -13,16 +13,17 @@ from counterflex.integrations.abb.language.program import RoutineCall
 from counterflex.integrations.abb.language.read.blocks import Simple
 from counterflex.integrations.abb.language.read.calls import Calls, Given
 from counterflex.integrations.abb.language.read.effects import EffectsOf, is_output, names_given
-from counterflex.integrations.abb.language.read.flow import WITHOUT, BlockEnd, Flow, Jump, MayReturn, Return
-from counterflex.integrations.abb.language.read.frames import Frames, RapidCell
+from counterflex.integrations.abb.language.read.flow import WITHOUT, BlockEnd, Jump, MayReturn, RapidFlow, Return
+from counterflex.integrations.abb.language.read.frames import RapidCell, RapidFrames
 from counterflex.integrations.abb.language.read.instructions import HANDLERS, Instructions
 from counterflex.integrations.abb.language.read.literals import arguments
-from counterflex.integrations.abb.language.read.memory import Memory, Reference
-from counterflex.integrations.abb.language.read.routines import Modules, Routine
-from counterflex.integrations.abb.language.read.scanner import Source, Statement, statements_of
-from counterflex.integrations.abb.language.read.targets import Targets
+from counterflex.integrations.abb.language.read.memory import RapidMemory, Reference
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement, statements_of
+from counterflex.integrations.abb.language.read.targets import RapidTargets
 from counterflex.integrations.abb.language.table import ACTS, FORMS, TABLE
 from counterflex.programs.expression import ExpressionError, is_number
+from counterflex.programs.gcode.read.flow import split_lines
 from counterflex.programs.program import Block, Word
 from counterflex.programs.robot_text.process_words import ProcessWord, ProcessWords
 from counterflex.programs.statement_table import Treatment
@@ -38,24 +39,37 @@ _LONGEST: Final = 8
 _ASSIGNMENT: Final = re.compile(r"([A-Za-z]\w*(?:\s*\{[^}]*\}|\s*\.\s*\w+)*)\s*:=", re.DOTALL)
 
 
-class Interpreter(Flow, Instructions, Calls):
+class RapidInterpreter(RapidFlow, Instructions, Calls):
     """State of the controller while a program runs."""
 
-    def __init__(
-        self, source: Source, modules: Modules, cell: RapidCell | None, lines: Sequence[str], part_object: str = ""
-    ) -> None:
-        self.source, self.modules, self.cell, self._lines = source, modules, cell, lines
-        self.memory = Memory(source, modules)
+    def __init__(self, source: RapidSource, modules: Modules, cell: RapidCell | None, part_object: str = "") -> None:
+        self.source, self.modules, self.cell, self._lines = source, modules, cell, split_lines(source.text)
+        self.memory = RapidMemory(source, modules)
         self.memory.evaluator = self
-        self.frames: Frames = Frames(cell, self.memory, part_object)
+        self.frames: RapidFrames = RapidFrames(cell, self.memory, part_object)
         super().__init__(self.frames)
-        self.targets = Targets(self.memory, cell, lambda: len(self.motions))
+        self.targets = RapidTargets(self.memory, cell, lambda: len(self.motions))
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code, statements_of)
         self.effects = EffectsOf(modules, self._begins_function)
-        self._running: list[Routine] = []
+        self._running: list[RapidRoutine] = []
         self._most = _MOST + sum(len(r.statements) for module in modules.modules for r in module.routines.values())
         self._count, self._still, self._made, self.main_line = 0, 0, 0, 1
         self._seen: dict[int, int] = {}
+
+    @classmethod
+    def executed(
+        cls,
+        source: RapidSource,
+        modules: Modules,
+        cell: RapidCell | None,
+        part_object: str,
+        kept_from: Mapping[int, object] | None,
+    ) -> RapidInterpreter:
+        """Return the state after the program has run, with the values that persistent data begins with."""
+        interpreter = cls(source, modules, cell, part_object)
+        interpreter.memory.kept_from = kept_from
+        interpreter.run()
+        return interpreter
 
     def run(self) -> None:
         """Execute the program.
@@ -70,7 +84,7 @@ class Interpreter(Flow, Instructions, Calls):
     # ---- routines --------------------------------------------------------------------------------------------
 
     def execute(
-        self, routine: Routine, names: dict[str, Reference], absent: set[str], place: tuple[int, int]
+        self, routine: RapidRoutine, names: dict[str, Reference], absent: set[str], place: tuple[int, int]
     ) -> object:
         """Execute a routine with its arguments; returns its value, None of a PROC.
 
@@ -105,7 +119,7 @@ class Interpreter(Flow, Instructions, Calls):
         self._call, self.now = parent, now
         return value
 
-    def _left_perhaps(self, routine: Routine, may: MayReturn) -> object:
+    def _left_perhaps(self, routine: RapidRoutine, may: MayReturn) -> object:
         """A RETURN of which nobody knows whether it is executed: the rest of the routine is passed."""
         effects = self.effects.of_routine(routine)
         if len(self._running) == 1:
@@ -117,7 +131,7 @@ class Interpreter(Flow, Instructions, Calls):
 
     # ---- statements ------------------------------------------------------------------------------------------
 
-    def _begins_function(self, routine: Routine, tree: Simple) -> bool:
+    def _begins_function(self, routine: RapidRoutine, tree: Simple) -> bool:
         """Return whether a machine function begins at a statement."""
         if self.process is None or tree.statement.word in FORMS:
             return False
@@ -192,7 +206,7 @@ class Interpreter(Flow, Instructions, Calls):
                 self._blocks[index] = Block(statement.line, text, tuple(self._words), state, first, made, file=file)
         return count
 
-    def _statement(self, statement: Statement) -> None:
+    def _statement(self, statement: RapidStatement) -> None:
         word = statement.word
         if word in FORMS:
             self.motion(statement, word)
@@ -215,7 +229,7 @@ class Interpreter(Flow, Instructions, Calls):
             return
         self._instruction(statement, word)
 
-    def _instruction(self, statement: Statement, word: str) -> None:
+    def _instruction(self, statement: RapidStatement, word: str) -> None:
         row = TABLE.find(word)
         if row is None:
             raise self.fault(
@@ -236,12 +250,12 @@ class Interpreter(Flow, Instructions, Calls):
             if is_output(word, position, option):
                 self._forget_output(name, row.word, statement)
 
-    def _forget_output(self, name: str, word: str, statement: Statement) -> None:
+    def _forget_output(self, name: str, word: str, statement: RapidStatement) -> None:
         reference = self.memory.find(name)
         if reference is not None:
             self.memory.forget(reference, Unknown(f"{word} sets {name.lower()}", self.source.where(statement.start)))
 
-    def _assign(self, statement: Statement, match: re.Match[str]) -> None:
+    def _assign(self, statement: RapidStatement, match: re.Match[str]) -> None:
         memory = self.memory
         value = memory.evaluated(statement.code[match.end() :], statement.start + match.end())
         target = memory.node(match[1], statement.start)
@@ -254,7 +268,7 @@ class Interpreter(Flow, Instructions, Calls):
         if reference is not None and reference.variable.name != "":
             memory.assign(reference, value)
 
-    def _leave(self, statement: Statement, word: str) -> None:
+    def _leave(self, statement: RapidStatement, word: str) -> None:
         if word == "RETURN":
             text = statement.code[len("RETURN") :]
             value = self.memory.evaluated(text, statement.start + len("RETURN")) if text.strip() else None
@@ -271,7 +285,7 @@ class Interpreter(Flow, Instructions, Calls):
                 hint="Post the path without it",
             )  # fmt: skip
 
-    def _late(self, statement: Statement, word: str) -> None:
+    def _late(self, statement: RapidStatement, word: str) -> None:
         """A routine whose name is computed: ``%"part" + NumToStr(n,0)%``, ``CallByVar "part",n``."""
         code, start = statement.code, statement.start
         if word == "CALLBYVAR":
@@ -294,7 +308,7 @@ class Interpreter(Flow, Instructions, Calls):
         given_here = Given.of_instruction(self.source.code, start + behind, statement.end)
         self.call_routine(routine, given_here, (start, start + behind))
 
-    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         """Make an error of a statement."""
         value = " ".join(statement.code.split())[:60]
         return ProgramError(what, where=self.source.place(statement.start), value=value, **more)

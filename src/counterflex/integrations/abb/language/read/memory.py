@@ -11,8 +11,8 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.arithmetic import GRAMMAR
 from counterflex.integrations.abb.language.read.literals import robtarget_literal
-from counterflex.integrations.abb.language.read.routines import Declared, Modules, RapidModule, Routine
-from counterflex.integrations.abb.language.read.scanner import Source
+from counterflex.integrations.abb.language.read.routines import Declared, Modules, RapidModule, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidSource
 from counterflex.integrations.abb.language.read.types import PREDEFINED, Types, copy_of
 from counterflex.programs.expression import (
     ExpressionError,
@@ -74,16 +74,16 @@ class Reference:
 class RoutineFrame:
     """Names of a routine that is executed, its optional arguments that are left out, and its number."""
 
-    routine: Routine
+    routine: RapidRoutine
     names: dict[str, Reference] = field(default_factory=dict)
     absent: set[str] = field(default_factory=set)
     serial: int = field(default_factory=itertools.count().__next__)
 
 
-class Memory:
+class RapidMemory:
     """Variables of all modules and of the routines that are executed."""
 
-    def __init__(self, source: Source, modules: Modules) -> None:
+    def __init__(self, source: RapidSource, modules: Modules) -> None:
         self.source, self.modules = source, modules
         self.types = Types()  # Data types
         self.frames: list[RoutineFrame] = []  # Routines that are executed, the innermost last
@@ -205,7 +205,7 @@ class Memory:
             out.append(int(size))  # type: ignore[call-overload]
         return tuple(out)
 
-    def enter(self, routine: Routine, names: Mapping[str, Reference], absent: set[str]) -> None:
+    def enter(self, routine: RapidRoutine, names: Mapping[str, Reference], absent: set[str]) -> None:
         """Begin a routine with its arguments, and those that are left out."""
         frame = RoutineFrame(routine, dict(names), absent)
         self.frames.append(frame)
@@ -215,7 +215,7 @@ class Memory:
             variable.value = self.declared_value(declared, dims)
             frame.names[key] = Reference(variable, (), declared.kind, dims)
 
-    def bare(self, routine: Routine) -> RoutineFrame:
+    def bare(self, routine: RapidRoutine) -> RoutineFrame:
         """Return a frame that sees what the module of a routine sees, and nothing else."""
         return RoutineFrame(routine)
 
@@ -377,7 +377,7 @@ def _assigned_paths(modules: Modules) -> dict[str, set[tuple[str, ...]]]:
     return out
 
 
-def _assignments(routine: Routine) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _assignments(routine: RapidRoutine) -> Iterator[tuple[str, tuple[str, ...]]]:
     for statement in routine.statements:
         code = statement.code
         for match in _CHANGED_BY.finditer(code):
@@ -392,6 +392,6 @@ def _assignments(routine: Routine) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield match[1].upper(), names
 
 
-def _NOWHERE(module: RapidModule) -> Routine:
+def _NOWHERE(module: RapidModule) -> RapidRoutine:
     """Return an empty routine of a module that has none."""
-    return Routine("", "PROC", 0, 0, (0, 0), module, (), False, Source("", ""))
+    return RapidRoutine("", "PROC", 0, 0, (0, 0), module, (), False, RapidSource("", ""))

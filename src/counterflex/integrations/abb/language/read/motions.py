@@ -18,12 +18,12 @@ from counterflex.geometry import pose
 from counterflex.integrations.abb.language.program import RapidMotion, RapidTarget, RoutineCall
 from counterflex.integrations.abb.language.read.arithmetic import matrix
 from counterflex.integrations.abb.language.read.effects import EffectsOf
-from counterflex.integrations.abb.language.read.frames import Frames, RapidCell
+from counterflex.integrations.abb.language.read.frames import RapidCell, RapidFrames
 from counterflex.integrations.abb.language.read.literals import CallArgument, arguments
-from counterflex.integrations.abb.language.read.memory import Memory
-from counterflex.integrations.abb.language.read.routines import Modules, Routine
-from counterflex.integrations.abb.language.read.scanner import Source, Statement
-from counterflex.integrations.abb.language.read.targets import Speed, Targets
+from counterflex.integrations.abb.language.read.memory import RapidMemory
+from counterflex.integrations.abb.language.read.routines import Modules, RapidRoutine
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement
+from counterflex.integrations.abb.language.read.targets import RapidTargets, Speed
 from counterflex.integrations.abb.language.table import FORMS, RapidForm
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.program import Modal, Word
@@ -43,7 +43,7 @@ _LEAST_M: Final = 1e-9
 _AXES: Final = 6
 
 
-class Motions(Execution):
+class RapidMotions(Execution):
     """Makes motions; mixed into the interpreter.
 
     Attributes:
@@ -51,30 +51,30 @@ class Motions(Execution):
         largest_m_s: Largest speed of VelSet.
     """
 
-    source: Source
-    memory: Memory
+    source: RapidSource
+    memory: RapidMemory
     modules: Modules
-    targets: Targets
-    frames: Frames
+    targets: RapidTargets
+    frames: RapidFrames
     effects: EffectsOf
     cell: RapidCell | None
-    _running: list[Routine]
+    _running: list[RapidRoutine]
 
-    def __init__(self, in_spindle: Frames) -> None:
+    def __init__(self, in_spindle: RapidFrames) -> None:
         super().__init__(in_spindle)
         self.moves: list[RapidMotion] = []  # What stands behind each motion in the text
         self.calls: list[RoutineCall] = []  # Executions of routines
         self.override, self.largest_m_s = 1.0, math.inf
-        self.guard: Statement | None = None  # Compact IF that the statement stands in, or None
-        self.now = Statement(0, 0, "", 1, False)  # The statement that is executed
+        self.guard: RapidStatement | None = None  # Compact IF that the statement stands in, or None
+        self.now = RapidStatement(0, 0, "", 1, False)  # The statement that is executed
         self._call = -1
         self._displacement: list[list[float]] | None = None
-        self._away: list[tuple[Statement, Float | None, int, list[float], object]] = []
+        self._away: list[tuple[RapidStatement, Float | None, int, list[float], object]] = []
         self._states: dict[tuple[str, int, float], Modal] = {}
         self._rotations: dict[tuple[float, ...], Float] = {}
 
     @abstractmethod
-    def fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         """Make an error of a statement."""
 
     @abstractmethod
@@ -101,7 +101,7 @@ class Motions(Execution):
 
     # ---- instructions ----------------------------------------------------------------------------------------
 
-    def motion(self, statement: Statement, word: str) -> None:
+    def motion(self, statement: RapidStatement, word: str) -> None:
         """Make the motion of an instruction.
 
         Raises:
@@ -141,7 +141,7 @@ class Motions(Execution):
         )  # fmt: skip
 
     def _arguments(
-        self, statement: Statement, form: RapidForm
+        self, statement: RapidStatement, form: RapidForm
     ) -> tuple[list[CallArgument], CallArgument, CallArgument, CallArgument]:
         """Points, speed, zone and tool of an instruction."""
         match = _PLAIN.fullmatch(statement.code) if form.plain else None
@@ -199,7 +199,7 @@ class Motions(Execution):
                         hint="Post the path without it",
                     )  # fmt: skip
 
-    def _check_routine(self, argument: CallArgument, statement: Statement) -> None:
+    def _check_routine(self, argument: CallArgument, statement: RapidStatement) -> None:
         """Refuse a routine that runs in the middle of a motion and matters to it (MoveLSync)."""
         name = known(
             self.memory.evaluated(argument.text, argument.start), "the routine", self.source.place(argument.start)
@@ -233,7 +233,7 @@ class Motions(Execution):
         feed = speed.m_s * self.override
         return (min(feed, self.largest_m_s)), self.override
 
-    def _timed(self, statement: Statement, time_s: float) -> None:
+    def _timed(self, statement: RapidStatement, time_s: float) -> None:
         """Give the last motion the speed that its time means."""
         motion = self.motions[-1]
         if motion.kind == "rapid":
@@ -250,7 +250,7 @@ class Motions(Execution):
 
     # ---- by axes ---------------------------------------------------------------------------------------------
 
-    def _by_axes(self, statement: Statement, word: str) -> None:
+    def _by_axes(self, statement: RapidStatement, word: str) -> None:
         """``MoveAbsJ``: the place follows from the robot of the cell; ``MoveExtJ`` moves external axes alone."""
         given = arguments(self.source.code, statement.start + len(word), statement.end)
         given = [argument for argument in given if argument.text]
@@ -276,7 +276,7 @@ class Motions(Execution):
         numbers = [float(axis) for axis in axes if is_number(axis)]
         return tip(numbers, self.targets.external.now | self.targets.external_of(external)), numbers
 
-    def _arrive(self, statement: Statement) -> None:
+    def _arrive(self, statement: RapidStatement) -> None:
         """Make the motion by axes that came before, where the robot goes on from its end."""
         away, self._away = self._away, []
         if not away or not self.motions:
@@ -292,7 +292,7 @@ class Motions(Execution):
                 RapidMotion(before.line, before.code.split()[0], self._call, before.start, before.end, np.eye(3))
             )
 
-    def _refuse_away(self, before: Statement, statement: Statement) -> ProgramError:
+    def _refuse_away(self, before: RapidStatement, statement: RapidStatement) -> ProgramError:
         reason = "Give --cell" if self.cell is None else "Give that place as a robtarget"
         return self.fault(
             "the robot comes from a place that is not known, by axes "

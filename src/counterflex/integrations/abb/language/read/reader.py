@@ -19,11 +19,10 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
 from counterflex.integrations.abb.language.program import RapidProgram
 from counterflex.integrations.abb.language.read.frames import RapidCell
-from counterflex.integrations.abb.language.read.interpreter import Interpreter, replaced
+from counterflex.integrations.abb.language.read.interpreter import RapidInterpreter, replaced
 from counterflex.integrations.abb.language.read.memory import LAST_RUN
 from counterflex.integrations.abb.language.read.routines import Modules
-from counterflex.integrations.abb.language.read.scanner import FilePart, Source
-from counterflex.programs.gcode.read.flow import split_lines
+from counterflex.integrations.abb.language.read.scanner import FilePart, RapidSource
 from counterflex.programs.program import same_motions
 from counterflex.programs.source_text import read_text, refuse_mark
 
@@ -277,7 +276,7 @@ def read_rapid(
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
     """
-    source = Source(text, name, parts)
+    source = RapidSource(text, name, parts)
     modules = Modules(source, complete=complete)
     interpreter = _executed(source, modules, cell)
     starts = [move.start for move in interpreter.moves]
@@ -296,7 +295,7 @@ def read_rapid(
     )
 
 
-def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Interpreter:
+def _executed(source: RapidSource, modules: Modules, cell: RapidCell | None) -> RapidInterpreter:
     """Return the program as executed."""
     # Persistent data that it changes begins with what the last run left. If that matters, the program is executed from
     # the declared values, and again from what this run leaves: it is known if both runs do the same and leave the same.
@@ -321,21 +320,14 @@ def _executed(source: Source, modules: Modules, cell: RapidCell | None) -> Inter
 
 
 def _run(
-    source: Source, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
-) -> Interpreter:
-    def executed(part_object: str) -> Interpreter:
-        interpreter = Interpreter(source, modules, cell, lines, part_object)
-        interpreter.memory.kept_from = kept_from
-        interpreter.run()
-        return interpreter
-
-    lines = split_lines(source.text)
-    first = executed("")
+    source: RapidSource, modules: Modules, cell: RapidCell | None, kept_from: Mapping[int, object] | None
+) -> RapidInterpreter:
+    first = RapidInterpreter.executed(source, modules, cell, "", kept_from)
     objects = first.frames.objects
     if len(objects) < 2:
         return first
     try:  # without a cell: most motions are in the part frame
-        return executed(max(objects, key=lambda key: objects[key]))
+        return RapidInterpreter.executed(source, modules, cell, max(objects, key=lambda key: objects[key]), kept_from)
     except ProgramError:  # that frame begins unknown, because the program itself changes it
         return first
 

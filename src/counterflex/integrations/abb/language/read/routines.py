@@ -10,7 +10,7 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.abb.language.read.blocks import Tree, tree_of
 from counterflex.integrations.abb.language.read.data import DECLARATION
-from counterflex.integrations.abb.language.read.scanner import Source, Statement
+from counterflex.integrations.abb.language.read.scanner import RapidSource, RapidStatement
 
 _I: Final = re.IGNORECASE
 _MODULE: Final = re.compile(r"MODULE\s+(\w+)", _I)
@@ -48,7 +48,7 @@ class Declared:
 
 
 @dataclass(eq=False)
-class Routine:
+class RapidRoutine:
     """A PROC, FUNC or TRAP."""
 
     name: str  # As declared
@@ -59,8 +59,10 @@ class Routine:
     module: RapidModule  # The module that it stands in
     parameters: tuple[RoutineParameter, ...]  # In order
     local: bool  # It is seen in its module alone
-    source: Source
-    statements: list[Statement] = field(default_factory=list)  # Between its head and ENDPROC, declarations left out
+    source: RapidSource
+    statements: list[RapidStatement] = field(
+        default_factory=list
+    )  # Between its head and ENDPROC, declarations left out
     declared: dict[str, Declared] = field(default_factory=dict)  # Data that it declares
 
     @cached_property
@@ -80,7 +82,7 @@ class RapidModule:
 
     name: str  # As declared
     declarations: int  # Index behind its head
-    routines: dict[str, Routine] = field(default_factory=dict)  # By name in capitals
+    routines: dict[str, RapidRoutine] = field(default_factory=dict)  # By name in capitals
     data: dict[str, Declared] = field(default_factory=dict)  # The same
     # Components, name and type, of each record by its name in lower case
     records: dict[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
@@ -94,11 +96,11 @@ class Modules:
         ProgramError: A file is no module, or a part of it is not closed.
     """
 
-    def __init__(self, source: Source, *, complete: bool) -> None:
+    def __init__(self, source: RapidSource, *, complete: bool) -> None:
         self.source = source
         self.modules: list[RapidModule] = []
-        self._opened: tuple[str, Statement] | None = None
-        self._current: Routine | None = None
+        self._opened: tuple[str, RapidStatement] | None = None
+        self._current: RapidRoutine | None = None
         self._record: list[tuple[str, str]] = []
         self._ended = True
         for statement in source.statements():
@@ -124,7 +126,7 @@ class Modules:
             hint="Post it again, or say --without-end if it is complete",
         )  # fmt: skip
 
-    def _head(self, statement: Statement) -> None:
+    def _head(self, statement: RapidStatement) -> None:
         match = _MODULE.match(statement.code) if statement.structure else None
         begins = not self.modules or self.source.part(statement.start) != self.source.part(
             self.modules[-1].declarations
@@ -139,7 +141,7 @@ class Modules:
         self.modules.append(RapidModule(match[1], statement.end))
         self._ended = False
 
-    def _between(self, statement: Statement) -> bool:
+    def _between(self, statement: RapidStatement) -> bool:
         """A statement outside of routines; whether the module ends here."""
         module = self.modules[-1]
         head = _ROUTINE.fullmatch(statement.code) if statement.structure else None
@@ -161,7 +163,7 @@ class Modules:
             )  # fmt: skip
         return False
 
-    def _within(self, word: str, opened: Statement, statement: Statement) -> None:
+    def _within(self, word: str, opened: RapidStatement, statement: RapidStatement) -> None:
         """A statement of a routine or record."""
         if statement.structure and statement.word == _END_OF[word]:
             if self._current is not None:
@@ -182,7 +184,7 @@ class Modules:
         elif statement.structure or not self._declaration(statement, self._current.declared):
             self._current.statements.append(statement)
 
-    def _declaration(self, statement: Statement, into: dict[str, Declared]) -> bool:
+    def _declaration(self, statement: RapidStatement, into: dict[str, Declared]) -> bool:
         """Take a declaration; whether it is one."""
         match = DECLARATION.match(statement.code)
         if match is None:
@@ -202,12 +204,12 @@ class Modules:
         )  # fmt: skip
         return True
 
-    def _begun(self, head: re.Match[str], word: str, statement: Statement) -> Routine:
+    def _begun(self, head: re.Match[str], word: str, statement: RapidStatement) -> RapidRoutine:
         name, module = head[4], self.modules[-1]
         if name.upper() in module.routines:
             raise self._fault(f"{name} is there twice", statement, hint="The file may be damaged: post it again")
         place = (statement.start + head.start(4), statement.start + head.end(4))
-        routine = Routine(
+        routine = RapidRoutine(
             name, word, statement.start, statement.end, place, module,
             tuple(self._parameters((head[5] or "()")[1:-1], statement)), (head[1] or "").upper() == "LOCAL",
             self.source,
@@ -215,7 +217,7 @@ class Modules:
         module.routines[name.upper()] = routine
         return routine
 
-    def _parameters(self, text: str, statement: Statement) -> list[RoutineParameter]:
+    def _parameters(self, text: str, statement: RapidStatement) -> list[RoutineParameter]:
         out, optional = [], False
         for piece in re.split(r"([,\\|])", text):
             if piece in (",", "\\", "|"):
@@ -233,18 +235,18 @@ class Modules:
     # ---- names -----------------------------------------------------------------------------------------------
 
     @cached_property
-    def _global(self) -> dict[str, Routine]:
+    def _global(self) -> dict[str, RapidRoutine]:
         return {
             name: routine for module in self.modules for name, routine in module.routines.items() if not routine.local
         }
 
-    def find(self, name: str, module: RapidModule) -> Routine | None:
+    def find(self, name: str, module: RapidModule) -> RapidRoutine | None:
         """A routine by name, as a module sees it."""
         return module.routines.get(name.upper()) or self._global.get(name.upper())
 
-    def reachable(self) -> list[Routine]:
+    def reachable(self) -> list[RapidRoutine]:
         """Return the routines that the program may execute: those whose names stand in it, and in those again."""
-        by_name: dict[str, list[Routine]] = {}
+        by_name: dict[str, list[RapidRoutine]] = {}
         for module in self.modules:
             for name, routine in module.routines.items():
                 by_name.setdefault(name, []).append(routine)
@@ -261,7 +263,7 @@ class Modules:
             waiting += [other for name in names & by_name.keys() for other in by_name[name]]
         return reached
 
-    def find_late(self, name: str, module: RapidModule) -> Routine | None:
+    def find_late(self, name: str, module: RapidModule) -> RapidRoutine | None:
         """A routine by a name at run time, which may name its module too: ``part_1:main``."""
         where, _, routine = name.rpartition(":")
         if not where:
@@ -269,7 +271,7 @@ class Modules:
         holder = next((one for one in self.modules if one.name.upper() == where.upper()), None)
         return None if holder is None else holder.routines.get(routine.upper())
 
-    def first(self) -> Routine:
+    def first(self) -> RapidRoutine:
         """The routine that is the program: ``main``, or the only one of the first module that no other calls.
 
         Raises:
@@ -298,6 +300,6 @@ class Modules:
             )  # fmt: skip
         return free[0]
 
-    def _fault(self, what: str, statement: Statement, **more: str) -> ProgramError:
+    def _fault(self, what: str, statement: RapidStatement, **more: str) -> ProgramError:
         value = " ".join(statement.code.split())[:60]
         return ProgramError(what, where=self.source.place(statement.start), value=value, **more)

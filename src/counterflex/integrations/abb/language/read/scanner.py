@@ -27,7 +27,7 @@ _STRUCTURE: Final = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class RapidStatement:
     """A statement, or a word that opens or closes a part of the program."""
 
     start: int  # Index of its first character in the text
@@ -48,7 +48,7 @@ class FilePart:
     first_line: int = 0  # Number of lines before it
 
 
-class Source:
+class RapidSource:
     """Text of the modules of a program, one after the other.
 
     Args:
@@ -86,7 +86,7 @@ class Source:
             return self.parts[0]
         return next((part for part in reversed(self.parts) if part.start <= at), self.parts[0])
 
-    def statements(self) -> Iterator[Statement]:
+    def statements(self) -> Iterator[RapidStatement]:
         """Statements in order.
 
         Raises:
@@ -111,7 +111,7 @@ class Source:
                     )  # fmt: skip
             code = self.code[at:end]
             first = _WORD.match(code)
-            yield Statement(
+            yield RapidStatement(
                 at,
                 end,
                 code,

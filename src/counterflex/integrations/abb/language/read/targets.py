@@ -14,7 +14,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM, MM_PER_S
 from counterflex.integrations.abb.language.program import RapidTarget
 from counterflex.integrations.abb.language.read import literals
-from counterflex.integrations.abb.language.read.memory import Memory, Reference
+from counterflex.integrations.abb.language.read.memory import RapidMemory, Reference
 from counterflex.programs.expression import Name, is_number
 from counterflex.programs.robot_text.cell import ExternalAxes, RobotTextCell
 from counterflex.programs.robot_text.process_words import NUMBER
@@ -50,7 +50,7 @@ class Zone:
     rounding_m: float
 
 
-class Targets:
+class RapidTargets:
     """Reads the arguments of motions.
 
     Args:
@@ -59,7 +59,7 @@ class Targets:
         made: Returns the number of motions made so far.
     """
 
-    def __init__(self, memory: Memory, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
+    def __init__(self, memory: RapidMemory, cell: RobotTextCell | None, made: Callable[[], int]) -> None:
         self.memory, self.source = memory, memory.source
         self.external = ExternalAxes(cell, made)  # External axes along the program
         self._checked = ""

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
-from counterflex.integrations.fanuc.language.read.motions import MotionExecution
-from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault
+from counterflex.integrations.fanuc.language.read.motions import TpMotionExecution
+from counterflex.integrations.fanuc.language.read.routine import TpFolder, TpRoutine, fault
 from counterflex.integrations.fanuc.language.read.table import row_of
 from counterflex.integrations.fanuc.language.read.values import plain_code
 from counterflex.programs.expression import ExpressionError, Value
@@ -27,10 +27,10 @@ _HINT: Final = "Post the path without loops, conditions and jumps, or set what t
 _DEEPEST: Final = 20
 
 
-class Step(NamedTuple):
+class TpStep(NamedTuple):
     """A statement that runs."""
 
-    routine: Routine  # Its listing
+    routine: TpRoutine  # Its listing
     at: int  # Its index there
     statement: TpStatement  # Itself
     text: str  # Its code, or what stands behind the condition
@@ -53,21 +53,21 @@ class Step(NamedTuple):
         """Return a value that must be known; ``text``, or the statement, is shown where it is not."""
         return known(value, use, self.where, text=text or self.statement.code, hint=hint)
 
-    def other(self, at: int) -> Step:
+    def other(self, at: int) -> TpStep:
         """Return another statement of its listing."""
-        return Step(self.routine, at, self.routine.statements[at], self.routine.texts[at])
+        return TpStep(self.routine, at, self.routine.statements[at], self.routine.texts[at])
 
 
-class Branches(MotionExecution):
+class TpBranches(TpMotionExecution):
     """Passes statements that may run or not."""
 
-    folder: Folder  # Programs that can be called
+    folder: TpFolder  # Programs that can be called
     process: ProcessWords | None
     depth: int  # Number of programs that run, one calling the other
     call_line: int = 1  # Line of the main program that runs
 
     def pass_over(
-        self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
+        self, routine: TpRoutine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
     ) -> None:
         """Pass statements that run where an unknown condition holds.
 
@@ -82,7 +82,7 @@ class Branches(MotionExecution):
             ProgramError: One of them moves the robot, or sets what motions depend on.
         """
         for at in range(begin, end):
-            step = Step(routine, at, routine.statements[at], routine.texts[at])
+            step = TpStep(routine, at, routine.statements[at], routine.texts[at])
             process = self.process if step.text else None
             if process is not None and process.find(routine.texts, at, step.where) is not None:
                 raise self._refusal(step, condition, opening)
@@ -90,7 +90,7 @@ class Branches(MotionExecution):
                 self.block(step)
             self._pass(step, step.text, condition, opening, level)
 
-    def _pass(self, step: Step, text: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+    def _pass(self, step: TpStep, text: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         if not text:
             return
         self.act(step)
@@ -108,7 +108,7 @@ class Branches(MotionExecution):
         elif row.treatment is not Treatment.NEUTRAL and row.word not in ("IF", *_HARMLESS):
             raise self._refusal(step, condition, opening)
 
-    def _pass_action(self, step: Step, action: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+    def _pass_action(self, step: TpStep, action: str, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         jump = _LABEL.match(action)
         if jump is not None:
             if not self.gives_up(step.routine, int(jump[1])):
@@ -129,11 +129,11 @@ class Branches(MotionExecution):
             raise self._refusal(step, condition, opening)
         self._pass(step, action, condition, opening, level)
 
-    def _listing(self, step: Step, name: str) -> Routine | None:
+    def _listing(self, step: TpStep, name: str) -> TpRoutine | None:
         """The listing of a program that is called; None where the folder has none."""
         return self.folder.find(name, lambda what, hint: step.fault(what, hint=hint))
 
-    def jump_perhaps(self, step: Step, number: int, condition: Unknown) -> int:
+    def jump_perhaps(self, step: TpStep, number: int, condition: Unknown) -> int:
         """Return the index of the statement behind a jump that is made where an unknown condition holds.
 
         A jump to an end behind an alarm is passed: the program runs on, or stops. A jump over statements, or back over
@@ -157,7 +157,7 @@ class Branches(MotionExecution):
             self._pass(step.other(index), routine.texts[index], condition, opening, 0)
         return at + 1
 
-    def gives_up(self, routine: Routine, number: int) -> bool:
+    def gives_up(self, routine: TpRoutine, number: int) -> bool:
         """Return whether a label leads to an alarm and the end of the job, over signals and waits only."""
         at, seen, alarm, count = routine.labels.get(number, -1), set[int](), False, len(routine.texts)
         while 0 <= at < count and at not in seen:
@@ -179,7 +179,7 @@ class Branches(MotionExecution):
                 return False
         return alarm and at >= count and self.depth == 1
 
-    def _waits_on(self, step: Step, number: int, condition: Unknown) -> bool:
+    def _waits_on(self, step: TpStep, number: int, condition: Unknown) -> bool:
         """Return whether a label leads back to a statement with nothing but signals, waits and registers on the way."""
         routine, back = step.routine, step.at
         at, seen, jumps = routine.labels.get(number), list[int](), 0
@@ -202,20 +202,20 @@ class Branches(MotionExecution):
                 self._forget_assigned(step.other(index), text, condition)
         return True
 
-    def act(self, step: Step) -> None:
+    def act(self, step: TpStep) -> None:
         """Remember a statement that acts on the cell: its line in the main program, or that of the call."""
         self.acting.append(step.statement.line if step.routine.name == self.file else self.call_line)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 
-    def block(self, step: Step) -> None:
+    def block(self, step: TpStep) -> None:
         """Begin the block of a statement."""
         file = "" if step.routine.name == self.file else step.routine.name
         line = step.statement.line
         text = step.routine.lines[line - 1]
         self._blocks.append(Block(line, text, (), self.modal("G1"), len(self.motions), 0, file=file))
 
-    def value(self, step: Step, text: str) -> Value:
+    def value(self, step: TpStep, text: str) -> Value:
         """Return the value of an expression of a statement.
 
         Raises:
@@ -230,7 +230,7 @@ class Branches(MotionExecution):
             raise step.fault(str(error), limit="an expression of TP",
                         hint="Post the program again, or write the value itself") from error  # fmt: skip
 
-    def target_of(self, step: Step, text: str) -> tuple[str, list[Value], str]:
+    def target_of(self, step: TpStep, text: str) -> tuple[str, list[Value], str]:
         """Return register, indices and text of the value of an assignment."""
         code = plain_code(text)
         end = code.index("]") + 1 if "]" in code else 0
@@ -242,13 +242,13 @@ class Branches(MotionExecution):
         indices = [self.value(step, part) for part in divided(inside.rstrip().removesuffix("]"))]
         return word.strip(), indices, right.strip()
 
-    def _forget_assigned(self, step: Step, text: str, condition: Unknown) -> None:
+    def _forget_assigned(self, step: TpStep, text: str, condition: Unknown) -> None:
         word, indices, _ = self.target_of(step, text)
         why = condition.why if condition.why.startswith("set under") else f"set under a condition: {condition.why}"
         where = condition.where or step.line
         self.values.assign(word, indices, Unknown(why, where))
 
-    def _refusal(self, step: Step, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
+    def _refusal(self, step: TpStep, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
         word, line = opening
         try:
             known(
@@ -288,7 +288,7 @@ def _action_of(text: str) -> str | None:
     return text if word in ("JMP", "CALL", "END", "RETURN") else None
 
 
-def _jumped(routine: Routine, text: str) -> int | None:
+def _jumped(routine: TpRoutine, text: str) -> int | None:
     """Index of the label that a JMP leads to; None where it is not known."""
     jump = _LABEL.match(text)
     return None if jump is None else routine.labels.get(int(jump[1]))

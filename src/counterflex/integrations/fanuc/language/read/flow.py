@@ -6,7 +6,7 @@ import re
 from abc import abstractmethod
 from typing import Final, cast
 
-from counterflex.integrations.fanuc.language.read.branches import Branches, Step, divided
+from counterflex.integrations.fanuc.language.read.branches import TpBranches, TpStep, divided
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
 from counterflex.integrations.fanuc.language.read.table import row_of
 from counterflex.integrations.fanuc.language.read.values import plain_code
@@ -20,16 +20,16 @@ _SELECT: Final = re.compile(r"SELECT\s+(.*?\])\s*(=.*)", _I | re.DOTALL)
 JUMP: Final = re.compile(r"JMP\s+LBL\s*\[(.*)\]", _I | re.DOTALL)
 
 
-class Flow(Branches):
+class TpFlow(TpBranches):
     """Decides which statement follows."""
 
     @abstractmethod
-    def statement(self, step: Step) -> int:
+    def statement(self, step: TpStep) -> int:
         """Execute a statement; returns the index of the next one."""
 
     # ---- flow ----------------------------------------------------------------------------------------------
 
-    def do_if(self, step: Step) -> int:
+    def do_if(self, step: TpStep) -> int:
         """IF with a statement behind its comma, or a block up to ENDIF."""
         block = _BLOCK.fullmatch(step.text)
         if block is None:
@@ -46,7 +46,7 @@ class Flow(Branches):
             return end + 1
         return step.at + 1 if decision else end + 1 if other is None else other + 1
 
-    def _decision(self, step: Step, text: str) -> bool | Unknown:
+    def _decision(self, step: TpStep, text: str) -> bool | Unknown:
         value = self.value(step, text)
         if isinstance(value, Unknown):
             return Unknown(value.why, value.where or step.line)
@@ -54,7 +54,7 @@ class Flow(Branches):
             raise step.fault("this is no condition", limit="IF (R[1]=2)", hint="Post the program again")
         return value
 
-    def _action(self, step: Step, action: str, decision: bool | Unknown) -> int:
+    def _action(self, step: TpStep, action: str, decision: bool | Unknown) -> int:
         """Do what stands behind the comma of IF or SELECT; returns the index of the next statement."""
         if isinstance(decision, Unknown):
             self.act(step)
@@ -70,14 +70,14 @@ class Flow(Branches):
                              hint="Post the program again")  # fmt: skip
         return self.statement(step._replace(text=action))
 
-    def number(self, step: Step, text: str, use: str) -> int:
+    def number(self, step: TpStep, text: str, use: str) -> int:
         """Return a whole number that a statement needs."""
         value = step.known(self.value(step, plain_code(f"[{text}]")[1:-1]), use, hint="Write the number itself")
         if not is_number(value):
             raise step.fault(f"{use} is no number", hint="Write the number itself")
         return int(cast("float", value))
 
-    def do_jump(self, step: Step) -> int:
+    def do_jump(self, step: TpStep) -> int:
         """JMP to a label."""
         match = JUMP.fullmatch(step.text)
         if match is None:
@@ -87,13 +87,13 @@ class Flow(Branches):
             raise step.fault(f"there is no LBL[{number}]", hint="The file may be damaged")
         return step.routine.labels[number]
 
-    def do_else(self, step: Step) -> int:
+    def do_else(self, step: TpStep) -> int:
         """ELSE behind the first branch: go on behind ENDIF."""
         if step.at not in step.routine.elses:
             raise step.fault("this belongs into IF or SELECT", hint="The file may be damaged")
         return step.routine.ends[step.routine.elses[step.at]] + 1
 
-    def do_select(self, step: Step) -> int:
+    def do_select(self, step: TpStep) -> int:
         """SELECT: the first branch whose value fits."""
         match = _SELECT.fullmatch(step.text)
         if match is None:
@@ -114,7 +114,7 @@ class Flow(Branches):
         then = self.statement(step._replace(text=chosen))
         return end if then == step.at + 1 else then
 
-    def _fits(self, step: Step, case: str, value: Value) -> bool:
+    def _fits(self, step: TpStep, case: str, value: Value) -> bool:
         """Return whether a branch of SELECT is for a value."""
         label = case.partition(",")[0].strip()
         if not label or label.upper() == "ELSE":
@@ -122,11 +122,11 @@ class Flow(Branches):
         own = self.value(step, label[1:])
         return step.known(own, "a value of SELECT", text=case, hint="Write the number itself") == value
 
-    def do_case(self, step: Step) -> int:
+    def do_case(self, step: TpStep) -> int:
         """Refuse a branch of SELECT that stands alone."""
         raise step.fault("this belongs into SELECT", hint="The file may be damaged")
 
-    def do_for(self, step: Step) -> int:
+    def do_for(self, step: TpStep) -> int:
         """FOR: set the counter; leave out the loop where it is beyond its end."""
         match = _FOR.fullmatch(step.text)
         if match is None:
@@ -145,7 +145,7 @@ class Flow(Branches):
         runs = by * cast("float", first) <= by * cast("float", last)
         return step.at + 1 if runs else end + 1
 
-    def do_end_for(self, step: Step) -> int:
+    def do_end_for(self, step: TpStep) -> int:
         """Count on and go back while the last value is not reached (Operator's manual, FOR/ENDFOR)."""
         begin = step.routine.ends[step.at]
         match = _FOR.fullmatch(step.routine.texts[begin])
@@ -162,15 +162,15 @@ class Flow(Branches):
         self.values.assign(word, indices, cast("float", counter) + by)
         return begin + 1
 
-    def _end(self, step: Step) -> int:
+    def _end(self, step: TpStep) -> int:
         return len(step.routine.statements)
 
-    def _abort(self, step: Step) -> int:
+    def _abort(self, step: TpStep) -> int:
         self._ended = True
         return step.at + 1
 
 
-def _select_end(step: Step) -> int:
+def _select_end(step: TpStep) -> int:
     """Index behind the last branch of SELECT."""
     texts = step.routine.texts
     end = last = step.at + 1

@@ -12,7 +12,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM
 from counterflex.geometry import pose
 from counterflex.integrations.fanuc.language.program import LETTERS, frame_of, wpr_of
-from counterflex.integrations.fanuc.language.read.values import Values
+from counterflex.integrations.fanuc.language.read.values import TpValues
 from counterflex.programs.robot_text.cell import NumberedCell, NumberedFrames
 from counterflex.programs.unknown import known
 
@@ -21,7 +21,7 @@ _SET_IT: Final = (
 )
 
 
-class Frames(NumberedFrames):
+class TpFrames(NumberedFrames):
     """Active frames of a program.
 
     Args:
@@ -33,7 +33,7 @@ class Frames(NumberedFrames):
         user_tool: The same of the tool frame.
     """
 
-    def __init__(self, cell: NumberedCell | None, values: Values) -> None:
+    def __init__(self, cell: NumberedCell | None, values: TpValues) -> None:
         super().__init__(cell, "UTOOL_NUM={}", "UFRAME_NUM={}")
         self.values = values
         self.user_frame = self.user_tool = -1

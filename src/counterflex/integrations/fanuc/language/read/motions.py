@@ -17,12 +17,12 @@ from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.geometry.circle import angle_to, circle
 from counterflex.integrations.fanuc.language.program import FanucMotion
-from counterflex.integrations.fanuc.language.read.frames import Frames, position_of
+from counterflex.integrations.fanuc.language.read.frames import TpFrames, position_of
 from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, motion_form
-from counterflex.integrations.fanuc.language.read.routine import Routine, fault
-from counterflex.integrations.fanuc.language.read.targets import Targets, TpTarget
-from counterflex.integrations.fanuc.language.read.values import CONFIG, Values
+from counterflex.integrations.fanuc.language.read.routine import TpRoutine, fault
+from counterflex.integrations.fanuc.language.read.targets import TpTarget, TpTargets
+from counterflex.integrations.fanuc.language.read.values import CONFIG, TpValues
 from counterflex.programs.expression import Value
 from counterflex.programs.program import Motion, Word
 from counterflex.programs.robot_text.by_axes import Away, ExecutionByAxes
@@ -68,7 +68,7 @@ def arcs_of(chain: Sequence[Motion], fault: Fault) -> list[Motion]:
 _PLACE: Final = "such places before the first target and behind the last one"
 
 
-class MotionExecution(ExecutionByAxes[FanucMotion]):
+class TpMotionExecution(ExecutionByAxes[FanucMotion]):
     """Motions of a program, with the state that they depend on.
 
     Args:
@@ -76,11 +76,11 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
     """
 
     def __init__(self, cell: NumberedCell | None) -> None:
-        self.values = Values()
-        self.frames = Frames(cell, self.values)
+        self.values = TpValues()
+        self.frames = TpFrames(cell, self.values)
         super().__init__(self.frames)
         self.cell = cell
-        self.targets = Targets(cell, self.values, self.frames, lambda: len(self.motions))
+        self.targets = TpTargets(cell, self.values, self.frames, lambda: len(self.motions))
         self.file = ""
         self._arcs: list[int] = []  # motions of the running chain of A
         self._T_part_end: Float | None = None  # end of the last motion
@@ -108,7 +108,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
 
     # ---- motions -------------------------------------------------------------------------------------------
 
-    def motion(self, routine: Routine, statement: TpStatement, word: str) -> str:
+    def motion(self, routine: TpRoutine, statement: TpStatement, word: str) -> str:
         """Make a motion; returns the statement that runs before or behind its end.
 
         Raises:
@@ -147,7 +147,9 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             self._end_tool = -2
         return form.at_time
 
-    def _place(self, target: TpTarget, word: str, where: str, routine: Routine, statement: TpStatement) -> Float | None:
+    def _place(
+        self, target: TpTarget, word: str, where: str, routine: TpRoutine, statement: TpStatement
+    ) -> Float | None:
         """(4, 4) m of a target in the part frame; None of one by axes without a cell, or of J to one not known."""
         if target.T_user_tool is not None:
             self.frames.settle(where)
@@ -164,7 +166,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
                         limit="X Y Z W P R", hint="Give that place by X Y Z W P R, or give the cell")  # fmt: skip
         return T
 
-    def _refuse_away(self, away: Away[FanucMotion], routine: Routine, statement: TpStatement) -> ProgramError:
+    def _refuse_away(self, away: Away[FanucMotion], routine: TpRoutine, statement: TpStatement) -> ProgramError:
         why = f": {away.unknown}" if away.unknown is not None else ""
         return fault(
             routine.listing, statement,
@@ -174,7 +176,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
         )  # fmt: skip
 
     def _make(
-        self, form: MotionForm, T: Float, R: Float, through: list[TpTarget], routine: Routine, statement: TpStatement
+        self, form: MotionForm, T: Float, R: Float, through: list[TpTarget], routine: TpRoutine, statement: TpStatement
     ) -> None:
         before = self.motions[-1].p_end if self.motions else T[:3, 3]
         way = float(np.linalg.norm(T[:3, 3] - before))
@@ -193,7 +195,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             self.motions[-1] = replace(motion, feed_m_s=feed if motion.kind != "rapid" else 0.0)
 
     def _record(
-        self, form: MotionForm, target: TpTarget, through: list[TpTarget], routine: Routine, statement: TpStatement
+        self, form: MotionForm, target: TpTarget, through: list[TpTarget], routine: TpRoutine, statement: TpStatement
     ) -> FanucMotion:
         code, base = statement.code, statement.start
         unit = form.unit if form.unit in UNITS else "mm/sec"
@@ -217,7 +219,7 @@ class MotionExecution(ExecutionByAxes[FanucMotion]):
             speed_text=code[slice(*form.speed_span)], termination=form.termination, exact=form.exact,
         )  # fmt: skip
 
-    def _close_arcs(self, routine: Routine) -> None:
+    def _close_arcs(self, routine: TpRoutine) -> None:
         """Make circles of a chain of A: the controller goes through each three of it."""
         chain, self._arcs = self._arcs, []
         if not chain:

@@ -14,11 +14,11 @@ import numpy as np
 from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.integrations.fanuc.language.program import FanucMotion, FanucProgram
-from counterflex.integrations.fanuc.language.read.branches import ASSIGNED, Step, divided
-from counterflex.integrations.fanuc.language.read.flow import JUMP, Flow
+from counterflex.integrations.fanuc.language.read.branches import ASSIGNED, TpStep, divided
+from counterflex.integrations.fanuc.language.read.flow import JUMP, TpFlow
 from counterflex.integrations.fanuc.language.read.listing import Listing
 from counterflex.integrations.fanuc.language.read.motion_form import MOTION
-from counterflex.integrations.fanuc.language.read.routine import Folder, Routine, fault, listings_beside
+from counterflex.integrations.fanuc.language.read.routine import TpFolder, TpRoutine, fault, listings_beside
 from counterflex.integrations.fanuc.language.read.table import ACTING, row_of
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.read.flow import split_lines
@@ -45,7 +45,7 @@ _OFFSET: Final = re.compile(
 )
 
 
-class Interpreter(Flow):
+class TpInterpreter(TpFlow):
     """State of the controller while a program runs.
 
     Args:
@@ -53,7 +53,7 @@ class Interpreter(Flow):
         cell: What frames and process words are checked against; None takes every frame and knows no process words.
     """
 
-    def __init__(self, routine: Routine, folder: Folder, cell: NumberedCell | None) -> None:
+    def __init__(self, routine: TpRoutine, folder: TpFolder, cell: NumberedCell | None) -> None:
         super().__init__(cell)
         self.routine, self.folder, self.file = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, lambda code: code)
@@ -70,7 +70,7 @@ class Interpreter(Flow):
         self._run(self.routine, ())
         self._close_arcs(self.routine)
 
-    def _run(self, routine: Routine, arguments: tuple[Value, ...]) -> None:
+    def _run(self, routine: TpRoutine, arguments: tuple[Value, ...]) -> None:
         values, outer = self.values, (self.values.arguments, self.values.positions)
         values.arguments, values.positions = arguments, routine.positions
         self.depth += 1
@@ -92,15 +92,15 @@ class Interpreter(Flow):
         values.arguments, values.positions = outer
 
     @staticmethod
-    def _never_left(routine: Routine, begin: int, at: int) -> bool:
+    def _never_left(routine: TpRoutine, begin: int, at: int) -> bool:
         """Return whether a jump back is made always, and nothing between its label and it leads elsewhere."""
         if not routine.texts[at].upper().startswith("JMP"):
             return False
         return not any(_LEAVES.match(routine.texts[index]) for index in range(begin, at))
 
-    def _executed(self, routine: Routine, at: int) -> int:
+    def _executed(self, routine: TpRoutine, at: int) -> int:
         """Execute a statement; returns the index of the next one."""
-        step = Step(routine, at, routine.statements[at], routine.texts[at])
+        step = TpStep(routine, at, routine.statements[at], routine.texts[at])
         self._count += 1
         idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
         if not idle:
@@ -132,7 +132,7 @@ class Interpreter(Flow):
             )
         return then
 
-    def _stated(self, step: Step) -> int:
+    def _stated(self, step: TpStep) -> int:
         """Execute a statement that is no machine function; returns the index of the next one."""
         try:
             return self.statement(step)
@@ -144,7 +144,7 @@ class Interpreter(Flow):
 
     # ---- statements ----------------------------------------------------------------------------------------
 
-    def statement(self, step: Step) -> int:
+    def statement(self, step: TpStep) -> int:
         """Execute a statement; returns the index of the next one."""
         motion = MOTION.match(step.text)
         if motion is not None and motion[1].upper() != "S":
@@ -166,7 +166,7 @@ class Interpreter(Flow):
             self.act(step)
         return step.at + 1 if handler is None else handler(self, step)
 
-    def _at_time(self, step: Step, text: str) -> None:
+    def _at_time(self, step: TpStep, text: str) -> None:
         """Make registers unknown that a call before or behind the end of a motion (TA, TB, DB) leaves open."""
         if not text:
             return
@@ -182,14 +182,14 @@ class Interpreter(Flow):
                 opening = (step.statement.code.split()[0], step.statement.line)
                 self.pass_over(called, 0, len(called.statements), condition, opening, 1)
 
-    def _assign(self, step: Step) -> int:
+    def _assign(self, step: TpStep) -> int:
         if "=" not in step.text:
             raise step.fault("an assignment without a value", hint="The file may be damaged")
         word, indices, value = self.target_of(step, step.text)
         self.values.assign(word, indices, self.value(step, value))
         return step.at + 1
 
-    def _frame(self, step: Step) -> int:
+    def _frame(self, step: TpStep) -> int:
         word, _, right = step.text.partition("=")
         name = word.strip().upper()
         value = step.known(
@@ -204,7 +204,7 @@ class Interpreter(Flow):
             self.frames.user_tool = number
         return step.at + 1
 
-    def _offset(self, step: Step) -> int:
+    def _offset(self, step: TpStep) -> int:
         match = _OFFSET.fullmatch(step.text)
         if match is None:
             raise step.fault("the condition of an offset is not understood", limit="OFFSET CONDITION PR[n]",
@@ -216,21 +216,21 @@ class Interpreter(Flow):
         self.targets.conditions["tool" if match[1] else "offset"] = (self.value(step, match[2]), frame)
         return step.at + 1
 
-    def _override(self, step: Step) -> int:
+    def _override(self, step: TpStep) -> int:
         value = self.value(step, step.text.partition("=")[2].replace("%", ""))
         if is_number(value) and not 0.0 < float(cast("float", value)) <= 100.0:
             raise step.fault("the override is out of range", limit="1 to 100 %")
         self.targets.override = 0.01 * float(cast("float", value)) if is_number(value) else value
         return step.at + 1
 
-    def _limit(self, step: Step) -> int:
+    def _limit(self, step: TpStep) -> int:
         value = self.value(step, step.text.partition("=")[2])
         self.targets.linear_max_m_s = float(cast("float", value)) * MM_PER_S if is_number(value) else value
         return step.at + 1
 
     # ---- other programs ------------------------------------------------------------------------------------
 
-    def _called(self, step: Step, text: str) -> tuple[Routine, tuple[Value, ...]]:
+    def _called(self, step: TpStep, text: str) -> tuple[TpRoutine, tuple[Value, ...]]:
         match = _CALL.fullmatch(text)
         if match is None:
             raise step.fault("the call is not understood", limit="CALL PART(1)")
@@ -250,7 +250,7 @@ class Interpreter(Flow):
         arguments = tuple(self.value(step, one) for one in divided(inside)) if inside else ()
         return called, arguments
 
-    def _call(self, step: Step) -> int:
+    def _call(self, step: TpStep) -> int:
         called, arguments = self._called(step, step.text)
         if self.depth >= _DEEPEST:
             raise step.fault("programs call each other without end", limit=f"{_DEEPEST} calls within each other",
@@ -260,7 +260,7 @@ class Interpreter(Flow):
         self._words = words
         return step.at + 1
 
-    def _run_beside(self, step: Step) -> int:
+    def _run_beside(self, step: TpStep) -> int:
         called, _ = self._called(step, step.text)
         task = Unknown(f"{called.name} runs beside the program", step.line)
         self.pass_over(called, 0, len(called.statements), task, ("RUN", step.statement.line), 1)
@@ -268,7 +268,7 @@ class Interpreter(Flow):
 
     # ---- waits ---------------------------------------------------------------------------------------------
 
-    def _wait(self, step: Step) -> int:
+    def _wait(self, step: TpStep) -> int:
         timeout = _TIMEOUT.fullmatch(step.text)
         if timeout is not None:
             label = JUMP.fullmatch(f"JMP {timeout[1]}")
@@ -285,32 +285,32 @@ class Interpreter(Flow):
             self.rest(move, float(cast("float", time_s)))
         return step.at + 1
 
-    def _pause(self, step: Step) -> int:
+    def _pause(self, step: TpStep) -> int:
         self._words.append(Word("M", 0.0, 0, 0))
         return step.at + 1
 
 
-_Handler = Callable[[Interpreter, Step], int]
+_Handler = Callable[[TpInterpreter, TpStep], int]
 _HANDLERS: Final[Mapping[str, _Handler]] = {
-    **dict.fromkeys((*ASSIGNED, "UFRAME[]", "UTOOL[]"), Interpreter._assign),
-    **dict.fromkeys(("UFRAME_NUM", "UTOOL_NUM"), Interpreter._frame),
-    **dict.fromkeys(("OFFSET CONDITION", "TOOL_OFFSET CONDITION"), Interpreter._offset),
-    **dict.fromkeys(("OVERRIDE", "$MCR.$GENOVERRIDE", "$MCR.$PRGOVERRIDE"), Interpreter._override),
-    "LINEAR_MAX_SPEED": Interpreter._limit,
-    "IF": Interpreter.do_if,
-    "ELSE": Interpreter.do_else,
-    "JMP": Interpreter.do_jump,
-    "SELECT": Interpreter.do_select,
-    "=": Interpreter.do_case,
-    "FOR": Interpreter.do_for,
-    "ENDFOR": Interpreter.do_end_for,
-    "END": Interpreter._end,
-    "RETURN": Interpreter._end,
-    "ABORT": Interpreter._abort,
-    "CALL": Interpreter._call,
-    "RUN": Interpreter._run_beside,
-    "WAIT": Interpreter._wait,
-    "PAUSE": Interpreter._pause,
+    **dict.fromkeys((*ASSIGNED, "UFRAME[]", "UTOOL[]"), TpInterpreter._assign),
+    **dict.fromkeys(("UFRAME_NUM", "UTOOL_NUM"), TpInterpreter._frame),
+    **dict.fromkeys(("OFFSET CONDITION", "TOOL_OFFSET CONDITION"), TpInterpreter._offset),
+    **dict.fromkeys(("OVERRIDE", "$MCR.$GENOVERRIDE", "$MCR.$PRGOVERRIDE"), TpInterpreter._override),
+    "LINEAR_MAX_SPEED": TpInterpreter._limit,
+    "IF": TpInterpreter.do_if,
+    "ELSE": TpInterpreter.do_else,
+    "JMP": TpInterpreter.do_jump,
+    "SELECT": TpInterpreter.do_select,
+    "=": TpInterpreter.do_case,
+    "FOR": TpInterpreter.do_for,
+    "ENDFOR": TpInterpreter.do_end_for,
+    "END": TpInterpreter._end,
+    "RETURN": TpInterpreter._end,
+    "ABORT": TpInterpreter._abort,
+    "CALL": TpInterpreter._call,
+    "RUN": TpInterpreter._run_beside,
+    "WAIT": TpInterpreter._wait,
+    "PAUSE": TpInterpreter._pause,
 }
 
 
@@ -323,7 +323,7 @@ def read_fanuc(
     name: str = "program.ls",
     cell: NumberedCell | None = None,
     complete: bool = True,
-    folder: Folder | None = None,
+    folder: TpFolder | None = None,
 ) -> FanucProgram:
     """Execute a listing and return the statements passed and the motions made.
 
@@ -344,8 +344,8 @@ def read_fanuc(
     """
     listing = Listing(text, name, complete=complete)
     lines = split_lines(text)
-    routine, folder = Routine(listing, lines), folder or Folder()
-    interpreter = Interpreter(routine, folder, cell)
+    routine, folder = TpRoutine(listing, lines), folder or TpFolder()
+    interpreter = TpInterpreter(routine, folder, cell)
     interpreter.run()
     return FanucProgram(
         **interpreter.fields(name, text),
@@ -372,7 +372,7 @@ def read_fanuc_file(
     """
     file = Path(path)
     text, encoding = read_text(file)
-    folder = Folder(listings_beside(file), complete=complete)
+    folder = TpFolder(listings_beside(file), complete=complete)
     refuse_mark(encoding, file)
     program = read_fanuc(text, name=file.name, cell=cell, complete=complete, folder=folder)
     texts = {file.name: (text, encoding)} | {

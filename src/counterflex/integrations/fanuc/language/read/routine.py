@@ -35,7 +35,7 @@ def fault(listing: Listing, statement: TpStatement, what: str, *, limit: str | N
 
 
 @dataclass
-class Routine:
+class TpRoutine:
     """A listing, divided.
 
     Raises:
@@ -102,14 +102,14 @@ class Routine:
             raise fault(self.listing, self.statements[at], f"{word} is not closed", hint="The file may be cut off")
 
 
-class Folder:
+class TpFolder:
     """Listings that a program can call."""
 
     def __init__(self, files: Iterable[Path] = (), *, complete: bool = True) -> None:
         self._files, self._complete = list(files), complete
-        self.routines: dict[str, Routine] = {}
+        self.routines: dict[str, TpRoutine] = {}
 
-    def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> Routine | None:
+    def find(self, name: str, refuse: Callable[[str, str], ProgramError]) -> TpRoutine | None:
         """Return the listing of a program; None where the folder has none.
 
         Raises:
@@ -125,7 +125,7 @@ class Folder:
         file = own[0].name
         if file not in self.routines:
             text, encoding = read_text(own[0])
-            self.routines[file] = Routine(Listing(text, file, complete=self._complete), split_lines(text), encoding)
+            self.routines[file] = TpRoutine(Listing(text, file, complete=self._complete), split_lines(text), encoding)
         return self.routines[file]
 
 

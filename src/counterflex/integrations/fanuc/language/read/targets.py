@@ -13,11 +13,11 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.fanuc.language.program import LETTERS, FanucPosition, frame_of
-from counterflex.integrations.fanuc.language.read.frames import Frames, matrix_of, position_of
+from counterflex.integrations.fanuc.language.read.frames import TpFrames, matrix_of, position_of
 from counterflex.integrations.fanuc.language.read.listing import TpStatement
 from counterflex.integrations.fanuc.language.read.motion_form import UNITS, MotionForm, TargetForm
-from counterflex.integrations.fanuc.language.read.routine import Routine, fault
-from counterflex.integrations.fanuc.language.read.values import CONFIG, Values, plain_code
+from counterflex.integrations.fanuc.language.read.routine import TpRoutine, fault
+from counterflex.integrations.fanuc.language.read.values import CONFIG, TpValues, plain_code
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.robot_text.cell import ExternalAxes, NumberedCell
 from counterflex.programs.unknown import Unknown, first_unknown, known
@@ -42,7 +42,7 @@ class TpTarget:
     others: str = ""  # Text of further motion groups
 
 
-class Targets:
+class TpTargets:
     """Evaluates the ends and speeds of motions.
 
     Args:
@@ -52,7 +52,7 @@ class Targets:
         made: Returns the number of motions made so far.
     """
 
-    def __init__(self, cell: NumberedCell | None, values: Values, frames: Frames, made: Callable[[], int]) -> None:
+    def __init__(self, cell: NumberedCell | None, values: TpValues, frames: TpFrames, made: Callable[[], int]) -> None:
         self.cell, self.values, self.frames = cell, values, frames
         self.override: Value = 1.0  # Factor of all speeds
         # Largest speed along the path that the program sets; inf where it sets none
@@ -64,7 +64,7 @@ class Targets:
 
     # ---- targets -------------------------------------------------------------------------------------------
 
-    def target(self, form: TargetForm, routine: Routine, statement: TpStatement) -> TpTarget:
+    def target(self, form: TargetForm, routine: TpRoutine, statement: TpStatement) -> TpTarget:
         """Return a target as written, without the options of its motion.
 
         Raises:
@@ -111,7 +111,7 @@ class Targets:
         return TpTarget(matrix_of(value, name, where), None, name, str(value.get(CONFIG, "")), external_axes=external)
 
     def displaced(
-        self, target: TpTarget, form: MotionForm, here: Value, routine: Routine, statement: TpStatement
+        self, target: TpTarget, form: MotionForm, here: Value, routine: TpRoutine, statement: TpStatement
     ) -> TpTarget:
         """Return a target with the options of its motion.
 
@@ -146,7 +146,7 @@ class Targets:
             target, T_user_tool=T, literal=None, computed=f"{target.computed}, {computed}".removeprefix(", ")
         )
 
-    def _displacement(self, option: str, register: str, routine: Routine, statement: TpStatement
+    def _displacement(self, option: str, register: str, routine: TpRoutine, statement: TpStatement
                       ) -> tuple[Value, int | None]:  # fmt: skip
         if register:
             return self._value(register, routine, statement), None
@@ -182,7 +182,7 @@ class Targets:
         out[:3, 3] += turn @ offset[:3, 3]
         return out
 
-    def _incremented(self, T: Float, here: Value, routine: Routine, statement: TpStatement) -> Float:
+    def _incremented(self, T: Float, here: Value, routine: TpRoutine, statement: TpStatement) -> Float:
         where = routine.listing.place(statement.start)
         known(here, "where INC counts from", where, text=statement.code, hint="Write the target itself")
         if float(np.abs(T[:3, :3] - np.eye(3)).max()) > _TURN_DEG:
@@ -194,7 +194,7 @@ class Targets:
 
     # ---- checks --------------------------------------------------------------------------------------------
 
-    def _frames_of(self, position: FanucPosition, routine: Routine) -> None:
+    def _frames_of(self, position: FanucPosition, routine: TpRoutine) -> None:
         """Frames that a position names must be the active ones; one that is not set by a statement is taken from it."""
         frames = self.frames
         if position.user_tool is not None and position.user_tool != frames.user_tool:
@@ -211,7 +211,7 @@ class Targets:
                         hint="Write the number into the program: the controller's is not known",
                     )  # fmt: skip
 
-    def _own_frame(self, active: int, own: int, word: str, position: FanucPosition, routine: Routine) -> int:
+    def _own_frame(self, active: int, own: int, word: str, position: FanucPosition, routine: TpRoutine) -> int:
         if active >= 0:
             raise ProgramError(
                 "a position is taught in another frame than the active one: the controller stops there",
@@ -234,7 +234,7 @@ class Targets:
 
     # ---- speeds --------------------------------------------------------------------------------------------
 
-    def unit_m_s(self, form: MotionForm, routine: Routine, statement: TpStatement) -> float:
+    def unit_m_s(self, form: MotionForm, routine: TpRoutine, statement: TpStatement) -> float:
         """Speed along the path of one unit of a motion's number, m/s; 0 where the number is none of the path."""
         if form.word == "J" or form.unit not in UNITS:
             return 0.0
@@ -242,7 +242,7 @@ class Targets:
                          hint="Write OVERRIDE=100%")  # fmt: skip
         return UNITS[form.unit] * float(cast("float", override))
 
-    def feed_m_s(self, form: MotionForm, way_m: float, routine: Routine, statement: TpStatement) -> float:
+    def feed_m_s(self, form: MotionForm, way_m: float, routine: TpRoutine, statement: TpStatement) -> float:
         """Speed along the path of a motion, m/s; 0 of J, and of max_speed.
 
         Args:
@@ -273,7 +273,7 @@ class Targets:
 
     # ---- values --------------------------------------------------------------------------------------------
 
-    def _value(self, text: str, routine: Routine, statement: TpStatement) -> Value:
+    def _value(self, text: str, routine: TpRoutine, statement: TpStatement) -> Value:
         try:
             return float(text)
         except ValueError:
@@ -283,7 +283,7 @@ class Targets:
         except ExpressionError as error:
             raise fault(routine.listing, statement, str(error), hint="Post the program again") from error
 
-    def _number(self, text: str, routine: Routine, statement: TpStatement) -> int:
+    def _number(self, text: str, routine: TpRoutine, statement: TpStatement) -> int:
         where = routine.listing.place(statement.start)
         value = known(self._value(text, routine, statement), "the number of a position", where, text=statement.code,
                       hint="Write the number itself")  # fmt: skip

@@ -144,7 +144,7 @@ def element_key(value: Mapping[str, Value], index: int) -> str:
 
 
 @dataclass
-class Values:
+class TpValues:
     """Values of the registers."""
 
     where: str = ""  # ``file:line`` of the statement that runs

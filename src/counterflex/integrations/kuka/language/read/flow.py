@@ -12,7 +12,7 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.blocks import Blocks, StatementBlock
-from counterflex.integrations.kuka.language.read.job import Routine
+from counterflex.integrations.kuka.language.read.job import KrlRoutine
 from counterflex.integrations.kuka.language.read.routines import FLOW, Routines
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, Value
 from counterflex.integrations.kuka.language.read.variables import Activation
@@ -25,12 +25,12 @@ _MOST_COUNTED: Final = 1_000_000
 """Passes of one FOR loop: more points than any part has."""
 
 
-class Flow(Routines):
+class KrlFlow(Routines):
     """Executes branches, loops and jumps."""
 
     # ---- branches --------------------------------------------------------------------------------------------
 
-    def _if(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _if(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         block = blocks.of[self.line]
         value = self._condition(code)
         if isinstance(value, Unknown):
@@ -38,7 +38,7 @@ class Flow(Routines):
         elif not value:
             self._next = (block.branches[0] if block.branches else block.end) + 1
 
-    def _switch(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _switch(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         block = blocks.of[self.line]
         value = self._condition(code)
         if isinstance(value, Unknown):
@@ -72,17 +72,17 @@ class Flow(Routines):
                 text[at:].lstrip(" ,"))  # fmt: skip
         return out
 
-    def _branch_ends(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _branch_ends(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         """ELSE, CASE or DEFAULT reached from the branch before it."""
         del code, routine
         self._next = blocks.of[self.line].end + 1
 
-    def _nothing(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _nothing(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del blocks, code, routine
 
     # ---- loops -----------------------------------------------------------------------------------------------
 
-    def _for(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _for(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         block, match = blocks.of[self.line], form.FOR.fullmatch(code)
         if match is None:
             raise self._fault("this loop is not understood", code, limit="FOR I=1 TO 10 STEP 1")
@@ -105,7 +105,7 @@ class Flow(Routines):
         if (first > last) if step > 0 else (first < last):
             self._next = block.end + 1
 
-    def _end_for(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _end_for(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del code, routine
         block = blocks.of[self.line]
         head = form.FOR.fullmatch(self.module.codes[block.start - 1])
@@ -120,7 +120,7 @@ class Flow(Routines):
         again = value + step <= last if step > 0 else value + step >= last
         self._next = block.start + 1 if again else block.end + 1
 
-    def _while(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _while(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         block, value = blocks.of[self.line], self._condition(code)
         if isinstance(value, Unknown):
             self._loop_in_doubt(blocks, block, value, routine)
@@ -130,7 +130,7 @@ class Flow(Routines):
             self.memory.here.passes.pop(block.start, None)
             self._next = block.end + 1
 
-    def _loop(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _loop(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del code, routine
         self._passes(blocks, blocks.of[self.line])
 
@@ -159,11 +159,11 @@ class Flow(Routines):
                 limit=f"{_MOST_PASSES}", hint="Post one pass of the path",
             )  # fmt: skip
 
-    def _repeat(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _repeat(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del blocks, code, routine
         self._pass_of(self.line)
 
-    def _until(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _until(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         block, value = blocks.of[self.line], self._condition(code)
         if isinstance(value, Unknown):
             self.acting.append(self._main_line)
@@ -176,12 +176,12 @@ class Flow(Routines):
             self._pass_of(block.start)
             self._next = block.start + 1
 
-    def _again(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _again(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         """ENDWHILE or ENDLOOP."""
         del code, routine
         self._next = blocks.of[self.line].start
 
-    def _exit(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _exit(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del code, routine
         block = blocks.of[self.line]
         self.memory.here.passes.pop(block.start, None)
@@ -189,7 +189,7 @@ class Flow(Routines):
 
     # ---- jumps -----------------------------------------------------------------------------------------------
 
-    def _goto(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _goto(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del routine
         match = form.JUMP.fullmatch(code)
         target = None if match is None else blocks.labels.get(match[1].upper())
@@ -203,7 +203,7 @@ class Flow(Routines):
             self._pass_of(-self.line)
         self._next = target
 
-    def _return(self, blocks: Blocks, code: str, routine: Routine) -> None:
+    def _return(self, blocks: Blocks, code: str, routine: KrlRoutine) -> None:
         del blocks
         match = form.RETURN.fullmatch(code)
         if match is not None and match[1]:
@@ -212,13 +212,13 @@ class Flow(Routines):
 
     # ---- doubt -----------------------------------------------------------------------------------------------
 
-    def _branch_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: Routine) -> None:
+    def _branch_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: KrlRoutine) -> None:
         left = self._sweep(blocks, block.start + 1, block.end, self._doubt(cause, block), routine)
         self.acting += [self._main_line] if left else []
         self._next = block.end + 1
         self._left(blocks, left, block.end, self._doubt(cause, block), routine)
 
-    def _loop_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: Routine) -> None:
+    def _loop_in_doubt(self, blocks: Blocks, block: StatementBlock, cause: Unknown, routine: KrlRoutine) -> None:
         self.acting.append(self._main_line)
         if block.word == "FOR" and (head := form.FOR.fullmatch(self._code)) is not None:
             self.memory.forget(head[1], (), cause)
@@ -232,7 +232,7 @@ class Flow(Routines):
             cause, why=f"{block.word} in line {block.start} depends on a value that is not known: {cause.why}"
         )
 
-    def _left(self, blocks: Blocks, left: set[int], behind: int, cause: Unknown, routine: Routine) -> None:
+    def _left(self, blocks: Blocks, left: set[int], behind: int, cause: Unknown, routine: KrlRoutine) -> None:
         """Put in doubt what follows where a branch in doubt may have left a loop or the routine."""
         after = self._next
         for line in sorted(left):
@@ -258,7 +258,7 @@ class Flow(Routines):
                 after = routine.end
         self._next = max(after, self._next)
 
-    def _sweep(self, blocks: Blocks, first: int, end: int, cause: Unknown, routine: Routine) -> set[int]:
+    def _sweep(self, blocks: Blocks, first: int, end: int, cause: Unknown, routine: KrlRoutine) -> set[int]:
         """Look at each statement of lines ``first`` to ``end - 1`` once, in doubt; returns the lines that jump."""
         line_before, doubt, following = self.line, self.memory.doubt, self._next
         self.memory.doubt = cause if doubt is None else doubt

@@ -36,7 +36,7 @@ class _Taken:
     fault: ProgramError | None = None
 
 
-class Frames(NumberedFrames):
+class KrlFrames(NumberedFrames):
     """The frames that are active, as far as the program has said.
 
     A frame that is not that of the cell is refused where a Cartesian motion uses it.

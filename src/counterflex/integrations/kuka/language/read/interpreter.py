@@ -13,9 +13,9 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.program import KrlMotion
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import Job, Routine
+from counterflex.integrations.kuka.language.read.job import KrlJob, KrlRoutine
 from counterflex.integrations.kuka.language.read.literals import code_of, number_of
-from counterflex.integrations.kuka.language.read.motions import MOTIONS, Held, Motions
+from counterflex.integrations.kuka.language.read.motions import MOTIONS, Held, KrlMotions
 from counterflex.integrations.kuka.language.read.table import ACTING, TABLE
 from counterflex.integrations.kuka.language.read.values import Value
 from counterflex.integrations.kuka.language.with_clause import WithFault, with_clause
@@ -28,7 +28,7 @@ from counterflex.programs.unknown import Unknown, known
 _MENTION: Final = re.compile(r"([A-Za-z$]\w*)(\s*\[[^\]]*\])?")
 
 
-def with_shared(moves: Sequence[KrlMotion], job: Job) -> list[KrlMotion]:
+def with_shared(moves: Sequence[KrlMotion], job: KrlJob) -> list[KrlMotion]:
     """Return the motions, with those marked whose target's name is used elsewhere in the job too."""
     if not any(move.target is not None and move.target.in_data for move in moves):
         return list(moves)
@@ -48,7 +48,7 @@ def _shared(move: KrlMotion, counts: Counter[tuple[str, str]]) -> bool:
     return sum(count for (other, _), count in counts.items() if other == name) > 1
 
 
-def _mentions(job: Job) -> Counter[tuple[str, str]]:
+def _mentions(job: KrlJob) -> Counter[tuple[str, str]]:
     """Count each name with its index; ``?`` stands for a computed one."""
     counts: Counter[tuple[str, str]] = Counter()
     for module in job.modules():
@@ -60,10 +60,10 @@ def _mentions(job: Job) -> Counter[tuple[str, str]]:
     return counts
 
 
-class Interpreter(Motions):
+class KrlInterpreter(KrlMotions):
     """State of the controller while a job runs."""
 
-    def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
+    def __init__(self, job: KrlJob, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
         self._statements_of: dict[str, tuple[list[str], list[int]]] = {}
@@ -263,7 +263,7 @@ class Interpreter(Motions):
 
     # ---- end -------------------------------------------------------------------------------------------------
 
-    def _check_end(self, routine: Routine) -> None:
+    def _check_end(self, routine: KrlRoutine) -> None:
         name = routine.module.file.name
         if self._in_spline:
             raise ProgramError("SPLINE is not closed", where=f"{name}:{self.line}", hint="The file may be cut off")

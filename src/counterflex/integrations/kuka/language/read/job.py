@@ -28,7 +28,7 @@ _PUBLIC: Final = re.compile(r"^[ \t]*DEFDAT\s+(?:\$CONFIG|\$?\w+\s+PUBLIC)\b", _
 
 
 @dataclass(frozen=True)
-class Parameter:
+class KrlParameter:
     """A parameter of a routine."""
 
     name: str  # In capitals
@@ -36,14 +36,14 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Routine:
+class KrlRoutine:
     """A routine of a file: lines ``first`` to ``end``, 1-based, head and END included."""
 
     module: Module  # Its file
     name: str  # In capitals
     first: int  # Line of DEF
     end: int  # Line of END; one behind the last line where END is missing
-    parameters: tuple[Parameter, ...]  # In order
+    parameters: tuple[KrlParameter, ...]  # In order
     result: str  # Type of a function; empty for a subprogram
     closed: bool  # END is there
 
@@ -71,10 +71,16 @@ class Module:
         """Lines without their comments."""
         return tuple(code_of(line) for line in self.lines)
 
+    def fault(self, what: str, line: int, hint: str) -> ProgramError:
+        """Return the fault of a line, 1-based."""
+        code = self.codes[line - 1]
+        column = "" if "not closed" in what else f":{len(code) - len(code.lstrip()) + 1}"
+        return ProgramError(what, where=f"{self.file.name}:{line}{column}", value=code.strip()[:60], hint=hint)
+
     @cached_property
-    def routines(self) -> dict[str, Routine]:
+    def routines(self) -> dict[str, KrlRoutine]:
         """Routines by name in capitals, in the order of the file."""
-        out: dict[str, Routine] = {}
+        out: dict[str, KrlRoutine] = {}
         heads = [
             (at, match) for at, code in enumerate(self.codes, start=1)
             if "EF" in code.upper() and (match := _HEAD.fullmatch(code)) is not None
@@ -85,7 +91,7 @@ class Module:
             name = match["name"].upper()
             if name not in out:
                 parameters = tuple(_parameters(match["parameters"] or ""))
-                out[name] = Routine(
+                out[name] = KrlRoutine(
                     self, name, at, following if end is None else end, parameters, match["type"] or "", end is not None
                 )
         return out
@@ -95,17 +101,17 @@ def _is_end(code: str) -> bool:
     return code.lstrip()[:3].upper() == "END" and _END.fullmatch(code) is not None
 
 
-def _parameters(text: str) -> Iterator[Parameter]:
+def _parameters(text: str) -> Iterator[KrlParameter]:
     at = 0
     while at < len(text):
         match = _PARAMETER.match(text, at)
         if match is None:
             return
-        yield Parameter(match[1].upper(), (match[3] or "").upper())
+        yield KrlParameter(match[1].upper(), (match[3] or "").upper())
         at = match.end() + 1
 
 
-class Job:
+class KrlJob:
     """Finds subprograms and public data of a job."""
 
     def __init__(self, main: str, text: str, folder: Mapping[str, str]) -> None:
@@ -118,7 +124,7 @@ class Job:
             self._by_stem.setdefault((path.stem.upper(), path.suffix.lower()), []).append(name)
         self.main = self._module(main, text)
 
-    def routine(self, name: str, caller: Module, where: str) -> Routine | None:
+    def routine(self, name: str, caller: Module, where: str) -> KrlRoutine | None:
         """The routine that a call names: of the caller's file, of a file of that name, or a global one.
 
         Raises:

@@ -13,7 +13,7 @@ from counterflex.integrations.kuka.language.program import LETTERS
 from counterflex.integrations.kuka.language.read import values, variables
 from counterflex.integrations.kuka.language.read.data_list import DataList, Named
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import Job
+from counterflex.integrations.kuka.language.read.job import KrlJob
 from counterflex.integrations.kuka.language.read.literals import simple_record
 from counterflex.programs.expression import ExpressionError, Node, evaluate
 from counterflex.programs.unknown import Unknown, first_unknown
@@ -27,7 +27,7 @@ _OF_FORMS: Final = {
 """Component of the frame or motion data that a function takes, and the frame with its number."""
 
 
-class Memory:
+class KrlMemory:
     """Names and values, as far as the text of the job determines them.
 
     Args:
@@ -35,7 +35,7 @@ class Memory:
         where: Returns file and line of the statement that runs.
     """
 
-    def __init__(self, job: Job, cell: KrlCell | None, where: Callable[[], str]) -> None:
+    def __init__(self, job: KrlJob, cell: KrlCell | None, where: Callable[[], str]) -> None:
         self.job, self.cell, self.where = job, cell, where
         # Values of system variables that the program has set, by name in capitals
         self.system: dict[str, values.Value] = {}

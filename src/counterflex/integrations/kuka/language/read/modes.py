@@ -6,9 +6,9 @@ from typing import Final
 
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.data_list import DECLARED, IMPORT, SIGNAL, key_of
-from counterflex.integrations.kuka.language.read.flow import Flow
-from counterflex.integrations.kuka.language.read.frames import Frames, KrlCell
-from counterflex.integrations.kuka.language.read.job import Job
+from counterflex.integrations.kuka.language.read.flow import KrlFlow
+from counterflex.integrations.kuka.language.read.frames import KrlCell, KrlFrames
+from counterflex.integrations.kuka.language.read.job import KrlJob
 from counterflex.integrations.kuka.language.read.system_variables import ONE_VALUE
 from counterflex.integrations.kuka.language.read.table import TABLE
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, StoredFrame, Value, is_frame, matrix_of
@@ -20,11 +20,11 @@ LARGEST_VELOCITY: Final = 20.0
 _FRAMES: Final = {"$TOOL": "TOOL", "$BASE": "BASE"}
 
 
-class Modes(Flow):
+class KrlModes(KrlFlow):
     """Modes that are active while a program runs, and the statements that set them."""
 
-    def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
-        self.frames = Frames(cell)
+    def __init__(self, job: KrlJob, cell: KrlCell | None, *, complete: bool) -> None:
+        self.frames = KrlFrames(cell)
         super().__init__(self.frames)
         self.start(job, cell, complete=complete)
         self._speed_set = False

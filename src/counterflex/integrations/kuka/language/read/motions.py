@@ -13,9 +13,9 @@ from counterflex.geometry import pose
 from counterflex.integrations.kuka.language.program import KrlMotion
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import Job
-from counterflex.integrations.kuka.language.read.modes import Modes
-from counterflex.integrations.kuka.language.read.targets import TargetPlace, Targets
+from counterflex.integrations.kuka.language.read.job import KrlJob
+from counterflex.integrations.kuka.language.read.modes import KrlModes
+from counterflex.integrations.kuka.language.read.targets import KrlTargets, TargetPlace
 from counterflex.integrations.kuka.language.read.values import AXES, Value, record_of
 from counterflex.integrations.kuka.language.with_clause import WithClause
 from counterflex.programs.expression import is_number
@@ -44,13 +44,13 @@ class _Active:
     override: float | None = None  # Share of it; None until a motion needs it
 
 
-class Motions(Modes):
+class KrlMotions(KrlModes):
     """Motions that a job makes."""
 
-    def __init__(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
+    def __init__(self, job: KrlJob, cell: KrlCell | None, *, complete: bool) -> None:
         super().__init__(job, cell, complete=complete)
         self.cell = cell
-        self.targets = Targets(self.memory, self.value, cell, lambda: len(self.motions))
+        self.targets = KrlTargets(self.memory, self.value, cell, lambda: len(self.motions))
         self.moves: list[KrlMotion] = []  # What stands behind each motion in the text
         # See :class:`~counterflex.integrations.kuka.language.program.KrlProgram`
         self.loose: dict[tuple[str, int], int] = {}

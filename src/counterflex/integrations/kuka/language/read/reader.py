@@ -13,8 +13,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
 from counterflex.integrations.kuka.language.program import KrlProgram
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.interpreter import Interpreter
-from counterflex.integrations.kuka.language.read.job import Job, text_in
+from counterflex.integrations.kuka.language.read.interpreter import KrlInterpreter
+from counterflex.integrations.kuka.language.read.job import KrlJob, text_in
 from counterflex.integrations.kuka.language.read.variables import kept_of
 from counterflex.programs.program import same_motions
 from counterflex.programs.source_text import read_text
@@ -61,10 +61,10 @@ def read_krl(
     if data is not None:
         same = Path(data_name).stem.upper() == Path(name).stem.upper()
         others = {**others, data_name if same else f"{Path(name).stem}.dat": data}
-    job = Job(name, text, others)
-    interpreter = Interpreter(job, cell, complete=complete)
+    job = KrlJob(name, text, others)
+    interpreter = KrlInterpreter(job, cell, complete=complete)
     interpreter.run()
-    _check_next_run(interpreter, Interpreter(Job(name, text, others), cell, complete=complete))
+    _check_next_run(interpreter, KrlInterpreter(KrlJob(name, text, others), cell, complete=complete))
     main = job.main.file
     external = interpreter.targets.external.changes(interpreter.motions)
     return KrlProgram(
@@ -86,7 +86,7 @@ def read_krl(
     )
 
 
-def _check_next_run(first: Interpreter, again: Interpreter) -> None:
+def _check_next_run(first: KrlInterpreter, again: KrlInterpreter) -> None:
     """Refuse a job that moves otherwise when it is run again, because its data lists keep what it changes."""
     kept = kept_of(first.memory.lists)
     if not kept:
@@ -115,10 +115,10 @@ def read_krl_file(path: str | os.PathLike[str], *, cell: KrlCell | None = None, 
     """
     file = Path(path)
     text, encoding = _decoded(file)
-    folder = Folder(file, encoding)
+    folder = KrlFolder(file, encoding)
     program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
     if any(folder.encodings.get(name, encoding) != encoding for name in program.files):
-        folder = Folder(file, "latin-1", only=True)
+        folder = KrlFolder(file, "latin-1", only=True)
         text = content(file).decode("latin-1")
         program = read_krl(text, name=file.name, folder=folder, cell=cell, complete=complete)
         encoding = "latin-1"
@@ -133,7 +133,7 @@ def job_files(path: Path) -> tuple[Path, ...]:
     """
     try:
         text, encoding = _decoded(path)
-        folder = Folder(path, encoding)
+        folder = KrlFolder(path, encoding)
         taken: dict[str, None] = {}
         texts = [(path.stem, text)]
         while texts:
@@ -157,7 +157,7 @@ def _shares(text: str, words: set[str]) -> bool:
     return not words.isdisjoint(word.upper() for word in _WORD.findall(text))
 
 
-class Folder(Mapping[str, str]):
+class KrlFolder(Mapping[str, str]):
     """Text of the ``.src`` and ``.dat`` files beside a program or in its archive, read when it is asked for."""
 
     def __init__(self, program: Path, encoding: str, *, only: bool = False) -> None:

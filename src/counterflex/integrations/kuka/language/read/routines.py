@@ -10,8 +10,8 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.kuka.language.read import statements as form
 from counterflex.integrations.kuka.language.read.blocks import Blocks, blocks_of
 from counterflex.integrations.kuka.language.read.frames import KrlCell
-from counterflex.integrations.kuka.language.read.job import Job, Module, Parameter, Routine
-from counterflex.integrations.kuka.language.read.memory import Memory
+from counterflex.integrations.kuka.language.read.job import KrlJob, KrlParameter, KrlRoutine, Module
+from counterflex.integrations.kuka.language.read.memory import KrlMemory
 from counterflex.integrations.kuka.language.read.table import WORDS
 from counterflex.integrations.kuka.language.read.values import Value, tree
 from counterflex.integrations.kuka.language.read.variables import Activation, Variable
@@ -44,17 +44,17 @@ class Routines(Execution, ABC):
         line: Its line, 1-based.
     """
 
-    def start(self, job: Job, cell: KrlCell | None, *, complete: bool) -> None:
+    def start(self, job: KrlJob, cell: KrlCell | None, *, complete: bool) -> None:
         """Set the state of a program that has not run yet."""
         self.job, self.complete = job, complete
-        self.memory = Memory(job, cell, lambda: f"{self.module.file.name}:{self.line}")
+        self.memory = KrlMemory(job, cell, lambda: f"{self.module.file.name}:{self.line}")
         self.memory.functions = self._function
         self.module: Module = job.main
         self.line = 0
         self._called: int | None = None  # motions behind the last routine that the statement has called
         self._main_line = 0
         self._executed = 0
-        self._running: list[Routine] = []
+        self._running: list[KrlRoutine] = []
         self._words_of: dict[str, list[str]] = {}
         self._blocks_of: dict[tuple[str, int], Blocks] = {}
         self._trees: dict[tuple[str, int, str], Node] = {}
@@ -70,7 +70,7 @@ class Routines(Execution, ABC):
         self._before(routine)
         self._run(self.memory.here)
 
-    def _before(self, routine: Routine) -> None:
+    def _before(self, routine: KrlRoutine) -> None:
         """Lines before the first DEF."""
         for line in range(1, routine.first + 1):
             self.line, code = line, self.module.codes[line - 1]
@@ -102,7 +102,7 @@ class Routines(Execution, ABC):
         self._check_end(routine)
         self._running.pop()
 
-    def _lines(self, routine: Routine, blocks: Blocks, first: int, end: int) -> None:
+    def _lines(self, routine: KrlRoutine, blocks: Blocks, first: int, end: int) -> None:
         """Execute lines from one on, until the line ``end``."""
         line, words, codes, lines = first, self._words_in(self.module), self.module.codes, self.module.lines
         main = len(self._running) == 1
@@ -146,7 +146,7 @@ class Routines(Execution, ABC):
                 limit=f"{_MOST_STATEMENTS}", hint="Post one pass of the path",
             )  # fmt: skip
 
-    def _call(self, routine: Routine, arguments: Sequence[Node | None]) -> Value:
+    def _call(self, routine: KrlRoutine, arguments: Sequence[Node | None]) -> Value:
         """Execute a routine with arguments; returns what its RETURN gives."""
         if len(arguments) > len(routine.parameters):
             raise self._fault(
@@ -186,7 +186,7 @@ class Routines(Execution, ABC):
         ]
         return [step for step in steps if step != ()]
 
-    def _pass(self, activation: Activation, parameter: Parameter, node: Node | None) -> Value:
+    def _pass(self, activation: Activation, parameter: KrlParameter, node: Node | None) -> Value:
         """Give a parameter its argument; returns the value of one by value."""
         whole = isinstance(node, Name) and () in node.path  # an array, which is passed by reference
         if isinstance(node, Name) and (parameter.passing == "OUT" or whole):
@@ -200,7 +200,7 @@ class Routines(Execution, ABC):
         return value
 
     @staticmethod
-    def _give(activation: Activation, parameter: Parameter, value: Value) -> None:
+    def _give(activation: Activation, parameter: KrlParameter, value: Value) -> None:
         activation.local[parameter.name] = Variable("", {}, {(): value})
 
     def _function(self, name: str, values: Sequence[Value]) -> Value:
@@ -265,17 +265,9 @@ class Routines(Execution, ABC):
     def _word(self, line: int) -> str:
         return self._words_in(self.module)[line - 1]
 
-    def _blocks_in(self, routine: Routine) -> Blocks:
+    def _blocks_in(self, routine: KrlRoutine) -> Blocks:
         if routine.key not in self._blocks_of:
-
-            def fault(what: str, line: int, hint: str) -> ProgramError:
-                code = routine.module.codes[line - 1]
-                column = "" if "not closed" in what else f":{len(code) - len(code.lstrip()) + 1}"
-                return ProgramError(
-                    what, where=f"{routine.module.file.name}:{line}{column}", value=code.strip()[:60], hint=hint
-                )
-
-            words = self._words_in(routine.module)
+            words, fault = self._words_in(routine.module), routine.module.fault
             self._blocks_of[routine.key] = blocks_of(words, routine.module.codes, routine.first + 1, routine.end, fault)
         return self._blocks_of[routine.key]
 
@@ -297,7 +289,7 @@ class Routines(Execution, ABC):
         """Execute a statement that is none of flow."""
 
     @abstractmethod
-    def _check_end(self, routine: Routine) -> None:
+    def _check_end(self, routine: KrlRoutine) -> None:
         """Refuse a routine that ends where it should not."""
 
     @abstractmethod

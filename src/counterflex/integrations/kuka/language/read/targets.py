@@ -21,7 +21,7 @@ from counterflex.integrations.kuka.language.read.data_list import Named
 from counterflex.integrations.kuka.language.read.frames import KrlCell
 from counterflex.integrations.kuka.language.read.job import Module
 from counterflex.integrations.kuka.language.read.literals import NoNumber, components, require_cartesian
-from counterflex.integrations.kuka.language.read.memory import Memory
+from counterflex.integrations.kuka.language.read.memory import KrlMemory
 from counterflex.integrations.kuka.language.read.values import GRAMMAR, StoredFrame, Value, is_axes, is_frame
 from counterflex.integrations.kuka.language.with_clause import WithClause, WithFault, with_clause
 from counterflex.programs.expression import ExpressionError, Name, Node, parse
@@ -46,7 +46,7 @@ class TargetPlace:
     unknown: Unknown | None = None  # Why the place is not known; None where it is
 
 
-class Targets:
+class KrlTargets:
     """Reads the targets of motions.
 
     Args:
@@ -57,7 +57,7 @@ class Targets:
     """
 
     def __init__(
-        self, memory: Memory, evaluate: Callable[[Node, str], Value], cell: KrlCell | None,
+        self, memory: KrlMemory, evaluate: Callable[[Node, str], Value], cell: KrlCell | None,
         made: Callable[[], int] = lambda: 0,
     ) -> None:  # fmt: skip
         self.memory, self._evaluate = memory, evaluate

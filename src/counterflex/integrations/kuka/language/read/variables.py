@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from counterflex.integrations.kuka.language.read.data_list import DataList, Named
-from counterflex.integrations.kuka.language.read.job import Module, Routine
+from counterflex.integrations.kuka.language.read.job import KrlRoutine, Module
 from counterflex.integrations.kuka.language.read.values import (
     StoredFrame,
     Value,
@@ -35,7 +35,7 @@ class Variable:
 class Activation:
     """A routine that runs."""
 
-    routine: Routine  # It
+    routine: KrlRoutine  # It
     local: dict[str, Variable] = field(default_factory=dict)  # Its variables by name in capitals
     # Parameters by reference: the activation, name and path that they stand for
     references: dict[str, tuple[Activation, str, Path]] = field(default_factory=dict)

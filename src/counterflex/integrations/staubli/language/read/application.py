@@ -10,7 +10,7 @@ from typing import Final
 from counterflex.core.errors import ProgramError
 from counterflex.core.file_content import content
 from counterflex.integrations.staubli.language.read.data_file import DataFile, data_file_of
-from counterflex.integrations.staubli.language.read.program_file import Routine
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine
 from counterflex.integrations.staubli.language.read.store import Store
 from counterflex.programs.source_text import read_text
 
@@ -21,7 +21,7 @@ Refuse = Callable[[str, str], ProgramError]
 """Makes the error of a message and a hint."""
 
 
-class Folder:
+class Val3Folder:
     """Programs that can be called.
 
     Args:
@@ -31,13 +31,13 @@ class Folder:
 
     def __init__(self, path: Path | None = None, *, complete: bool = True) -> None:
         self._path, self._complete = path, complete
-        self.routines: dict[tuple[str, str], Routine] = {}  # Programs that were called, by alias and name
+        self.routines: dict[tuple[str, str], Val3Routine] = {}  # Programs that were called, by alias and name
         self._libraries: dict[str, Path] = {}
         if path is not None and path.is_dir():
             for project in sorted(path.glob("*.pjx")):
                 self._take_aliases(project)
 
-    def find(self, prefix: str, name: str, store: Store, refuse: Refuse) -> Routine | None:
+    def find(self, prefix: str, name: str, store: Store, refuse: Refuse) -> Val3Routine | None:
         """Return a program; None where no file has it.
 
         Args:
@@ -60,7 +60,7 @@ class Folder:
             return None
         text, encoding = read_text(own[0])
         file = own[0].name if not prefix else f"{folder.name}/{own[0].name}"
-        self.routines[prefix, name] = Routine(text, file, self._complete, encoding)
+        self.routines[prefix, name] = Val3Routine(text, file, self._complete, encoding)
         if prefix:
             self._load_data(prefix, folder, store)
         return self.routines[prefix, name]

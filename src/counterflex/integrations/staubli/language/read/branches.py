@@ -6,9 +6,9 @@ import re
 from typing import Final
 
 from counterflex.core.errors import ProgramError
-from counterflex.integrations.staubli.language.read.application import Folder
-from counterflex.integrations.staubli.language.read.motions import MotionExecution
-from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
+from counterflex.integrations.staubli.language.read.application import Val3Folder
+from counterflex.integrations.staubli.language.read.motions import Val3MotionExecution
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments
 from counterflex.integrations.staubli.language.read.table import EFFECTS, TABLE
 from counterflex.programs.expression import ExpressionError, Value
 from counterflex.programs.program import Block
@@ -80,17 +80,17 @@ def hidden_effect(code: str) -> str:
     return inner[0] if inner else ""
 
 
-class Branches(MotionExecution):
+class Val3Branches(Val3MotionExecution):
     """Passes statements that may run or not."""
 
-    folder: Folder  # Programs that can be called
+    folder: Val3Folder  # Programs that can be called
     process: ProcessWords | None
     depth: int  # Number of programs that run, one calling the other
     main: str  # Name of the main program's file
     call_line: int = 1  # Line of the main program that runs
 
     def pass_over(
-        self, routine: Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
+        self, routine: Val3Routine, begin: int, end: int, condition: Unknown, opening: tuple[str, int], level: int = 0
     ) -> None:
         """Pass lines that run where an unknown condition holds.
 
@@ -110,7 +110,7 @@ class Branches(MotionExecution):
             if routine.codes[at]:
                 self._pass(routine, at, condition, opening, level)
 
-    def _pass(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+    def _pass(self, routine: Val3Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
         code = routine.codes[at]
         self.act(routine, at)
         row = row_of(code)
@@ -131,18 +131,20 @@ class Branches(MotionExecution):
         elif not _harmless(row):
             raise self.refusal(routine, at, condition, opening)
 
-    def _is_process(self, routine: Routine, at: int) -> bool:
+    def _is_process(self, routine: Val3Routine, at: int) -> bool:
         """Return whether a line is of the cell's table of machine functions."""
         return self.process is not None and self.process.find([routine.codes[at]], 0, routine.place(at)) is not None
 
-    def _pass_call(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int) -> None:
+    def _pass_call(
+        self, routine: Val3Routine, at: int, condition: Unknown, opening: tuple[str, int], level: int
+    ) -> None:
         called = self.called(routine, at)
         if called is None or level >= _DEEPEST:
             raise self.refusal(routine, at, condition, opening)
         self.pass_over(called[1], called[1].first, called[1].last, condition, opening, level + 1)
 
     @staticmethod
-    def _says_why(routine: Routine, at: int) -> bool:
+    def _says_why(routine: Val3Routine, at: int) -> bool:
         """Return whether a message stands before return in its branch: the end of a job that cannot go on."""
         for line in range(at - 1, routine.first - 1, -1):
             row = row_of(routine.codes[line]) if routine.codes[line] else None
@@ -152,7 +154,7 @@ class Branches(MotionExecution):
                 return False
         return False
 
-    def called(self, routine: Routine, at: int) -> tuple[str, Routine, list[str]] | None:
+    def called(self, routine: Val3Routine, at: int) -> tuple[str, Val3Routine, list[str]] | None:
         """Return the prefix, program file and arguments of a call; None where no file has it."""
         code = routine.codes[at]
         match = CALL.match(code)
@@ -165,13 +167,13 @@ class Branches(MotionExecution):
         given = [code[a:b] for a, b in places if code[a:b]]
         return None if program is None else (prefix, program, given)
 
-    def act(self, routine: Routine, at: int) -> None:
+    def act(self, routine: Val3Routine, at: int) -> None:
         """Remember a line that acts on the cell: in the main program, or that of the call."""
         self.acting.append(at + 1 if routine.name == self.main else self.call_line)
 
     # ---- parts ---------------------------------------------------------------------------------------------
 
-    def block(self, routine: Routine, at: int) -> None:
+    def block(self, routine: Val3Routine, at: int) -> None:
         """Begin the block of a line."""
         file = "" if routine.name == self.main else routine.name
         self._blocks.append(Block(at + 1, routine.lines[at], (), self.modal("G1"), len(self.motions), 0, file=file))
@@ -183,7 +185,7 @@ class Branches(MotionExecution):
             return self.store.is_signal(name[0])
         return OUTPUT.match(code) is not None
 
-    def value(self, routine: Routine, at: int, text: str) -> Value:
+    def value(self, routine: Val3Routine, at: int, text: str) -> Value:
         """Return the value of an expression of a line.
 
         Raises:
@@ -195,7 +197,7 @@ class Branches(MotionExecution):
         except ExpressionError as error:
             raise routine.fault(at, str(error), limit="an expression of VAL3", hint="Post the program again") from error
 
-    def put(self, routine: Routine, at: int, target: str, value: Value) -> None:
+    def put(self, routine: Val3Routine, at: int, target: str, value: Value) -> None:
         """Set a variable.
 
         Raises:
@@ -207,11 +209,11 @@ class Branches(MotionExecution):
         except ExpressionError as error:
             raise routine.fault(at, str(error), hint="Post the program again") from error
 
-    def _forget(self, routine: Routine, at: int, target: str, condition: Unknown) -> None:
+    def _forget(self, routine: Val3Routine, at: int, target: str, condition: Unknown) -> None:
         why = condition.why if condition.why.startswith("set under") else f"set under a condition: {condition.why}"
         self.put(routine, at, target, Unknown(why, condition.where or f"{routine.name}:{at + 1}"))
 
-    def refusal(self, routine: Routine, at: int, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
+    def refusal(self, routine: Val3Routine, at: int, condition: Unknown, opening: tuple[str, int]) -> ProgramError:
         """Return the error of a line that runs where an unknown condition holds."""
         word, line = opening
         try:

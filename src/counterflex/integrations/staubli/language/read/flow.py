@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import cast
 
-from counterflex.integrations.staubli.language.read.branches import FOR, Branches
-from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
+from counterflex.integrations.staubli.language.read.branches import FOR, Val3Branches
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments
 from counterflex.programs.expression import Value, is_number
 from counterflex.programs.unknown import Unknown
 
 
-class Flow(Branches):
+class Val3Flow(Val3Branches):
     """Decides which line follows."""
 
-    def decision(self, routine: Routine, at: int, text: str) -> bool | Unknown:
+    def decision(self, routine: Val3Routine, at: int, text: str) -> bool | Unknown:
         """Return the value of a condition.
 
         Raises:
@@ -26,15 +26,15 @@ class Flow(Branches):
             raise routine.fault(at, "this is no condition", limit="if nA==1", hint="Post the program again")
         return value
 
-    def do_next(self, _: Routine, at: int) -> int:
+    def do_next(self, _: Val3Routine, at: int) -> int:
         """Go on behind the line."""
         return at + 1
 
-    def do_return(self, routine: Routine, _: int) -> int:
+    def do_return(self, routine: Val3Routine, _: int) -> int:
         """End the program."""
         return routine.last
 
-    def do_if(self, routine: Routine, at: int) -> int:
+    def do_if(self, routine: Val3Routine, at: int) -> int:
         """The first branch whose condition holds; all of them are passed where one is not known."""
         branches = [at, *routine.branches.get(at, [])]
         end = routine.ends[at]
@@ -51,11 +51,11 @@ class Flow(Branches):
                 return branch + 1
         return end + 1
 
-    def do_else(self, routine: Routine, at: int) -> int:
+    def do_else(self, routine: Val3Routine, at: int) -> int:
         """The branch before is done: go on behind the end of the block."""
         return routine.ends[routine.ends[at]] + 1
 
-    def do_while(self, routine: Routine, at: int) -> int:
+    def do_while(self, routine: Val3Routine, at: int) -> int:
         """A loop while a condition holds."""
         end = routine.ends[at]
         decision = self.decision(routine, at, routine.codes[at].removeprefix("while"))
@@ -65,11 +65,11 @@ class Flow(Branches):
             return end + 1
         return at + 1 if decision else end + 1
 
-    def do_repeat(self, routine: Routine, at: int) -> int:
+    def do_repeat(self, routine: Val3Routine, at: int) -> int:
         """Go back to while."""
         return routine.ends[at]
 
-    def do_until(self, routine: Routine, at: int) -> int:
+    def do_until(self, routine: Val3Routine, at: int) -> int:
         """Repeat until a condition holds."""
         decision = self.decision(routine, at, routine.codes[at].removeprefix("until"))
         if isinstance(decision, Unknown):
@@ -80,7 +80,7 @@ class Flow(Branches):
             return at + 1
         return at + 1 if decision else routine.ends[at] + 1
 
-    def _for(self, routine: Routine, at: int) -> tuple[str, list[Value]]:
+    def _for(self, routine: Val3Routine, at: int) -> tuple[str, list[Value]]:
         match = FOR.fullmatch(routine.codes[at])
         if match is None:
             raise routine.fault(
@@ -88,7 +88,7 @@ class Flow(Branches):
             )
         return match[1].strip(), [self.value(routine, at, text) for text in (match[2], match[3], match[4] or "1")]
 
-    def do_for(self, routine: Routine, at: int) -> int:
+    def do_for(self, routine: Val3Routine, at: int) -> int:
         """A counted loop."""
         counter, values = self._for(routine, at)
         end = routine.ends[at]
@@ -101,7 +101,7 @@ class Flow(Branches):
         self.put(routine, at, counter, values[0])
         return at + 1 if self._within(routine, at, values[0], values) else end + 1
 
-    def _within(self, routine: Routine, at: int, value: Value, values: list[Value]) -> bool:
+    def _within(self, routine: Val3Routine, at: int, value: Value, values: list[Value]) -> bool:
         if not all(is_number(one) for one in (value, *values)):
             raise routine.fault(at, "for counts with what is no number", limit="for nA=0 to 5 step 1")
         last, step = cast("float", values[1]), cast("float", values[2])
@@ -109,7 +109,7 @@ class Flow(Branches):
             raise routine.fault(at, "for repeats without end: its step is 0", limit="a step that is not 0")
         return cast("float", value) <= last if step > 0.0 else cast("float", value) >= last
 
-    def do_end_for(self, routine: Routine, at: int) -> int:
+    def do_end_for(self, routine: Val3Routine, at: int) -> int:
         """Count on, and go back while the end is not passed."""
         begin = routine.ends[at]
         match = FOR.fullmatch(routine.codes[begin])
@@ -123,7 +123,7 @@ class Flow(Branches):
         self.put(routine, begin, counter, then)
         return begin + 1 if self._within(routine, begin, then, values) else at + 1
 
-    def do_switch(self, routine: Routine, at: int) -> int:
+    def do_switch(self, routine: Val3Routine, at: int) -> int:
         """The branch whose value fits, else default."""
         end = routine.ends[at]
         value = self.value(routine, at, routine.codes[at].removeprefix("switch"))
@@ -144,7 +144,7 @@ class Flow(Branches):
                 return branch + 1
         return default + 1
 
-    def do_break(self, routine: Routine, at: int) -> int:
+    def do_break(self, routine: Val3Routine, at: int) -> int:
         """Go on behind the end of switch."""
         inner = [end for begin, end in routine.ends.items() if begin < at < end and routine.codes[end] == "endSwitch"]
         if not inner:

@@ -12,11 +12,11 @@ import numpy as np
 
 from counterflex.core.errors import ProgramError
 from counterflex.geometry import pose
-from counterflex.integrations.staubli.language.read.application import Folder
+from counterflex.integrations.staubli.language.read.application import Val3Folder
 from counterflex.integrations.staubli.language.read.branches import assignment, hidden_effect, instruction, row_of
-from counterflex.integrations.staubli.language.read.flow import Flow
+from counterflex.integrations.staubli.language.read.flow import Val3Flow
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
-from counterflex.integrations.staubli.language.read.program_file import Routine, arguments, code_of
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments, code_of
 from counterflex.integrations.staubli.language.read.store import ROOTS, Store
 from counterflex.integrations.staubli.language.read.table import ACTING
 from counterflex.integrations.staubli.language.read.values import FATHER, TRSF, trsf_of
@@ -26,7 +26,7 @@ from counterflex.programs.robot_text.process_words import ProcessWords
 from counterflex.programs.statement_table import Treatment
 from counterflex.programs.unknown import Unknown, first_unknown, known
 
-__all__ = ["Interpreter", "Val3Cell"]
+__all__ = ["Val3Cell", "Val3Interpreter"]
 
 _MOST: Final = 100_000
 """Lines executed beyond ten times those written: a loop that never ends reaches it within seconds."""
@@ -38,7 +38,7 @@ _FOREVER: Final = re.compile(r"(?:while\s*\(?\s*true|until\s*\(?\s*false)\s*\)?"
 _MOTION: Final = re.compile(r"(?:[A-Za-z_]\w*(?:\[\w+\])?\s*=\s*)?(movej|movel|movec)\s*\(")
 
 
-class Interpreter(Flow):
+class Val3Interpreter(Val3Flow):
     """State of the controller while a program runs.
 
     Args:
@@ -48,7 +48,7 @@ class Interpreter(Flow):
             frame, and knows no process words.
     """
 
-    def __init__(self, routine: Routine, folder: Folder, store: Store, cell: Val3Cell | None) -> None:
+    def __init__(self, routine: Val3Routine, folder: Val3Folder, store: Store, cell: Val3Cell | None) -> None:
         super().__init__(store, cell)
         self.routine, self.folder, self.main = routine, folder, routine.name
         self.process = None if cell is None else ProcessWords(cell.functions, code_of)
@@ -69,7 +69,7 @@ class Interpreter(Flow):
         self.store.scopes.append(scope | self.store.locals_of(self.routine))
         self._run(self.routine)
 
-    def _run(self, routine: Routine) -> None:
+    def _run(self, routine: Val3Routine) -> None:
         self.depth += 1
         passes: dict[int, tuple[int, int]] = {}
         at = routine.first
@@ -86,14 +86,14 @@ class Interpreter(Flow):
         self.depth -= 1
 
     @staticmethod
-    def _never_left(routine: Routine, at: int) -> bool:
+    def _never_left(routine: Val3Routine, at: int) -> bool:
         """Return whether the condition of a loop is constant, and nothing within it ends the program."""
         begin = routine.ends[at]
         if _FOREVER.fullmatch(routine.codes[begin]) or _FOREVER.fullmatch(routine.codes[at]):
             return not any(routine.codes[index].startswith("return") for index in range(min(begin, at), at))
         return False
 
-    def _executed(self, routine: Routine, at: int) -> int:
+    def _executed(self, routine: Val3Routine, at: int) -> int:
         """Execute a line; returns the index of the next one."""
         self._count += 1
         idle = self._count - self._counted_at if len(self.motions) == self._moved else 0
@@ -128,7 +128,7 @@ class Interpreter(Flow):
             )  # fmt: skip
         return then
 
-    def _machine_function(self, routine: Routine, at: int) -> int | None:
+    def _machine_function(self, routine: Val3Routine, at: int) -> int | None:
         """Do what the cell file's table has at a line; returns the index behind it, None where it has nothing."""
         if self.process is None:
             return None
@@ -149,7 +149,7 @@ class Interpreter(Flow):
 
     # ---- statements ----------------------------------------------------------------------------------------
 
-    def statement(self, routine: Routine, at: int, code: str) -> int:
+    def statement(self, routine: Val3Routine, at: int, code: str) -> int:
         """Execute a statement; returns the index of the next line."""
         match = _MOTION.match(code)
         if match is not None:
@@ -179,7 +179,7 @@ class Interpreter(Flow):
             self._assign(routine, at)
         return at + 1
 
-    def _assign(self, routine: Routine, at: int) -> None:
+    def _assign(self, routine: Val3Routine, at: int) -> None:
         """Set a variable, or forget what an instruction of the controller gives back."""
         code = routine.codes[at]
         parts = assignment(code)
@@ -191,7 +191,7 @@ class Interpreter(Flow):
         if not self.is_output(code, parts[0]):
             self.put(routine, at, parts[0], self.value(routine, at, parts[1]))
 
-    def _given(self, routine: Routine, at: int) -> tuple[str, list[str]]:
+    def _given(self, routine: Val3Routine, at: int) -> tuple[str, list[str]]:
         """Variable that takes the result of an instruction, and its arguments."""
         code = routine.codes[at]
         parts = assignment(code)
@@ -202,17 +202,17 @@ class Interpreter(Flow):
         places = arguments(right, literal[1], right.rfind(")"))
         return "" if parts is None else parts[0], [right[a:b] for a, b in places if right[a:b]]
 
-    def do_wait_end(self, routine: Routine, at: int) -> int:
+    def do_wait_end(self, routine: Val3Routine, at: int) -> int:
         """The robot comes to rest."""
         self.wait_end(routine, at)
         return at + 1
 
-    def do_open(self, _: Routine, at: int) -> int:
+    def do_open(self, _: Val3Routine, at: int) -> int:
         """Open and close wait until the robot is at rest (VAL3 Reference manual, open)."""
         self.end_exactly()
         return at + 1
 
-    def do_delay(self, routine: Routine, at: int) -> int:
+    def do_delay(self, routine: Val3Routine, at: int) -> int:
         """A wait."""
         _, given = self._given(routine, at)
         time_s = self.value(routine, at, given[0]) if given else 0.0
@@ -220,7 +220,7 @@ class Interpreter(Flow):
             self.wait(routine, at, float(cast("float", time_s)))
         return at + 1
 
-    def do_get(self, routine: Routine, at: int) -> int:
+    def do_get(self, routine: Val3Routine, at: int) -> int:
         """A stop until a key is pressed."""
         self._words.append(Word("M", 0.0, 0, 0))
         result, _ = self._given(routine, at)
@@ -228,14 +228,14 @@ class Interpreter(Flow):
             self.put(routine, at, result, Unknown("a person presses a key (get)"))
         return at + 1
 
-    def do_reset(self, routine: Routine, at: int) -> int:
+    def do_reset(self, routine: Val3Routine, at: int) -> int:
         """Refuse to cancel motions that are not finished."""
         if self.settled is None:
             raise routine.fault(at, "resetMotion() cancels motions that are not finished", limit="the robot at rest",
                                 hint="Put waitEndMove() before it")  # fmt: skip
         return at + 1
 
-    def do_monitor_speed(self, routine: Routine, at: int) -> int:
+    def do_monitor_speed(self, routine: Val3Routine, at: int) -> int:
         """Refuse another factor of all speeds than 100 %."""
         result, given = self._given(routine, at)
         value = known(self.value(routine, at, given[0]) if given else None, "the monitor speed", routine.place(at),
@@ -251,7 +251,7 @@ class Interpreter(Flow):
 
     # ---- frames --------------------------------------------------------------------------------------------
 
-    def do_set_frame(self, routine: Routine, at: int) -> int:
+    def do_set_frame(self, routine: Val3Routine, at: int) -> int:
         """A frame from its origin, a point on x and a point of the xy plane (VAL3 Reference manual, setFrame)."""
         result, given = self._given(routine, at)
         if len(given) != 4:
@@ -278,7 +278,7 @@ class Interpreter(Flow):
             self.put(routine, at, result, code)
         return at + 1
 
-    def do_link(self, routine: Routine, at: int) -> int:
+    def do_link(self, routine: Val3Routine, at: int) -> int:
         """Another father, the coordinates stay (VAL3 Reference manual, link)."""
         _, given = self._given(routine, at)
         try:
@@ -299,7 +299,7 @@ class Interpreter(Flow):
 
     # ---- other programs ------------------------------------------------------------------------------------
 
-    def do_call(self, routine: Routine, at: int) -> int:
+    def do_call(self, routine: Val3Routine, at: int) -> int:
         """Run a program of the application, or of a library."""
         called = self.called(routine, at)
         if called is None:
@@ -325,7 +325,7 @@ class Interpreter(Flow):
         store.prefix, self._words = outer, words
         return at + 1
 
-    def do_task(self, routine: Routine, at: int) -> int:
+    def do_task(self, routine: Val3Routine, at: int) -> int:
         """A program that runs beside this one: it must change nothing that matters."""
         called = self.called(routine, at)
         if called is None:
@@ -335,7 +335,7 @@ class Interpreter(Flow):
         self.pass_over(called[1], called[1].first, called[1].last, task, ("taskCreate", at + 1), 1)
         return at + 1
 
-    def do_load(self, routine: Routine, at: int) -> int:
+    def do_load(self, routine: Val3Routine, at: int) -> int:
         """Let an alias stand for a library."""
         result, given = self._given(routine, at)
         parts = assignment(routine.codes[at])
@@ -350,16 +350,16 @@ class Interpreter(Flow):
         return at + 1
 
 
-_Handler = Callable[[Interpreter, Routine, int], int]
+_Handler = Callable[[Val3Interpreter, Val3Routine, int], int]
 _HANDLERS: Final[Mapping[str, _Handler]] = {
-    "waitEndMove": Interpreter.do_wait_end, "open": Interpreter.do_open, "close": Interpreter.do_open,
-    "delay": Interpreter.do_delay, "get": Interpreter.do_get, "resetMotion": Interpreter.do_reset,
-    "setMonitorSpeed": Interpreter.do_monitor_speed, "setFrame": Interpreter.do_set_frame,
-    "link": Interpreter.do_link, "call": Interpreter.do_call, "taskCreate": Interpreter.do_task,
-    "taskCreateSync": Interpreter.do_task, "libLoad": Interpreter.do_load, "if": Interpreter.do_if,
-    "elseIf": Interpreter.do_else, "else": Interpreter.do_else, "endIf": Interpreter.do_next,
-    "while": Interpreter.do_while, "endWhile": Interpreter.do_repeat, "do": Interpreter.do_next,
-    "until": Interpreter.do_until, "for": Interpreter.do_for, "endFor": Interpreter.do_end_for,
-    "switch": Interpreter.do_switch, "case": Interpreter.do_else, "default": Interpreter.do_else,
-    "break": Interpreter.do_break, "endSwitch": Interpreter.do_next, "return": Interpreter.do_return,
+    "waitEndMove": Val3Interpreter.do_wait_end, "open": Val3Interpreter.do_open, "close": Val3Interpreter.do_open,
+    "delay": Val3Interpreter.do_delay, "get": Val3Interpreter.do_get, "resetMotion": Val3Interpreter.do_reset,
+    "setMonitorSpeed": Val3Interpreter.do_monitor_speed, "setFrame": Val3Interpreter.do_set_frame,
+    "link": Val3Interpreter.do_link, "call": Val3Interpreter.do_call, "taskCreate": Val3Interpreter.do_task,
+    "taskCreateSync": Val3Interpreter.do_task, "libLoad": Val3Interpreter.do_load, "if": Val3Interpreter.do_if,
+    "elseIf": Val3Interpreter.do_else, "else": Val3Interpreter.do_else, "endIf": Val3Interpreter.do_next,
+    "while": Val3Interpreter.do_while, "endWhile": Val3Interpreter.do_repeat, "do": Val3Interpreter.do_next,
+    "until": Val3Interpreter.do_until, "for": Val3Interpreter.do_for, "endFor": Val3Interpreter.do_end_for,
+    "switch": Val3Interpreter.do_switch, "case": Val3Interpreter.do_else, "default": Val3Interpreter.do_else,
+    "break": Val3Interpreter.do_break, "endSwitch": Val3Interpreter.do_next, "return": Val3Interpreter.do_return,
 }  # fmt: skip

@@ -16,7 +16,7 @@ from counterflex.core.units import MM_PER_S
 from counterflex.geometry import pose
 from counterflex.integrations.staubli.language.program import Key, Val3Motion
 from counterflex.integrations.staubli.language.read import values as val3
-from counterflex.integrations.staubli.language.read.program_file import Routine, arguments
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine, arguments
 from counterflex.integrations.staubli.language.read.store import Bound, Store
 from counterflex.programs.expression import ExpressionError, Value, is_number
 from counterflex.programs.gcode.write.written_line import number
@@ -54,7 +54,7 @@ class _Target:
     axes: tuple[float, ...] = ()
 
 
-class MotionExecution(ExecutionByAxes[Val3Motion]):
+class Val3MotionExecution(ExecutionByAxes[Val3Motion]):
     """Motions of a program, with the state that they depend on.
 
     Args:
@@ -74,7 +74,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         self._tools: dict[tuple[Key, int], Float] = {}
         self._speeds: dict[tuple[Key, int], tuple[float, bool, dict[str, str]]] = {}
 
-    def motion(self, routine: Routine, at: int, word: str, start: int) -> None:
+    def motion(self, routine: Val3Routine, at: int, word: str, start: int) -> None:
         """Make a motion.
 
         Args:
@@ -124,7 +124,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             speed=attributes, speed_named=speed[1], exact=exact,
         ))  # fmt: skip
 
-    def _circle(self, auxiliary: _Target, routine: Routine, at: int) -> None:
+    def _circle(self, auxiliary: _Target, routine: Val3Routine, at: int) -> None:
         if auxiliary.T_father_tool is None:
             raise routine.fault(at, "axis angles are no point of a circle", limit="a point")
         T = self._father(auxiliary.father, routine, at) @ auxiliary.T_father_tool
@@ -134,13 +134,13 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
 
     # ---- targets -------------------------------------------------------------------------------------------
 
-    def _value(self, text: str, routine: Routine, at: int) -> Value:
+    def _value(self, text: str, routine: Val3Routine, at: int) -> Value:
         try:
             return self.store.evaluate(text)
         except ExpressionError as error:
             raise routine.fault(at, f"{text} is not understood: {error}", hint="Post the program again") from error
 
-    def _stored(self, text: str, routine: Routine, at: int) -> tuple[Key | None, Value]:
+    def _stored(self, text: str, routine: Val3Routine, at: int) -> tuple[Key | None, Value]:
         """Value of an expression, and its place in the data file where it stands there as it is."""
         try:
             literal = self.store.literal(text)
@@ -157,7 +157,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             value = Unknown(f"the data file has no {key[0]}[{key[1]}]")
         return None if changed or ":" in cells.name else key, value
 
-    def _target(self, text: str, routine: Routine, at: int, word: str) -> _Target:
+    def _target(self, text: str, routine: Val3Routine, at: int, word: str) -> _Target:
         key, value = self._stored(text, routine, at)
         if key is None or isinstance(value, Unknown):
             known(value, f"the place of {text}", routine.place(at), text=routine.codes[at],
@@ -173,20 +173,20 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         attributes = {name: str(one) for name, one in cast("Mapping[str, Value]", value[val3.CONFIG]).items() if one}
         return _Target(val3.matrix(value), father, key, {**attributes, "fatherId": father})
 
-    def _refuse_away(self, away: Away[Val3Motion], routine: Routine, at: int) -> ProgramError:
+    def _refuse_away(self, away: Away[Val3Motion], routine: Val3Routine, at: int) -> ProgramError:
         return routine.fault(
             at, f"the robot comes from a place that is not known, by axes (line {away.move.line})", limit=_AWAY,
             hint="Give that place as a point, or post each part as a program of its own",
         )  # fmt: skip
 
-    def _father(self, father: str, routine: Routine, at: int) -> Float:
+    def _father(self, father: str, routine: Val3Routine, at: int) -> Float:
         """(4, 4) m of a frame in the part frame."""
         key = (father, self.store.version)
         if key not in self._frames:
             self._frames[key] = self._in_part(father, routine, at)
         return self._frames[key]
 
-    def _in_part(self, father: str, routine: Routine, at: int) -> Float:
+    def _in_part(self, father: str, routine: Val3Routine, at: int) -> Float:
         self.store.where = f"{routine.name}:{at + 1}"
         if self.cell is None:
             return self._in_first(father, routine, at)
@@ -205,7 +205,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
                 raise fault
             T, name = val3.matrix(value) @ T, str(value[val3.FATHER])
 
-    def _in_first(self, father: str, routine: Routine, at: int) -> Float:
+    def _in_first(self, father: str, routine: Val3Routine, at: int) -> Float:
         """A frame in that of the first point, of a program that no cell tells the part frame of."""
         T: Float | None
         try:
@@ -228,7 +228,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
 
     # ---- tools and speeds ----------------------------------------------------------------------------------
 
-    def _tool(self, text: str, routine: Routine, at: int) -> Float:
+    def _tool(self, text: str, routine: Val3Routine, at: int) -> Float:
         """Orientation (3, 3) of a tool in the TCP frame of the cell; sets the tool in the spindle by its name."""
         cell = self.cell
         literal = self.store.literal(text)
@@ -250,7 +250,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         return self._tools[state]
 
     def _evaluated_tool(
-        self, text: str, name: str, literal: tuple[Key, Bound] | None, routine: Routine, at: int
+        self, text: str, name: str, literal: tuple[Key, Bound] | None, routine: Val3Routine, at: int
     ) -> Float:
         """Orientation (3, 3) of a tool of the data file in the TCP frame of the cell."""
         self.store.where = where = f"{routine.name}:{at + 1}"
@@ -263,7 +263,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         T = self.store.place(value) if name != "flange" else np.eye(4)
         return np.eye(3) if self.cell is None else self.cell.R_tcp_tool(T, text, where)
 
-    def _speed(self, text: str, routine: Routine, at: int) -> tuple[float, bool, dict[str, str]]:
+    def _speed(self, text: str, routine: Val3Routine, at: int) -> tuple[float, bool, dict[str, str]]:
         """Speed in m/s (0: as fast as the axes), whether it stops, and the attributes of its mdesc."""
         literal = self.store.literal(text)
         if literal is None or literal[1][0].data is None:
@@ -273,7 +273,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
             self._speeds[state] = self._speed_of(text, routine, at)
         return self._speeds[state]
 
-    def _speed_of(self, text: str, routine: Routine, at: int) -> tuple[float, bool, dict[str, str]]:
+    def _speed_of(self, text: str, routine: Val3Routine, at: int) -> tuple[float, bool, dict[str, str]]:
         value = self._value(text, routine, at)
         if isinstance(value, Unknown):
             known(value, f"the speed {text}", routine.place(at), text=routine.codes[at],
@@ -297,7 +297,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
 
     # ---- waits ---------------------------------------------------------------------------------------------
 
-    def wait_end(self, routine: Routine, at: int) -> None:
+    def wait_end(self, routine: Val3Routine, at: int) -> None:
         """The robot comes to rest at the end of the last motion."""
         self.settled = (routine.name, at)
         self.end_exactly()
@@ -307,7 +307,7 @@ class MotionExecution(ExecutionByAxes[Val3Motion]):
         if not self.away and self.moves and self.moves[-1].T_frame_tool is not None:
             self.moves[-1] = replace(self.moves[-1], exact=True)
 
-    def wait(self, routine: Routine, at: int, time_s: float) -> None:
+    def wait(self, routine: Val3Routine, at: int, time_s: float) -> None:
         """A wait, where the robot has come to rest before it; else the program waits while the robot runs on."""
         if self.settled is None or self.settled[1] < 0:
             return

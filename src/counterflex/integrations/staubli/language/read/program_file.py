@@ -34,7 +34,7 @@ class Val3Variable:
 
 
 @dataclass
-class Routine:
+class Val3Routine:
     """A program file.
 
     Attributes:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Val3Program, Val3Source
-from counterflex.integrations.staubli.language.read.application import Folder
+from counterflex.integrations.staubli.language.read.application import Val3Folder
 from counterflex.integrations.staubli.language.read.data_file import DataFile, data_file_of
-from counterflex.integrations.staubli.language.read.interpreter import Interpreter
+from counterflex.integrations.staubli.language.read.interpreter import Val3Interpreter
 from counterflex.integrations.staubli.language.read.motions import Val3Cell
-from counterflex.integrations.staubli.language.read.program_file import Routine
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine
 from counterflex.integrations.staubli.language.read.store import Store
 from counterflex.programs.gcode.read.flow import line_end, split_lines
 from counterflex.programs.source_text import common_encoding, read_text
@@ -26,7 +26,7 @@ def read_val3(
     data_name: str = "program.dtx",
     cell: Val3Cell | None = None,
     complete: bool = True,
-    folder: Folder | None = None,
+    folder: Val3Folder | None = None,
 ) -> Val3Program:
     """Execute a program and return the lines passed and the motions made.
 
@@ -45,10 +45,10 @@ def read_val3(
         ProgramError: With ``name:line:column``, at the first thing that is unknown, contradictory or cannot be read
             exactly.
     """
-    routine = Routine(text, name, complete)
-    file, store, folder = DataFile(data, data_name), Store(), folder or Folder()
+    routine = Val3Routine(text, name, complete)
+    file, store, folder = DataFile(data, data_name), Store(), folder or Val3Folder()
     store.load(file)
-    interpreter = Interpreter(routine, folder, store, cell)
+    interpreter = Val3Interpreter(routine, folder, store, cell)
     interpreter.run()
     sources = {name: routine, **{one.name: one for one in folder.routines.values()}}
     return Val3Program(
@@ -84,7 +84,7 @@ def read_val3_file(path: str | os.PathLike[str], *, cell: Val3Cell | None = None
     text, encoding = read_text(file)
     listed = data_file_of(file)
     data, data_encoding = ("", encoding) if listed is None else read_text(listed)
-    folder = Folder(file.parent, complete=complete)
+    folder = Val3Folder(file.parent, complete=complete)
     _refuse_mixed(text, str(file))
     _refuse_mixed(data, str(listed))
     if "utf-8-sig" in (encoding, data_encoding) and encoding != data_encoding:

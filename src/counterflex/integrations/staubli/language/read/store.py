@@ -13,7 +13,7 @@ from counterflex.core.errors import ProgramError
 from counterflex.integrations.staubli.language.program import Key
 from counterflex.integrations.staubli.language.read import values as val3
 from counterflex.integrations.staubli.language.read.data_file import DataFile
-from counterflex.integrations.staubli.language.read.program_file import Routine, Val3Variable
+from counterflex.integrations.staubli.language.read.program_file import Val3Routine, Val3Variable
 from counterflex.integrations.staubli.language.read.table import TABLE
 from counterflex.programs.expression import ExpressionError, Name, Node, Value, evaluate, is_number, parse_whole
 from counterflex.programs.unknown import Unknown, known
@@ -266,7 +266,7 @@ class Store:
 
     # ---- calls ---------------------------------------------------------------------------------------------
 
-    def enter(self, routine: Routine, given: Sequence[str]) -> dict[str, Bound]:
+    def enter(self, routine: Val3Routine, given: Sequence[str]) -> dict[str, Bound]:
         """Return the variables of a program that is called.
 
         Raises:
@@ -287,7 +287,7 @@ class Store:
         return scope | self.locals_of(routine)
 
     @staticmethod
-    def locals_of(routine: Routine) -> dict[str, Bound]:
+    def locals_of(routine: Val3Routine) -> dict[str, Bound]:
         """Return the local variables of a program."""
         return {local.name: (StoredCells("", local.kind, local.size), 0) for local in routine.locals}
 
