@@ -17,9 +17,10 @@ play are found with the rest but not kept: such a coupon shows too little of the
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.inputs import setting_of
@@ -30,12 +31,17 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
+from counterflex.plan.compensate import in_fine_stock
 from counterflex.plan.inputs import Inputs
 from counterflex.plan.plan import Plan
-from counterflex.plan.sag_and_play import play_deviation
+from counterflex.plan.sag_and_play import play_deviation, touched_points
+from counterflex.plan.static_correction import loaded_robot
+from counterflex.plan.tool_deviation import run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.elasticity.play import arrays
 from counterflex.robot.model.class_prior import PLAY_FACTOR
+from counterflex.robot.model.description import Play
 
 LOCAL: Final = 0.03
 """Of the deflection, place by place."""
@@ -49,6 +55,8 @@ _STEPS: Final = 20
 _LONGEST: Final = 0.7
 """Longest step of a logarithm."""
 _NORMAL: Final = 1.645
+_CHANGE: Final = 0.25
+"""Of play and friction, for derivatives by differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,41 +81,51 @@ class Measured:
         return replace(self, **values)
 
 
+class Constants(NamedTuple):
+    """A value of each constant."""
+
+    force: Float  # (3,) tangential, radial, axial
+    elements: Float  # (k,) compliance
+    drives: Float  # (1,) what the drives yield
+    play: Float  # (i,) play, then friction behind the gear, of each axis
+    offset_m: Float  # (3,)
+
+
+def split(values: Float, elements: int) -> Constants:
+    """Values (p,) of all constants by kind."""
+    return Constants(*np.split(values, [3, 3 + elements, 4 + elements, len(values) - 3]))
+
+
 @dataclass(frozen=True, eq=False)
 class Patterns:
     """Coordinates of m places, m, and their parts by each constant."""
 
     predicted_m: Float  # (m,)
     elements_m: Float  # (3, k, m) deflection of each element by each direction of force
-    drives_m: Float  # (3, m)
-    play_m: Float  # (i, m)
+    drives_m: Float  # (3, m) what the drives yield to each direction of force
+    play_m: Float  # (i, m) by a factor of play, then of friction
     offset_m: Float  # (3, m)
 
     def at(self, values: Float) -> tuple[Float, Float]:
         """Coordinates (m,) and their derivatives (m, p) at logarithms of the factors and the offset (p,)."""
-        k, i = self.elements_m.shape[1], len(self.play_m)
-        force, drive = np.exp(values[:3]), np.exp(values[3])
-        soft, play = np.exp(values[4 : 4 + k]), np.exp(values[4 + k : 4 + k + i])
+        log = split(values, self.elements_m.shape[1])
+        force, soft, drive, play = (np.exp(one) for one in log[:-1])
         by_force = np.einsum("k,jkm->jm", soft, self.elements_m) + drive * self.drives_m
         still = self.elements_m.sum(axis=(0, 1)) + self.drives_m.sum(axis=0) + self.play_m.sum(axis=0)
-        y = self.predicted_m - still + force @ by_force + play @ self.play_m + values[4 + k + i :] @ self.offset_m
+        y = self.predicted_m - still + force @ by_force + play @ self.play_m
         columns = [
             force[:, None] * by_force,
-            (force @ (drive * self.drives_m))[None],
             soft[:, None] * np.einsum("j,jkm->km", force, self.elements_m),
+            (force @ (drive * self.drives_m))[None],
             play[:, None] * self.play_m,
             self.offset_m,
         ]
-        return y, np.concatenate(columns).T
+        return y + log.offset_m @ self.offset_m, np.concatenate(columns).T
 
     def through(self, predicted_m: Float, fit: Posterior) -> Patterns:
-        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them.
-
-        The cell has its compliances and forces; drives, play and offset it has as before.
-        """
-        k, theta = self.elements_m.shape[1], np.zeros(len(fit.value))
-        constants = [*range(3), *range(4, 4 + k)]
-        theta[constants] = fit.value[constants]
+        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them."""
+        theta = fit.value.copy()
+        theta[-3:] = 0.0
         return replace(self, predicted_m=self.predicted_m + predicted_m - self.at(theta)[0])
 
     def only(self, rows: Int) -> Patterns:
@@ -120,22 +138,21 @@ class Posterior:
     """Estimate of the constants."""
 
     elements: tuple[str, ...]  # names
-    value: Float  # (p,) logarithms of the factors of force (3), drives, elements and play; offset (3) m
+    value: Float  # (p,) logarithms of the factors of force (3), elements, drives, play and friction; offset (3) m
     covariance: Float  # (p, p)
     before: Float  # (p, p) covariance of what was known before
     left_m: Float  # (m,) measured minus estimated coordinate
 
     @property
-    def force(self) -> Float:
-        """(3,) factors of the tangential, radial and axial force."""
-        out: Float = np.exp(self.value[:3])
-        return out
+    def factors(self) -> Constants:
+        """Factors of the constants, and the offset."""
+        log = split(self.value, len(self.elements))
+        return Constants(*(np.exp(one) for one in log[:-1]), log.offset_m)
 
     @property
-    def compliance(self) -> Float:
-        """(k,) factors of the compliance of the elements."""
-        out: Float = np.exp(self.value[4 : 4 + len(self.elements)])
-        return out
+    def sigma(self) -> Constants:
+        """Standard deviations of the logarithms, and of the offset."""
+        return split(np.sqrt(np.diag(self.covariance)), len(self.elements))
 
 
 def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, ...], Patterns]:
@@ -154,16 +171,24 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
     assumed = assumed_sigma(cell)  # these are written, too: nothing else in the file would give them
     seen = np.flatnonzero(bent | np.array([name in assumed for name in chain.names]))
     yields = np.stack([drives_yield(replace(plan, w_tcp_part=v), cell)[row] for v in w])
-    play = np.reshape([one[row] for one in _play_by_axis(plan, cell)], (-1, len(row), 3))
-    predicted, offset = plan.deviation_nominal_part[row], np.tile(np.eye(3)[:, None], (1, len(row), 1))
-    along = (measured.along(d) for d in (yields, play, offset))
-    patterns = Patterns(measured.along(predicted), elements[:, seen], *along)
+    offset = np.tile(np.eye(3)[:, None], (1, len(row), 1))
+    along = (measured.along(d) for d in (yields, _lost(plan, cell)[:, row], offset))
+    patterns = Patterns(measured.along(plan.deviation_nominal_part[row]), elements[:, seen], *along)
     return tuple(chain.names[i] for i in seen), patterns
+
+
+def moved(plan: Plan, cell: Cell, measured: Measured) -> Float:
+    """Coordinates (m,) m that a cell makes in motion, the program as it is."""
+    inputs = Inputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
+    loaded = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, silent)))
+    at_rest = np.zeros_like(plan.path.p_part_tcp)
+    deviation = run(loaded.robot, loaded.inputs.stock, plan.q, at_rest, silent)[1]
+    return measured.along(deviation[measured.row, :3])
 
 
 def estimated(names: tuple[str, ...], patterns: Patterns, measured: Measured, cell: Cell) -> Posterior:
     """The likeliest constants with their covariance."""
-    P = _before(names, cell, len(patterns.play_m))
+    P = _before(names, cell)
     bend = np.abs(patterns.elements_m.sum(axis=(0, 1)))
     common = STRUCTURE * bend + _LEAST_M
     C = (measured.face[:, None] == measured.face[None, :]) * np.outer(common, common)
@@ -200,13 +225,28 @@ def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
     """
     _, H = patterns.at(fit.value)
     k = len(fit.elements)
-    constants = [*range(3), *range(4, 4 + k)]
+    constants = np.arange(3 + k)
     after, before = (
         np.trace(H[:, constants] @ M[np.ix_(constants, constants)] @ H[:, constants].T)
         for M in (fit.covariance, fit.before)
     )
-    alone = float(np.sum(H[:, 4 : 4 + k] ** 2 @ np.diag(fit.before)[4 : 4 + k]))
+    alone = float(np.sum(H[:, 3 : 3 + k] ** 2 @ np.diag(fit.before)[3 : 3 + k]))
     return float(np.sqrt(after / before)), float(np.sqrt(after / alone))
+
+
+def lost_rad(fit: Posterior, cell: Cell) -> list[tuple[int, float, float]]:
+    """Axes 0..5 that the class gave play, half of what each loses at a reversal, rad, and its standard deviation.
+
+    The half dead band, and the twist that friction behind the gear holds.
+    """
+    given, chain = cell.class_drives, cell.planning_chain
+    axes = [] if given is None else list(given.play_axes)
+    band, limit, _ = arrays(chain)
+    at_one = np.stack([band, chain.compliance[chain.torsion, 5] * limit.sum(axis=1)])[:, axes]
+    angle = at_one * np.reshape(fit.factors.play, (2, -1))
+    rows = 4 + len(fit.elements) + np.arange(angle.size).reshape(2, -1)
+    variance = np.einsum("ai,abi,bi->i", angle, fit.covariance[rows[:, None], rows[None, :]], angle)
+    return list(zip(axes, angle.sum(axis=0).tolist(), np.sqrt(variance).tolist(), strict=True))
 
 
 def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
@@ -220,33 +260,50 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole
 
 
-def _play_by_axis(plan: Plan, cell: Cell) -> list[Float]:
-    """(n, 3) m, part axes, what the play of each axis that the class gave moves the tool by."""
-    given, out, path = cell.class_drives, [], plan.path
+def _lost(plan: Plan, cell: Cell) -> Float:
+    """(i, n, 3) m, part axes, by a factor of play, then of friction behind the gear, of axes that the class gave."""
+    given, path, setting = cell.class_drives, plan.path, setting_of(cell)
     if given is None:
-        return []
-    chain = given.given_to(replace(cell.chain, servo=None, play=None), servo=False)
-    for axis in given.play_axes:
-        only = replace(chain, play=tuple(one if i == axis else None for i, one in enumerate(chain.play or ())))
-        relative = setting_of(cell, chain=only, part_may_be_held=True).relative_motion(path)
-        mode = at_largest_force(cell, plan).mode
-        out.append(play_deviation(only, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode))
-    return out
+        return np.zeros((0, len(path), 3))
+    relative, touched = setting.relative_motion(path), touched_points(setting)
+    mode = at_largest_force(cell, plan).mode
+
+    def deviation(play: tuple[Play | None, ...] | None) -> Float:
+        chain = replace(setting.chain, servo=None, play=play)
+        return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, touched, mode)
+
+    play, out = setting.chain.play, []
+    still = deviation(play)
+    for key in ("half_band_rad", "friction_nm"):
+        for axis in given.play_axes:
+            more = tuple(_more(one, key) if i == axis else one for i, one in enumerate(play or ()))
+            out.append((deviation(more) - still) / _CHANGE)
+    return np.reshape(out, (-1, len(path), 3))
 
 
-def _before(names: tuple[str, ...], cell: Cell, play: int) -> Float:
+def _more(play: Play | None, key: str) -> Play:
+    """Play with more of the dead band, or of all friction."""
+    assert play is not None
+    grown = (1.0 + _CHANGE) * np.array(getattr(play, key))
+    return replace(play, **{key: tuple(grown.tolist()) if grown.ndim else float(grown)})
+
+
+def _before(names: tuple[str, ...], cell: Cell) -> Float:
     """(p, p) covariance of what is known of the constants before."""
     known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
     force = IDENTIFIED if known else np.hypot(HANDBOOK, 0.5 * WORN)
     relative = assumed_sigma(cell) | identified_sigma(cell)
     soft = np.array([relative.get(name, STATED) for name in names])
-    given, k = cell.class_drives, len(names)
+    given = cell.class_drives
     drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
-    P = np.zeros((4 + k + play + 3, 4 + k + play + 3))
-    P[:3, :3] = force**2
-    P[[0, 1, 2], [0, 1, 2]] += np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else IDENTIFIED**2
-    P[3, 3] = drive**2
-    P[4 : 4 + k, 4 : 4 + k] = np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(k))
-    P[4 + k : 4 + k + play, 4 + k : 4 + k + play] = (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(play)
-    P[-3:, -3:] = OFFSET_M**2 * np.eye(3)
-    return P
+    lost = 0 if given is None else 2 * len(given.play_axes)
+    blocks = [
+        np.full((3, 3), force**2)
+        + np.diag(np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else np.full(3, IDENTIFIED**2)),
+        np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(len(soft))),
+        drive**2,
+        (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(lost),
+        OFFSET_M**2 * np.eye(3),
+    ]
+    out: Float = scipy.linalg.block_diag(*blocks)
+    return out
