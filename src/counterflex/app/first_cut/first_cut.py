@@ -1,4 +1,4 @@
-"""The job ``firstcut``: propose a coupon; from its measured faces write a cell file with stiffness and force."""
+"""The job ``firstcut``: propose a coupon; from its measured faces write a cell file with what they show."""
 
 from __future__ import annotations
 

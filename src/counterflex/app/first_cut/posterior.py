@@ -5,13 +5,14 @@ A face lies off by the displacement of the tool that made it,
     y = n . (d_0 + sum_jk (exp(a_j + c_k) - 1) D_jk + sum_j (exp(a_j + g) - 1) S_j + sum_i (exp(p_i) - 1) P_i + o) + e
 
 with d_0 predicted with the cell file, D_jk the deflection of elastic element k under the cutting force of direction j
-(tangential, radial, axial), S_j what the drives yield to it, P_i the play of axis i and o an offset of the part frame.
-a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is noise, :data:`STRUCTURE` of the
-deflection that a face has in common and :data:`LOCAL` of it place by place. The estimate is the maximum a posteriori
-by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
+(tangential, radial, axial), S_j what the drives yield to it, P_i what play or friction of an axis adds per factor and o
+an offset of the part frame. a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is
+noise, :data:`STRUCTURE` of the deflection that a face has in common and :data:`LOCAL` of it place by place. The estimate
+is the maximum a posteriori by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
 
-What one coupon shows of each element by itself is little; of all together, the deflection, it is much. Loop gains and
-play are found with the rest but not kept: such a coupon shows too little of them.
+What one coupon shows of each element by itself is little; of all together, the deflection, it is much. All are kept: a
+deflection without the play that was found beside it fits no face. Derivatives are those of a robot at rest: in motion
+the grain of the stock makes more noise than a loop gain does.
 """
 
 from __future__ import annotations
