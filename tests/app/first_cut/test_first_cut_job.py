@@ -140,7 +140,7 @@ def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
         for axis, one in enumerate(chain.play or ())
     )
     fill_in(table, program, cell, play)
-    first_cut.run(program, CELL, tmp_path / "out")
+    summary = first_cut.run(program, CELL, tmp_path / "out")
     values = read_cell(tmp_path / "out" / "cell.toml").tables.identified[-1].values
     found = {value.name: value for value in values if value.name.endswith(".lost")}
     soft = chain.compliance[chain.torsion, 5]
@@ -149,11 +149,8 @@ def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
         assert one is not None
         true_mrad = (one.half_band_rad + soft[axis] * sum(one.friction_nm)) / MRAD
         value = found[f"axis{axis + 1}.lost"]
-        assert abs(value.value - true_mrad) < 2.5 * value.sigma
-    first = (chain.play or ())[0]
-    assert first is not None
-    at_class_mrad = (first.half_band_rad + soft[0] * sum(first.friction_nm)) / MRAD
-    assert abs(np.log(found["axis1.lost"].value / at_class_mrad)) > 0.5  # it has been seen
+        assert abs(value.value - true_mrad) < 2.0 * value.sigma
+    assert summary["left_rms_um"] < summary["planned_rms_um"] / 3.0
 
 
 def deflections(cell: Cell, program: Path) -> np.ndarray:

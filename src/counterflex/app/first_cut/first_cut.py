@@ -46,7 +46,7 @@ LEAST: Final = 12
 _NEAR_M: Final = 1.0 * MM
 """A place belongs to a stretch that passes it so near along the feed; readings of a scan are averaged within it."""
 _ON_FACE_M: Final = 0.05 * MM
-_ROUNDS: Final = 3
+_ROUNDS: Final = 4
 """Estimates, each about what the cell of the one before predicts."""
 _DETERMINED: Final = 0.999
 """Standard deviation over that before, below which the part says something of an element."""
@@ -124,7 +124,8 @@ def run(
             entry = _entry(fit, cell, alone, unseen, planned, [file if part is None else Path(part)])
             known = check_update(updated_text(cell, _changes(fit, cell), entry, staging), staging / CELL)
             if turn + 1 < _ROUNDS:  # a tool that yields more cuts less: what the new cell predicts takes its place
-                patterns = patterns.through(posterior.moved(plan, known, places), fit)
+                lost = posterior.lost_by_factor(plan, cell, known, places)
+                patterns = patterns.through(posterior.moved(plan, known, places), lost, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))
         atomic.write_text(staging / CELL, text)
         summary = _summary(fit, places, unseen, planned, narrower, cell, job)

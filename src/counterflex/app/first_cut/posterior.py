@@ -7,8 +7,8 @@ A face lies off by the displacement of the tool that made it,
 with d_0 predicted with the cell file, D_jk the deflection of elastic element k under the cutting force of direction j
 (tangential, radial, axial), S_j what the drives yield to it, P_i what play or friction of an axis adds per factor and o
 an offset of the part frame. a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is
-noise, :data:`STRUCTURE` of the deflection that a face has in common and :data:`LOCAL` of it place by place. The estimate
-is the maximum a posteriori by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
+noise, :data:`STRUCTURE` of the deflection that a face has in common and :data:`LOCAL` of it place by place. The
+estimate is the maximum a posteriori by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
 
 What one coupon shows of each element by itself is little; of all together, the deflection, it is much. All are kept: a
 deflection without the play that was found beside it fits no face. Derivatives are those of a robot at rest: in motion
@@ -41,7 +41,7 @@ from counterflex.plan.tool_deviation import run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.elasticity.play import arrays
-from counterflex.robot.model.class_prior import PLAY_FACTOR
+from counterflex.robot.model.class_prior import FRICTION_FACTOR, PLAY_FACTOR
 from counterflex.robot.model.description import Play
 
 LOCAL: Final = 0.03
@@ -56,6 +56,8 @@ _STEPS: Final = 20
 _LONGEST: Final = 0.7
 """Longest step of a logarithm."""
 _NORMAL: Final = 1.645
+BEHIND: Final = 0.58
+"""Of the share of friction that acts behind the gear, over its mean: each from none to all is as likely."""
 _CHANGE: Final = 0.25
 """Of play and friction, for derivatives by differences."""
 
@@ -123,11 +125,12 @@ class Patterns:
         ]
         return y + log.offset_m @ self.offset_m, np.concatenate(columns).T
 
-    def through(self, predicted_m: Float, fit: Posterior) -> Patterns:
-        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them."""
+    def through(self, predicted_m: Float, play_m: Float, fit: Posterior) -> Patterns:
+        """The patterns as a cell with the constants of an estimate has them: coordinates (m,), its play (i, m), m."""
         theta = fit.value.copy()
         theta[-3:] = 0.0
-        return replace(self, predicted_m=self.predicted_m + predicted_m - self.at(theta)[0])
+        new = replace(self, play_m=play_m / fit.factors.play[:, None])
+        return replace(new, predicted_m=self.predicted_m + predicted_m - new.at(theta)[0])
 
     def only(self, rows: Int) -> Patterns:
         """Some of the places."""
@@ -148,7 +151,8 @@ class Posterior:
     def factors(self) -> Constants:
         """Factors of the constants, and the offset."""
         log = split(self.value, len(self.elements))
-        return Constants(*(np.exp(one) for one in log[:-1]), log.offset_m)
+        force, elements, drives, play = (np.exp(one) for one in log[:-1])
+        return Constants(force, elements, drives, play, log.offset_m)
 
     @property
     def sigma(self) -> Constants:
@@ -173,8 +177,8 @@ def patterns_of(plan: Plan, cell: Cell, measured: Measured) -> tuple[tuple[str, 
     seen = np.flatnonzero(bent | np.array([name in assumed for name in chain.names]))
     yields = np.stack([drives_yield(replace(plan, w_tcp_part=v), cell)[row] for v in w])
     offset = np.tile(np.eye(3)[:, None], (1, len(row), 1))
-    along = (measured.along(d) for d in (yields, _lost(plan, cell)[:, row], offset))
-    patterns = Patterns(measured.along(plan.deviation_nominal_part[row]), elements[:, seen], *along)
+    predicted, yields, offset = (measured.along(d) for d in (plan.deviation_nominal_part[row], yields, offset))
+    patterns = Patterns(predicted, elements[:, seen], yields, lost_by_factor(plan, cell, cell, measured), offset)
     return tuple(chain.names[i] for i in seen), patterns
 
 
@@ -261,32 +265,41 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole
 
 
-def _lost(plan: Plan, cell: Cell) -> Float:
-    """(i, n, 3) m, part axes, by a factor of play, then of friction behind the gear, of axes that the class gave."""
-    given, path, setting = cell.class_drives, plan.path, setting_of(cell)
-    if given is None:
-        return np.zeros((0, len(path), 3))
-    relative, touched = setting.relative_motion(path), touched_points(setting)
-    mode = at_largest_force(cell, plan).mode
+def lost_by_factor(plan: Plan, cell: Cell, known: Cell, measured: Measured) -> Float:
+    """(i, m) m, what a factor on play, then on friction behind the gear, of each axis adds to the coordinates.
 
-    def deviation(play: tuple[Play | None, ...] | None) -> Float:
+    Args:
+        plan: Of the program that made the part.
+        cell: Its class gave the play.
+        known: The cell that has it.
+    """
+    given, path, setting = cell.class_drives, plan.path, setting_of(known)
+    if given is None:
+        return np.zeros((0, len(measured.row)))
+    relative, touched = setting.relative_motion(path), touched_points(setting)
+    mode = at_largest_force(known, plan).mode
+
+    def coordinates(play: tuple[Play | None, ...] | None) -> Float:
         chain = replace(setting.chain, servo=None, play=play)
-        return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, touched, mode)
+        off = play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, touched, mode)
+        return measured.along(off[measured.row])
 
     play, out = setting.chain.play, []
-    still = deviation(play)
-    for key in ("half_band_rad", "friction_nm"):
+    still = coordinates(play)
+    for friction in (False, True):
         for axis in given.play_axes:
-            more = tuple(_more(one, key) if i == axis else one for i, one in enumerate(play or ()))
-            out.append((deviation(more) - still) / _CHANGE)
-    return np.reshape(out, (-1, len(path), 3))
+            more = tuple(_more(one, friction=friction) if i == axis else one for i, one in enumerate(play or ()))
+            out.append((coordinates(more) - still) / _CHANGE)
+    return np.reshape(out, (-1, len(still)))
 
 
-def _more(play: Play | None, key: str) -> Play:
+def _more(play: Play | None, *, friction: bool) -> Play:
     """Play with more of the dead band, or of all friction."""
     assert play is not None
-    grown = (1.0 + _CHANGE) * np.array(getattr(play, key))
-    return replace(play, **{key: tuple(grown.tolist()) if grown.ndim else float(grown)})
+    more = 1.0 + _CHANGE
+    if friction:
+        return replace(play, friction_nm=tuple(more * torque for torque in play.friction_nm))
+    return replace(play, half_band_rad=more * play.half_band_rad)
 
 
 def _before(names: tuple[str, ...], cell: Cell) -> Float:
@@ -297,13 +310,14 @@ def _before(names: tuple[str, ...], cell: Cell) -> Float:
     soft = np.array([relative.get(name, STATED) for name in names])
     given = cell.class_drives
     drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
-    lost = 0 if given is None else 2 * len(given.play_axes)
+    lost = 0 if given is None else len(given.play_axes)
     blocks = [
         np.full((3, 3), force**2)
         + np.diag(np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else np.full(3, IDENTIFIED**2)),
         np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(len(soft))),
         drive**2,
         (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(lost),
+        ((np.log(FRICTION_FACTOR) / _NORMAL) ** 2 + BEHIND**2) * np.eye(lost),
         OFFSET_M**2 * np.eye(3),
     ]
     out: Float = scipy.linalg.block_diag(*blocks)
