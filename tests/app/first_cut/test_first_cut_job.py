@@ -13,6 +13,7 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.first_cut import first_cut
 from counterflex.app.first_cut.coupon import coupon
 from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.prediction_interval import yield_sigma
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.simulate import undisturbed
@@ -172,6 +173,7 @@ def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell],
     assert np.sqrt(np.mean((new - known) ** 2)) < off / 3.0
     assert summary["left_out_rms_um"] < 0.5 * summary["planned_rms_um"]
     assert summary["far_places"] == []
+    assert 0.0 < yield_sigma(read_cell(tmp_path / "out" / "cell.toml")) < yield_sigma(read_cell(CELL))
     assert read_summary(tmp_path / "out" / "summary.json")["places"] == summary["places"]
 
 

@@ -1,4 +1,4 @@
-"""The command ``firstcut``: a coupon, milled once and measured, teaches a cell its stiffness, force, play and friction."""
+"""The command ``firstcut``: a coupon, milled once and measured, teaches a cell stiffness, force, play and friction."""
 
 from __future__ import annotations
 
