@@ -250,10 +250,10 @@ def _of_part(
 
 
 def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
-    found = fit.factors
-    out: list[Change] = [CuttingLaw(cell.force_law.scaled((*found.force.tolist(),)))]
+    factors = fit.factors
+    out: list[Change] = [CuttingLaw(cell.force_law.scaled((*factors.force.tolist(),)))]
     index = {name: i for i, name in enumerate(cell.chain.names)}
-    for name, factor in zip(fit.elements, found.elements.tolist(), strict=True):
+    for name, factor in zip(fit.elements, factors.elements.tolist(), strict=True):
         out.append(ElementCompliance(name, factor * cell.chain.compliance[index[name]]))
     given, chain = cell.class_drives, cell.planning_chain
     if given is None:
@@ -261,8 +261,8 @@ def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
     for axis in given.servo_axes:
         loop = (chain.servo or ())[axis]
         assert loop is not None
-        out.append(AxisServo(axis, replace(loop, speed_gain_nm_s=loop.speed_gain_nm_s / float(found.drives[0]))))
-    for axis, band, friction in zip(given.play_axes, *np.split(found.play, 2), strict=True):
+        out.append(AxisServo(axis, replace(loop, speed_gain_nm_s=loop.speed_gain_nm_s / float(factors.drives[0]))))
+    for axis, band, friction in zip(given.play_axes, *np.split(factors.play, 2), strict=True):
         lost = (chain.play or ())[axis]
         assert lost is not None
         dry = tuple(float(friction) * torque for torque in lost.friction_nm)
@@ -299,9 +299,9 @@ def _entry(
                         name=f"{name}.{d}", value=compliance, sigma=sigma * compliance, unit=unit, seen=str(seen)
                     )
                 )
-    given, found = cell.class_drives, fit.factors
+    given = cell.class_drives
     if given is not None and given.servo_axes:
-        factor, sigma = float(found.drives[0]), float(fit.sigma.drives[0])
+        factor, sigma = float(fit.factors.drives[0]), float(fit.sigma.drives[0])
         values.append(IdentifiedValue(name=YIELD, value=factor, sigma=factor * sigma, unit=""))
     for axis, angle, sigma in posterior.lost_rad(fit, cell):
         values.append(IdentifiedValue(name=f"axis{axis + 1}.lost", value=angle / MRAD, sigma=sigma / MRAD, unit="mrad"))
@@ -371,10 +371,10 @@ def _summary(
     cell: Cell,
     job: Job,
 ) -> dict[str, Any]:
-    found, sigma = np.exp(fit.value[:-3]).tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
+    factors, sigma = np.exp(fit.value[:-3]).tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
     constants = [
         {"constant": name, "factor": round(factor, 3), "percent": round(100.0 * doubt, 1)}
-        for name, factor, doubt in zip(_names(fit, cell), found, sigma, strict=False)
+        for name, factor, doubt in zip(_names(fit, cell), factors, sigma, strict=False)
     ]
     far: Int = np.flatnonzero(np.abs(fit.left_m) > _FAR * np.maximum(places.sigma_m, _rms(fit.left_m)))
     return {
