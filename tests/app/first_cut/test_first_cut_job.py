@@ -150,7 +150,7 @@ def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
         assert one is not None
         true_mrad = (one.half_band_rad + soft[axis] * sum(one.friction_nm)) / MRAD
         value = found[f"axis{axis + 1}.lost"]
-        assert abs(value.value - true_mrad) < 2.0 * value.sigma
+        assert abs(value.value - true_mrad) < 2.5 * value.sigma
     assert summary["left_rms_um"] < summary["planned_rms_um"] / 3.0
 
 

@@ -118,12 +118,16 @@ def run(
     unseen = posterior.left_out(names, patterns, places, cell)
     planned = places.off_m - patterns.predicted_m
     with atomic.atomic_folder(out) as staging:
+        about = np.zeros(1)  # of the logarithms
         for turn in range(_ROUNDS):
-            fit = posterior.estimated(names, patterns, places, cell)
+            estimate = posterior.estimated(names, patterns, places, cell)
+            last = turn + 1 == _ROUNDS
+            fit = estimate if last else posterior.held(estimate, about)
+            about = fit.value
             narrower, alone = posterior.share_left(fit, patterns)
             entry = _entry(fit, cell, alone, unseen, planned, [file if part is None else Path(part)])
             known = check_update(updated_text(cell, _changes(fit, cell), entry, staging), staging / CELL)
-            if turn + 1 < _ROUNDS:  # a tool that yields more cuts less: what the new cell predicts takes its place
+            if not last:  # a tool that yields more cuts less: what the new cell predicts takes its place
                 lost = posterior.lost_by_factor(plan, cell, known, places)
                 patterns = patterns.through(posterior.moved(plan, known, places), lost, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))

@@ -41,7 +41,7 @@ from counterflex.plan.tool_deviation import run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.elasticity.compliance import shares
 from counterflex.robot.elasticity.play import arrays
-from counterflex.robot.model.class_prior import FRICTION_FACTOR, PLAY_FACTOR
+from counterflex.robot.model.class_prior import PLAY_FACTOR
 from counterflex.robot.model.description import Play
 
 LOCAL: Final = 0.03
@@ -56,8 +56,7 @@ _STEPS: Final = 20
 _LONGEST: Final = 0.7
 """Longest step of a logarithm."""
 _NORMAL: Final = 1.645
-BEHIND: Final = 0.58
-"""Of the share of friction that acts behind the gear, over its mean: each from none to all is as likely."""
+# Friction has that of play: how much of it acts behind the gear is known as little.
 _CHANGE: Final = 0.25
 """Of play and friction, for derivatives by differences."""
 
@@ -221,6 +220,11 @@ def left_out(names: tuple[str, ...], patterns: Patterns, measured: Measured, cel
     return out
 
 
+def held(fit: Posterior, about: Float) -> Posterior:
+    """The estimate with no constant farther from the one before, (p,), than a step may be: it is refined next."""
+    return replace(fit, value=np.clip(fit.value, about - _LONGEST, about + _LONGEST))
+
+
 def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
     """Standard deviation of the deflection after, mean square over the places, over two others.
 
@@ -274,23 +278,22 @@ def lost_by_factor(plan: Plan, cell: Cell, known: Cell, measured: Measured) -> F
         known: The cell that has it.
     """
     given, path, setting = cell.class_drives, plan.path, setting_of(known)
-    if given is None:
+    if given is None or not given.play_axes:
         return np.zeros((0, len(measured.row)))
-    relative, touched = setting.relative_motion(path), touched_points(setting)
-    mode = at_largest_force(known, plan).mode
-
-    def coordinates(play: tuple[Play | None, ...] | None) -> Float:
-        chain = replace(setting.chain, servo=None, play=play)
+    relative, touched, mode = setting.relative_motion(path), touched_points(setting), at_largest_force(known, plan).mode
+    play = setting.chain.play or ()
+    more = [
+        tuple(_more(one, friction=friction) if i == axis else one for i, one in enumerate(play))
+        for friction in (False, True)
+        for axis in given.play_axes
+    ]
+    y = []
+    for one in (play, *more):
+        chain = replace(setting.chain, servo=None, play=one)
         off = play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, touched, mode)
-        return measured.along(off[measured.row])
-
-    play, out = setting.chain.play, []
-    still = coordinates(play)
-    for friction in (False, True):
-        for axis in given.play_axes:
-            more = tuple(_more(one, friction=friction) if i == axis else one for i, one in enumerate(play or ()))
-            out.append((coordinates(more) - still) / _CHANGE)
-    return np.reshape(out, (-1, len(still)))
+        y.append(measured.along(off[measured.row]))
+    out: Float = (np.array(y[1:]) - y[0]) / _CHANGE
+    return out
 
 
 def _more(play: Play | None, *, friction: bool) -> Play:
@@ -310,14 +313,13 @@ def _before(names: tuple[str, ...], cell: Cell) -> Float:
     soft = np.array([relative.get(name, STATED) for name in names])
     given = cell.class_drives
     drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
-    lost = 0 if given is None else len(given.play_axes)
+    lost = 0 if given is None else 2 * len(given.play_axes)
     blocks = [
         np.full((3, 3), force**2)
         + np.diag(np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else np.full(3, IDENTIFIED**2)),
         np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(len(soft))),
         drive**2,
         (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(lost),
-        ((np.log(FRICTION_FACTOR) / _NORMAL) ** 2 + BEHIND**2) * np.eye(lost),
         OFFSET_M**2 * np.eye(3),
     ]
     out: Float = scipy.linalg.block_diag(*blocks)
