@@ -52,7 +52,7 @@ CEILINGS = {
     "class names used twice or more": 57,
     "import lines": 14_999,
     "module docstrings that begin with What, How, Which": 0,
-    "words in hand-written docs": 91_760,
+    "words in hand-written docs": 91_749,
     "links of docs/index.md": 25,
 }
 """What no change may pass: as it stood when it was last lowered."""
