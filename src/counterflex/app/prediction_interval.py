@@ -8,7 +8,7 @@ errors of the form of the model, as isotropic parts of the deflection:
 - :data:`DRIVES` of it where the force changes, where nothing says how far a motor yields before its loop has answered.
 
 Of loop gains that the robot's class gave, what they make the motors yield is drawn, with the spread of
-:mod:`counterflex.robot.model.class_prior`.
+:mod:`counterflex.robot.model.class_prior`, or what a first cut has left of it.
 
 What the predicted tool swings is larger or smaller by a factor of its own (:data:`SWING`): its damping is assumed.
 
@@ -53,6 +53,8 @@ SWING: Final = 0.4
 Damping within :data:`counterflex.plan.lowest_mode.DAMPING_INTERVAL` gives 0.2 of it, masses off by 15 % 0.1, the speeds
 of the controller at corners the rest. With exact constants the swings of 24 tuning cells (`wide`, seeds 1 to 12, helix
 and groove) had 0.55 to 1.8 times the predicted size; 0.4 leaves no helix above its range, 0.3 one in twelve."""
+YIELD: Final = "drives.yield"
+"""Name of the value of a first cut: what the drives yield, over what the class has them yield."""
 SHARP_RAD: Final = 30.0 * DEG
 """Turn of the path from which on a controller slows down or stops by rules of its own."""
 SERVO: Final = "servo"
@@ -204,9 +206,8 @@ def _unknown_displacement(
     rng = np.random.default_rng(_SEED)
     out = _left_open(sources(cell, points), bend, rng, kept)
     yielding = kept.get(SERVO, 1.0)
-    given = cell.class_drives
-    if given is not None and given.servo_axes:
-        sigma = given.prior.yield_log_sigma  # about the mean, which the plan takes
+    sigma = yield_sigma(cell)  # about the mean, which the plan takes
+    if sigma > 0.0:
         softer = np.exp(sigma * rng.standard_normal((ROBOTS, 1, 1)) - 0.5 * sigma**2) - 1.0
         R_base_part = _part_axes(plan, cell, points, places)
         yields = yielding * drives_yield(plan, cell)[points.row]
@@ -217,10 +218,25 @@ def _unknown_displacement(
     return out
 
 
+def yield_sigma(cell: Cell) -> float:
+    """Standard deviation of the logarithm of how far the motors yield: by the class, else by a first cut; else 0."""
+    given = cell.class_drives
+    if given is not None and given.servo_axes:
+        return given.prior.yield_log_sigma
+    sigma = 0.0
+    for entry in cell.tables.identified:
+        if entry.recipe == "servo":  # each loop has been measured since
+            sigma = 0.0
+        for one in entry.values:
+            sigma = one.sigma / one.value if one.name == YIELD else sigma
+    return sigma
+
+
 def drives_yield(plan: Plan, cell: Cell) -> Float:
-    """(n, 3) m, part axes: how far the motors yield whose loop gains the robot's class gave."""
-    given, chain = cell.class_drives, replace(cell.chain, servo=None, play=None)
-    chain = chain if given is None else given.given_to(chain, play=False)
+    """(n, 3) m, part axes: how far the motors yield of which :func:`yield_sigma` tells."""
+    given, chain = cell.class_drives, replace(cell.chain, play=None)
+    if given is not None and given.servo_axes:
+        chain = given.given_to(replace(chain, servo=None), play=False)
     relative = setting_of(cell, chain=chain, part_may_be_held=True).relative_motion(plan.path)
     path, mode = plan.path, at_largest_force(cell, plan).mode
     return play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode)

@@ -12,7 +12,7 @@ them. At rest and linear: what it is in motion, a plan says.
   identified.
 - Play and friction: of an axis without ``[[robot.play]]``, what a robot of the class loses beyond what the plan takes
   (:mod:`counterflex.robot.model.class_prior`). Of an identified axis, the standard deviations of dead band and slip
-  angles.
+  angles, or of both together.
 """
 
 from __future__ import annotations
@@ -251,16 +251,17 @@ def _play(cell: Cell, points: CutPoints, *, planned: bool) -> list[DisplacementS
 
 
 def _identified_play(cell: Cell, points: CutPoints) -> list[DisplacementSource]:
-    """Standard deviations that the identification of play leaves: half of the dead band, slip angles."""
+    """Standard deviations that the identification of play leaves: half of the dead band, slip angles, or their sum."""
     twist = np.zeros(6)
     for entry in cell.tables.identified:
-        if entry.recipe == "play":
-            variance = np.zeros(6)
-            for one in entry.values:
-                axis, _, what = one.name.partition(".")
-                if what == "half_band" or what.startswith("slip"):
-                    variance[int(axis.removeprefix("axis")) - 1] += (one.sigma * MRAD) ** 2
-            twist = np.sqrt(variance)
+        variance: dict[int, float] = {}
+        for one in entry.values if entry.recipe in ("play", "first_cut") else ():
+            axis, _, what = one.name.partition(".")
+            if what in ("half_band", "lost") or what.startswith("slip"):
+                number = int(axis.removeprefix("axis")) - 1
+                variance[number] = variance.get(number, 0.0) + (one.sigma * MRAD) ** 2
+        for number, value in variance.items():
+            twist[number] = np.sqrt(value)
     axes = np.flatnonzero(twist)
     if len(axes) == 0:
         return []

@@ -13,16 +13,18 @@ from counterflex.app.compensation.languages import write
 from counterflex.app.first_cut import first_cut
 from counterflex.app.first_cut.coupon import coupon
 from counterflex.app.inputs import read_job, setting_of
+from counterflex.app.prediction_interval import yield_sigma
 from counterflex.app.proof import simulate
 from counterflex.app.proof.judge import judge, reference_of
 from counterflex.app.proof.simulate import undisturbed
 from counterflex.app.proof.truth import truth_of
 from counterflex.core import atomic
 from counterflex.core.errors import FileFormatError, InputError
-from counterflex.core.units import MM
+from counterflex.core.units import MM, MRAD
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.summary_file import read_summary
 from counterflex.plan.compensate import plan as make_plan
+from counterflex.robot.model.description import Play
 from counterflex.twin.truth.family import FAMILIES
 from counterflex.twin.truth.file import write_truth
 
@@ -109,14 +111,47 @@ def softer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Cell]:
     program, table = folder / "coupon" / first_cut.PROGRAM, folder / "coupon" / first_cut.TABLE
     changes = ("ry_urad_per_knm = 14925.0", "ry_urad_per_knm = 20000.0"), ("kc11_n_mm2 = 780", "kc11_n_mm2 = 950")
     truth = read_cell(cell_with(folder, *changes))
-    job = read_job(program, truth)
-    plan = make_plan(job.path, job.line_of_motion, truth.stock(), setting_of(truth))
+    fill_in(table, program, truth)
+    return program, table, truth
+
+
+def fill_in(table: Path, program: Path, truth: Cell, play: tuple[Play | None, ...] | None = None) -> None:
+    """Write the coordinates that a cell makes, with its own play or another."""
+    job, chain = read_job(program, truth), truth.planning_chain
+    setting = setting_of(truth, chain=chain if play is None else replace(chain, play=play))
+    plan = make_plan(job.path, job.line_of_motion, truth.stock(), setting)
     places = first_cut._placed(first_cut._read(table, filled=False), plan, truth, 1e-6)
     off = plan.deviation_nominal_part[places.row, places.axis]
     rows = table.read_text().splitlines()
     filled = [f"{row}{float(row.split(',')[6]) + float(d) / MM:.4f}" for row, d in zip(rows[1:], off, strict=True)]
     table.write_text("\n".join([rows[0], *filled, ""]))
-    return program, table, truth
+
+
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_what_axes_lose_is_found(tmp_path: Path, factor: float) -> None:
+    """A cell of the class but for play and friction: none on all axes, or three times as much on the first."""
+    first_cut.propose(CELL, tmp_path / "coupon", tool=1, feed_mm_min=FEED_MM_MIN, rpm=RPM)
+    program, table = tmp_path / "coupon" / first_cut.PROGRAM, tmp_path / "coupon" / first_cut.TABLE
+    cell = read_cell(CELL)
+    chain = cell.planning_chain
+    play = tuple(
+        Play(factor * one.half_band_rad, (factor * one.friction_nm[0],), one.slip_rad)
+        if one is not None and (axis == 0 or factor == 0.0)
+        else one
+        for axis, one in enumerate(chain.play or ())
+    )
+    fill_in(table, program, cell, play)
+    summary = first_cut.run(program, CELL, tmp_path / "out")
+    values = read_cell(tmp_path / "out" / "cell.toml").tables.identified[-1].values
+    found = {value.name: value for value in values if value.name.endswith(".lost")}
+    soft = chain.compliance[chain.torsion, 5]
+    assert len(found) == 6
+    for axis, one in enumerate(play):
+        assert one is not None
+        true_mrad = (one.half_band_rad + soft[axis] * sum(one.friction_nm)) / MRAD
+        value = found[f"axis{axis + 1}.lost"]
+        assert abs(value.value - true_mrad) < 2.5 * value.sigma
+    assert summary["left_rms_um"] < summary["planned_rms_um"] / 3.0
 
 
 def deflections(cell: Cell, program: Path) -> np.ndarray:
@@ -138,6 +173,7 @@ def test_the_new_cell_bends_as_the_measured_one(softer: tuple[Path, Path, Cell],
     assert np.sqrt(np.mean((new - known) ** 2)) < off / 3.0
     assert summary["left_out_rms_um"] < 0.5 * summary["planned_rms_um"]
     assert summary["far_places"] == []
+    assert 0.0 < yield_sigma(read_cell(tmp_path / "out" / "cell.toml")) < yield_sigma(read_cell(CELL))
     assert read_summary(tmp_path / "out" / "summary.json")["places"] == summary["places"]
 
 

@@ -1,1 +1,1 @@
-"""First cut: a coupon is milled once and measured as a shop can; stiffness and force of the cell follow from it."""
+"""First cut: a coupon is milled once and measured as a shop can; stiffness, force, play and friction follow from it."""

@@ -1,8 +1,10 @@
 """A coupon that loads the arm in many directions, and the places to measure on it.
 
-Four shoulders (feed +y, -y, -x, +x) and three slots (+x, -y, +y) of different depths, each face made by one stretch of
-the path, ribs between them. Forces of slots and shoulders differ in direction, so walls and floors show the deflection
-in all directions of the part; feeds to and fro tell it from an offset of the part frame.
+Four shoulders (feed +y, -y, -x, +x), a slot with a corner (+x, then +y) and one that ends in it (-y), of different
+depths, each face made by one stretch of the path, ribs between them. Forces of slots and shoulders differ in direction,
+so walls and floors show the deflection in all directions of the part; feeds to and fro tell it from an offset of the
+part frame. Three shoulders are milled again half their length, lightly and the other way: little deflection is there,
+and what the axes lose by play and friction remains. Behind the corner and where a cut begins the drives yield.
 """
 
 from __future__ import annotations
@@ -18,9 +20,11 @@ SHOULDER: Final = 0.1875
 """Radial depth of a shoulder, of the tool's diameter."""
 RIB: Final = 0.3125
 """Rib between two faces, of the tool's diameter: stiff against the tool."""
+LIGHT: Final = 0.0625
+"""Radial depth of a light pass, of the tool's diameter."""
 DEPTH: Final = 0.25
-"""Axial depth of the shallowest slot, of the tool's diameter; the others are 1.25 and 1.5 times as deep, the shoulders
-twice. The slot along x is the deepest: the last slot begins in it without a plunge."""
+"""Axial depth of the shallowest slot, of the tool's diameter; the other is 1.5 times as deep, the shoulders
+twice. The slot with the corner is the deepest: the other one ends in it."""
 _AIR: Final = 0.75
 """Path beside the blank, of the tool's diameter."""
 _CLEAR_MM: Final = 20.0
@@ -49,25 +53,21 @@ class Coupon:
 @dataclass(frozen=True)
 class _Stretch:
     name: str
-    begin: tuple[float, float]  # mm
-    end: tuple[float, float]
+    points: tuple[tuple[float, float], ...]  # mm, the path
     depth: float
-    walls: tuple[tuple[int, float, tuple[float, ...]], ...]  # axis, coordinate, stations along the feed
-    floor: tuple[float, ...]  # stations along the feed
+    walls: tuple[tuple[int, float, tuple[float, ...]], ...]  # axis, coordinate, stations along the wall
+    floor: tuple[tuple[float, float], ...]
 
     def places(self, top: float) -> list[MeasuringPlace]:
         """Places on the walls of a stretch, at half their depth, and on its floor."""
         out = []
-        feed = 0 if self.begin[1] == self.end[1] else 1
         for axis, value, stations in self.walls:
             for station in stations:
-                p = [0.0, 0.0, top - 0.5 * self.depth]
-                p[axis], p[feed] = value, station
+                p = [station, station, top - 0.5 * self.depth]
+                p[axis] = value
                 out.append(MeasuringPlace(f"{self.name} wall", axis, (p[0] * MM, p[1] * MM, p[2] * MM)))
-        for station in self.floor:
-            p = [self.begin[0], self.begin[1], top - self.depth]
-            p[feed] = station
-            out.append(MeasuringPlace(f"{self.name} floor", 2, (p[0] * MM, p[1] * MM, p[2] * MM)))
+        for x, y in self.floor:
+            out.append(MeasuringPlace(f"{self.name} floor", 2, (x * MM, y * MM, (top - self.depth) * MM)))
         return out
 
 
@@ -124,35 +124,55 @@ def coupon(cell: Cell, tool: int, *, feed_mm_min: float, rpm: float, depth_mm: f
 def _stretches(box: tuple[float, float, float, float], d: float, a: float) -> list[_Stretch]:
     x0, x1, y0, y1 = box
     ae, rib, r, air = SHOULDER * d, RIB * d, 0.5 * d, _AIR * d
-    off, edge = r - ae, ae + rib
+    off, edge, more = r - ae, ae + rib, LIGHT * d
     row = y0 + edge + r  # middle of the slot along x
     left, right = x0 + edge + r, x1 - edge - r  # middles of the slots along y
-    begin = row + r + 0.3 * d
-    along_y = _between(begin, y1 - ae - 0.4 * d)
-    along_x = _between(x0 + 0.5 * d, x1 - 0.5 * d)
-    between = _between(left + r + 0.1 * d, right - r - 0.1 * d, 2)
+    low, high = row + r + 0.3 * d, y1 - ae - 0.4 * d  # where walls along y are whole
+    near, far = x0 + 0.5 * d, x1 - 0.5 * d  # the same along x
+    between = _between(left + r + 0.1 * d, right - r - 0.1 * d)
     entry, first = y1 - ae - 0.15 * d, x0 + ae + 0.15 * d
+    begins, ends = (low, low + 0.25 * d), (low + 0.7 * d, high)
+    up, down, aside = low + 0.6 * d, high - 0.6 * d, far - 0.6 * d  # ends of the light passes
     return [
-        _Stretch("left shoulder", (x0 - off, y0 - air), (x0 - off, y1 + air), 2 * a, ((0, x0 + ae, along_y),), ()),
-        _Stretch("right shoulder", (x1 + off, y1 + air), (x1 + off, y0 - air), 2 * a, ((0, x1 - ae, along_y),), ()),
-        _Stretch("front shoulder", (x1 + air, y0 - off), (x0 - air, y0 - off), 2 * a, ((1, y0 + ae, along_x),), ()),
-        _Stretch("back shoulder", (x0 - air, y1 + off), (x1 + air, y1 + off), 2 * a, ((1, y1 - ae, between),), ()),
+        _Stretch("left shoulder", ((x0 - off, y0 - air), (x0 - off, y1 + air)), 2 * a, ((0, x0 + ae, begins),), ()),
         _Stretch(
-            "slot +x", (x0 - air, row), (x1 + air, row), 1.5 * a,
-            ((1, row - r, (first, *along_x)), (1, row + r, between)), (first, *between),
+            "left shoulder light", ((x0 - off + more, y1 + air), (x0 - off + more, up), (x0 - r, up)), 2 * a,
+            ((0, x0 + ae + more, ends),), (),
         ),
         _Stretch(
-            "slot -y", (left, y1 + air), (left, row), a,
-            ((0, left - r, (entry, *along_y)), (0, left + r, along_y)), along_y,
+            "right shoulder", ((x1 + off, y1 + air), (x1 + off, y0 - air)), 2 * a,
+            ((0, x1 - ae, (high - 0.25 * d, high)),), (),
         ),
         _Stretch(
-            "slot +y", (right, row), (right, y1 + air), 1.25 * a,
-            ((0, right - r, along_y), (0, right + r, (*along_y, entry))), along_y,
+            "right shoulder light", ((x1 + off - more, y0 - air), (x1 + off - more, down), (x1 + r, down)), 2 * a,
+            ((0, x1 - ae - more, _between(y0 + ae + 0.4 * d, high - 0.7 * d)),), (),
+        ),
+        _Stretch(
+            "front shoulder", ((x1 + air, y0 - off), (x0 - air, y0 - off)), 2 * a,
+            ((1, y0 + ae, (far - 0.25 * d, far)),), (),
+        ),
+        _Stretch(
+            "front shoulder light", ((x0 - air, y0 - off + more), (aside, y0 - off + more), (aside, y0 - r)), 2 * a,
+            ((1, y0 + ae + more, _between(near, far - 0.7 * d)),), (),
+        ),
+        _Stretch("back shoulder", ((x0 - air, y1 + off), (x1 + air, y1 + off)), 2 * a, ((1, y1 - ae, between),), ()),
+        _Stretch(
+            "corner slot", ((x0 - air, row), (right, row), (right, y1 + air)), 1.5 * a,
+            (
+                (1, row - r, (first, near, left + 0.1 * d, *(right - k * d for k in (0.8, 0.4)))),
+                (0, right + r, (*(row + k * d for k in (0.25, 0.5, 0.9)), *_between(low, high), entry)),
+            ),
+            ((first, row), *((x, row) for x in between), *((right, y) for y in _between(low, high))),
+        ),
+        _Stretch(
+            "slot -y", ((left, y1 + air), (left, row)), a,
+            ((0, left - r, (entry, *_between(low, high, 3))), (0, left + r, _between(low, high))),
+            tuple((left, y) for y in _between(low, high, 3)),
         ),
     ]  # fmt: skip
 
 
-def _between(begin: float, end: float, count: int = 3) -> tuple[float, ...]:
+def _between(begin: float, end: float, count: int = 2) -> tuple[float, ...]:
     """Places (count,) evenly between two, the ends included."""
     return tuple(begin + (end - begin) * k / (count - 1) for k in range(count))
 
@@ -163,10 +183,11 @@ def _program(stretches: list[_Stretch], tool: int, d: float, top: float, feed_mm
         "G17 G54 G40 G49 G80 G90", "G21", f"M6 T{tool}", f"G43 H{tool}", f"M3 S{rpm:g}", f"G0 Z{top + _CLEAR_MM:g}",
     ]  # fmt: skip
     for one in stretches:
-        (bx, by), (ex, ey) = one.begin, one.end
+        (bx, by), *rest = one.points
         lines += [
             f"({one.name})", f"G0 X{bx:.3f} Y{by:.3f}", f"G0 Z{top + 2.0:g}",
-            f"G1 Z{top - one.depth:.3f} F{0.2 * feed_mm_min:g}", f"G1 X{ex:.3f} Y{ey:.3f} F{feed_mm_min:g}",
+            f"G1 Z{top - one.depth:.3f} F{0.2 * feed_mm_min:g}", f"F{feed_mm_min:g}",
+            *(f"G1 X{x:.3f} Y{y:.3f}" for x, y in rest),
             f"G0 Z{top + _CLEAR_MM:g}",
         ]  # fmt: skip
     return "\n".join([*lines, "M5", "M30", ""])

@@ -1,4 +1,4 @@
-"""The job ``firstcut``: propose a coupon; from its measured faces write a cell file with stiffness and force."""
+"""The job ``firstcut``: propose a coupon; from its measured faces write a cell file with what they show."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from counterflex.app.correction.scans import read_scan
 from counterflex.app.first_cut import posterior
 from counterflex.app.first_cut.coupon import COLUMNS, coupon, shown, table
 from counterflex.app.inputs import Job, faults_in, read_in_plane, setting_of
+from counterflex.app.prediction_interval import YIELD
 from counterflex.core import atomic, file_content
 from counterflex.core.arrays import Float, Int
 from counterflex.core.errors import FileFormatError, InputError
 from counterflex.core.progress import Progress, in_parts, silent
-from counterflex.core.units import MM, UM
+from counterflex.core.units import MM, MRAD, UM
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw
 from counterflex.evaluate.inspection.part_deviations import PartDeviations
 from counterflex.files.cell.cell import Cell, read_cell
@@ -30,7 +31,7 @@ from counterflex.files.cell.measured import IdentifiedTable, IdentifiedValue
 from counterflex.files.cell.update import check_update, updated_text
 from counterflex.files.small_table import are_columns, number, read_rows
 from counterflex.files.summary_file import write_folder_summary
-from counterflex.identify.data.changes import Change, CuttingLaw, ElementCompliance
+from counterflex.identify.data.changes import AxisPlay, AxisServo, Change, CuttingLaw, ElementCompliance
 from counterflex.plan.compensate import plan as make_plan
 from counterflex.plan.plan import Plan
 
@@ -45,7 +46,7 @@ LEAST: Final = 12
 _NEAR_M: Final = 1.0 * MM
 """A place belongs to a stretch that passes it so near along the feed; readings of a scan are averaged within it."""
 _ON_FACE_M: Final = 0.05 * MM
-_ROUNDS: Final = 2
+_ROUNDS: Final = 4
 """Estimates, each about what the cell of the one before predicts."""
 _DETERMINED: Final = 0.999
 """Standard deviation over that before, below which the part says something of an element."""
@@ -117,14 +118,18 @@ def run(
     unseen = posterior.left_out(names, patterns, places, cell)
     planned = places.off_m - patterns.predicted_m
     with atomic.atomic_folder(out) as staging:
+        about = np.zeros(1)  # of the logarithms
         for turn in range(_ROUNDS):
-            fit = posterior.estimated(names, patterns, places, cell)
+            estimate = posterior.estimated(names, patterns, places, cell)
+            last = turn + 1 == _ROUNDS
+            fit = estimate if last else posterior.held(estimate, about)
+            about = fit.value
             narrower, alone = posterior.share_left(fit, patterns)
             entry = _entry(fit, cell, alone, unseen, planned, [file if part is None else Path(part)])
             known = check_update(updated_text(cell, _changes(fit, cell), entry, staging), staging / CELL)
-            if turn + 1 < _ROUNDS:  # a tool that yields more cuts less: what the new cell predicts takes its place
-                again = _planned(job, known, silent).deviation_nominal_part[places.row, places.axis]
-                patterns = patterns.through(again, fit)
+            if not last:  # a tool that yields more cuts less: what the new cell predicts takes its place
+                lost = posterior.lost_by_factor(plan, cell, known, places)
+                patterns = patterns.through(posterior.moved(plan, known, places), lost, fit)
         text = updated_text(cell, _changes(fit, cell), entry, Path(out))
         atomic.write_text(staging / CELL, text)
         summary = _summary(fit, places, unseen, planned, narrower, cell, job)
@@ -249,11 +254,23 @@ def _of_part(
 
 
 def _changes(fit: posterior.Posterior, cell: Cell) -> list[Change]:
-    c, r, a = fit.force.tolist()
-    out: list[Change] = [CuttingLaw(cell.force_law.scaled((c, r, a)))]
+    factors = fit.factors
+    out: list[Change] = [CuttingLaw(cell.force_law.scaled((*factors.force.tolist(),)))]
     index = {name: i for i, name in enumerate(cell.chain.names)}
-    for name, factor in zip(fit.elements, fit.compliance.tolist(), strict=True):
+    for name, factor in zip(fit.elements, factors.elements.tolist(), strict=True):
         out.append(ElementCompliance(name, factor * cell.chain.compliance[index[name]]))
+    given, chain = cell.class_drives, cell.planning_chain
+    if given is None:
+        return out
+    for axis in given.servo_axes:
+        loop = (chain.servo or ())[axis]
+        assert loop is not None
+        out.append(AxisServo(axis, replace(loop, speed_gain_nm_s=loop.speed_gain_nm_s / float(factors.drives[0]))))
+    for axis, band, friction in zip(given.play_axes, *np.split(factors.play, 2), strict=True):
+        lost = (chain.play or ())[axis]
+        assert lost is not None
+        dry = tuple(float(friction) * torque for torque in lost.friction_nm)
+        out.append(AxisPlay(axis, replace(lost, half_band_rad=float(band) * lost.half_band_rad, friction_nm=dry)))
     return out
 
 
@@ -262,17 +279,21 @@ def _entry(
 ) -> IdentifiedTable:
     """Provenance; standard deviations are those of independent values that leave the same doubt of the deflection."""
     index, k = {name: i for i, name in enumerate(cell.chain.names)}, len(fit.elements)
-    before, after = (np.sqrt(np.diag(P))[4 : 4 + k] for P in (fit.before, fit.covariance))
+    before, after = (np.sqrt(np.diag(P))[3 : 3 + k] for P in (fit.before, fit.covariance))
     determined = after < _DETERMINED * before
     spread = np.where(determined, before * alone, before)
     values = [
         IdentifiedValue(
             name=f"force.{name}", value=factor, sigma=factor * float(np.sqrt(fit.covariance[j, j])), unit=""
         )
-        for j, (name, factor) in enumerate(zip(_FORCES, fit.force.tolist(), strict=True))
+        for j, (name, factor) in enumerate(zip(_FORCES, fit.factors.force.tolist(), strict=True))
     ]
     for name, factor, sigma, seen in zip(
-        fit.elements, fit.compliance.tolist(), spread.tolist(), np.where(determined, "determined", "prior"), strict=True
+        fit.elements,
+        fit.factors.elements.tolist(),
+        spread.tolist(),
+        np.where(determined, "determined", "prior"),
+        strict=True,
     ):
         for d, compliance in zip(_DIRECTIONS, (factor * cell.chain.compliance[index[name]]).tolist(), strict=True):
             if compliance > 0.0:
@@ -282,6 +303,12 @@ def _entry(
                         name=f"{name}.{d}", value=compliance, sigma=sigma * compliance, unit=unit, seen=str(seen)
                     )
                 )
+    given = cell.class_drives
+    if given is not None and given.servo_axes:
+        factor, sigma = float(fit.factors.drives[0]), float(fit.sigma.drives[0])
+        values.append(IdentifiedValue(name=YIELD, value=factor, sigma=factor * sigma, unit=""))
+    for axis, angle, sigma in posterior.lost_rad(fit, cell):
+        values.append(IdentifiedValue(name=f"axis{axis + 1}.lost", value=angle / MRAD, sigma=sigma / MRAD, unit="mrad"))
     return IdentifiedTable(
         recipe=RECIPE,
         date=datetime.datetime.now(tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
@@ -294,7 +321,7 @@ def _entry(
     )
 
 
-def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float) -> list[str]:
+def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float, cell: Cell) -> list[str]:
     """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
     out = []
     for axis in range(3):
@@ -308,8 +335,7 @@ def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, pred
     if len(far):
         along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
         out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
-    names = [f"{name} force" for name in _FORCES] + ["drives"] + [f"compliance of {name}" for name in fit.elements]
-    for name, value, variance in zip(names, fit.value, np.diag(fit.before), strict=False):
+    for name, value, variance in zip(_names(fit, cell), fit.value, np.diag(fit.before), strict=False):
         if value**2 > _BELIEVED**2 * variance:
             out.append(
                 f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
@@ -317,6 +343,14 @@ def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, pred
                 "material and feed"
             )
     return out
+
+
+def _names(fit: posterior.Posterior, cell: Cell) -> list[str]:
+    """Names of the constants, in the order of their logarithms."""
+    names = [f"{name} force" for name in _FORCES] + [f"compliance of {name}" for name in fit.elements]
+    axes = () if cell.class_drives is None else cell.class_drives.play_axes
+    lost = [f"{what} of axis{axis + 1}" for what in ("play", "friction") for axis in axes]
+    return [*names, "yield of the drives", *lost]
 
 
 def _digest(path: Path) -> str:
@@ -341,16 +375,11 @@ def _summary(
     cell: Cell,
     job: Job,
 ) -> dict[str, Any]:
-    sigma = np.sqrt(np.diag(fit.covariance))
+    factors, sigma = np.exp(fit.value[:-3]).tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
     constants = [
-        {"constant": f"{name} force", "factor": round(float(fit.force[j]), 3), "percent": round(100.0 * sigma[j], 1)}
-        for j, name in enumerate(_FORCES)
+        {"constant": name, "factor": round(factor, 3), "percent": round(100.0 * doubt, 1)}
+        for name, factor, doubt in zip(_names(fit, cell), factors, sigma, strict=False)
     ]
-    constants += [
-        {"constant": f"compliance of {name}", "factor": round(float(fit.compliance[i]), 3),
-         "percent": round(100.0 * sigma[4 + i], 1)}
-        for i, name in enumerate(fit.elements)
-    ]  # fmt: skip
     far: Int = np.flatnonzero(np.abs(fit.left_m) > _FAR * np.maximum(places.sigma_m, _rms(fit.left_m)))
     return {
         "job": "firstcut",
@@ -363,7 +392,6 @@ def _summary(
         "left_rms_um": round(_rms(fit.left_m) / UM, 1),
         "left_out_rms_um": round(_rms(unseen) / UM, 1),
         "offset_um": [round(float(v) / UM, 1) for v in fit.value[-3:]],
-        "drives_yield_factor": round(float(np.exp(fit.value[3])), 2),
         "far_places": places.number[far].tolist(),
-        "warnings": doubts(fit, places, places.off_m - planned),
+        "warnings": doubts(fit, places, places.off_m - planned, cell),
     }

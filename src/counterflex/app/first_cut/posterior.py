@@ -5,21 +5,23 @@ A face lies off by the displacement of the tool that made it,
     y = n . (d_0 + sum_jk (exp(a_j + c_k) - 1) D_jk + sum_j (exp(a_j + g) - 1) S_j + sum_i (exp(p_i) - 1) P_i + o) + e
 
 with d_0 predicted with the cell file, D_jk the deflection of elastic element k under the cutting force of direction j
-(tangential, radial, axial), S_j what the drives yield to it, P_i the play of axis i and o an offset of the part frame.
-a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is noise, :data:`STRUCTURE` of the
-deflection that a face has in common and :data:`LOCAL` of it place by place. The estimate is the maximum a posteriori
-by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
+(tangential, radial, axial), S_j what the drives yield to it, P_i what play or friction of an axis adds per factor and o
+an offset of the part frame. a, c, g, p and o are normal about zero with the spread that ``cell check`` takes; e is
+noise, :data:`STRUCTURE` of the deflection that a face has in common and :data:`LOCAL` of it place by place. The
+estimate is the maximum a posteriori by Gauss-Newton; places far off lose their weight (Student's t, :data:`FREEDOM`).
 
-What one coupon shows of each element by itself is little; of all together, the deflection, it is much. Loop gains and
-play are found with the rest but not kept: such a coupon shows too little of them.
+What one coupon shows of each element by itself is little; of all together, the deflection, it is much. All are kept: a
+deflection without the play that was found beside it fits no face. Derivatives are those of a robot at rest: in motion
+the grain of the stock makes more noise than a loop gain does.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 
 from counterflex.app.correction.causes import OFFSET_M
 from counterflex.app.inputs import setting_of
@@ -30,12 +32,17 @@ from counterflex.core.arrays import Float, Int
 from counterflex.core.progress import silent
 from counterflex.core.units import UM
 from counterflex.files.cell.cell import Cell
+from counterflex.plan.compensate import in_fine_stock
 from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
-from counterflex.plan.sag_and_play import play_deviation
+from counterflex.plan.sag_and_play import play_deviation, touched_points
+from counterflex.plan.static_correction import loaded_robot
+from counterflex.plan.tool_deviation import run
 from counterflex.plan.undisturbed_cut import undisturbed_cut
 from counterflex.robot.elasticity.compliance import shares
+from counterflex.robot.elasticity.play import arrays
 from counterflex.robot.model.class_prior import PLAY_FACTOR
+from counterflex.robot.model.description import Play
 
 LOCAL: Final = 0.03
 """Of the deflection, place by place."""
@@ -49,6 +56,9 @@ _STEPS: Final = 20
 _LONGEST: Final = 0.7
 """Longest step of a logarithm."""
 _NORMAL: Final = 1.645
+# Friction has that of play: how much of it acts behind the gear is known as little.
+_CHANGE: Final = 0.25
+"""Of play and friction, for derivatives by differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,42 +83,53 @@ class MeasuredCoordinates:
         return replace(self, **values)
 
 
+class Constants(NamedTuple):
+    """A value of each constant."""
+
+    force: Float  # (3,) tangential, radial, axial
+    elements: Float  # (k,) compliance
+    drives: Float  # (1,) what the drives yield
+    play: Float  # (i,) play, then friction behind the gear, of each axis
+    offset_m: Float  # (3,)
+
+
+def split(values: Float, elements: int) -> Constants:
+    """Values (p,) of all constants by kind."""
+    return Constants(*np.split(values, [3, 3 + elements, 4 + elements, len(values) - 3]))
+
+
 @dataclass(frozen=True, eq=False)
 class Patterns:
     """Coordinates of m places, m, and their parts by each constant."""
 
     predicted_m: Float  # (m,)
     elements_m: Float  # (3, k, m) deflection of each element by each direction of force
-    drives_m: Float  # (3, m)
-    play_m: Float  # (i, m)
+    drives_m: Float  # (3, m) what the drives yield to each direction of force
+    play_m: Float  # (i, m) by a factor of play, then of friction
     offset_m: Float  # (3, m)
 
     def at(self, values: Float) -> tuple[Float, Float]:
         """Coordinates (m,) and their derivatives (m, p) at logarithms of the factors and the offset (p,)."""
-        k, i = self.elements_m.shape[1], len(self.play_m)
-        force, drive = np.exp(values[:3]), np.exp(values[3])
-        soft, play = np.exp(values[4 : 4 + k]), np.exp(values[4 + k : 4 + k + i])
+        log = split(values, self.elements_m.shape[1])
+        force, soft, drive, play = (np.exp(one) for one in log[:-1])
         by_force = np.einsum("k,jkm->jm", soft, self.elements_m) + drive * self.drives_m
         still = self.elements_m.sum(axis=(0, 1)) + self.drives_m.sum(axis=0) + self.play_m.sum(axis=0)
-        y = self.predicted_m - still + force @ by_force + play @ self.play_m + values[4 + k + i :] @ self.offset_m
+        y = self.predicted_m - still + force @ by_force + play @ self.play_m
         columns = [
             force[:, None] * by_force,
-            (force @ (drive * self.drives_m))[None],
             soft[:, None] * np.einsum("j,jkm->km", force, self.elements_m),
+            (force @ (drive * self.drives_m))[None],
             play[:, None] * self.play_m,
             self.offset_m,
         ]
-        return y, np.concatenate(columns).T
+        return y + log.offset_m @ self.offset_m, np.concatenate(columns).T
 
-    def through(self, predicted_m: Float, fit: Posterior) -> Patterns:
-        """The patterns with coordinates (m,) m as a cell with the constants of an estimate predicts them.
-
-        The cell has its compliances and forces; drives, play and offset it has as before.
-        """
-        k, theta = self.elements_m.shape[1], np.zeros(len(fit.value))
-        constants = [*range(3), *range(4, 4 + k)]
-        theta[constants] = fit.value[constants]
-        return replace(self, predicted_m=self.predicted_m + predicted_m - self.at(theta)[0])
+    def through(self, predicted_m: Float, play_m: Float, fit: Posterior) -> Patterns:
+        """The patterns as a cell with the constants of an estimate has them: coordinates (m,), its play (i, m), m."""
+        theta = fit.value.copy()
+        theta[-3:] = 0.0
+        new = replace(self, play_m=play_m / fit.factors.play[:, None])
+        return replace(new, predicted_m=self.predicted_m + predicted_m - new.at(theta)[0])
 
     def only(self, rows: Int) -> Patterns:
         """Some of the places."""
@@ -120,22 +141,22 @@ class Posterior:
     """Estimate of the constants."""
 
     elements: tuple[str, ...]  # names
-    value: Float  # (p,) logarithms of the factors of force (3), drives, elements and play; offset (3) m
+    value: Float  # (p,) logarithms of the factors of force (3), elements, drives, play and friction; offset (3) m
     covariance: Float  # (p, p)
     before: Float  # (p, p) covariance of what was known before
     left_m: Float  # (m,) measured minus estimated coordinate
 
     @property
-    def force(self) -> Float:
-        """(3,) factors of the tangential, radial and axial force."""
-        out: Float = np.exp(self.value[:3])
-        return out
+    def factors(self) -> Constants:
+        """Factors of the constants, and the offset."""
+        log = split(self.value, len(self.elements))
+        force, elements, drives, play = (np.exp(one) for one in log[:-1])
+        return Constants(force, elements, drives, play, log.offset_m)
 
     @property
-    def compliance(self) -> Float:
-        """(k,) factors of the compliance of the elements."""
-        out: Float = np.exp(self.value[4 : 4 + len(self.elements)])
-        return out
+    def sigma(self) -> Constants:
+        """Standard deviations of the logarithms, and of the offset."""
+        return split(np.sqrt(np.diag(self.covariance)), len(self.elements))
 
 
 def patterns_of(plan: Plan, cell: Cell, measured: MeasuredCoordinates) -> tuple[tuple[str, ...], Patterns]:
@@ -154,16 +175,24 @@ def patterns_of(plan: Plan, cell: Cell, measured: MeasuredCoordinates) -> tuple[
     assumed = assumed_sigma(cell)  # these are written, too: nothing else in the file would give them
     seen = np.flatnonzero(bent | np.array([name in assumed for name in chain.names]))
     yields = np.stack([drives_yield(replace(plan, w_tcp_part=v), cell)[row] for v in w])
-    play = np.reshape([one[row] for one in _play_by_axis(plan, cell)], (-1, len(row), 3))
-    predicted, offset = plan.deviation_nominal_part[row], np.tile(np.eye(3)[:, None], (1, len(row), 1))
-    along = (measured.along(d) for d in (yields, play, offset))
-    patterns = Patterns(measured.along(predicted), elements[:, seen], *along)
+    offset = np.tile(np.eye(3)[:, None], (1, len(row), 1))
+    predicted, yields, offset = (measured.along(d) for d in (plan.deviation_nominal_part[row], yields, offset))
+    patterns = Patterns(predicted, elements[:, seen], yields, lost_by_factor(plan, cell, cell, measured), offset)
     return tuple(chain.names[i] for i in seen), patterns
+
+
+def moved(plan: Plan, cell: Cell, measured: MeasuredCoordinates) -> Float:
+    """Coordinates (m,) m that a cell makes in motion, the program as it is."""
+    inputs = CompensationInputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
+    loaded = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, silent)))
+    at_rest = np.zeros_like(plan.path.p_part_tcp)
+    deviation = run(loaded.robot, loaded.inputs.stock, plan.q, at_rest, silent)[1]
+    return measured.along(deviation[measured.row, :3])
 
 
 def estimated(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoordinates, cell: Cell) -> Posterior:
     """The likeliest constants with their covariance."""
-    P = _before(names, cell, len(patterns.play_m))
+    P = _before(names, cell)
     bend = np.abs(patterns.elements_m.sum(axis=(0, 1)))
     common = STRUCTURE * bend + _LEAST_M
     C = (measured.face[:, None] == measured.face[None, :]) * np.outer(common, common)
@@ -191,6 +220,11 @@ def left_out(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoord
     return out
 
 
+def held(fit: Posterior, about: Float) -> Posterior:
+    """The estimate with no constant farther from the one before, (p,), than a step may be: it is refined next."""
+    return replace(fit, value=np.clip(fit.value, about - _LONGEST, about + _LONGEST))
+
+
 def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
     """Standard deviation of the deflection after, mean square over the places, over two others.
 
@@ -200,13 +234,28 @@ def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
     """
     _, H = patterns.at(fit.value)
     k = len(fit.elements)
-    constants = [*range(3), *range(4, 4 + k)]
+    constants = np.arange(3 + k)
     after, before = (
         np.trace(H[:, constants] @ M[np.ix_(constants, constants)] @ H[:, constants].T)
         for M in (fit.covariance, fit.before)
     )
-    alone = float(np.sum(H[:, 4 : 4 + k] ** 2 @ np.diag(fit.before)[4 : 4 + k]))
+    alone = float(np.sum(H[:, 3 : 3 + k] ** 2 @ np.diag(fit.before)[3 : 3 + k]))
     return float(np.sqrt(after / before)), float(np.sqrt(after / alone))
+
+
+def lost_rad(fit: Posterior, cell: Cell) -> list[tuple[int, float, float]]:
+    """Axes 0..5 that the class gave play, half of what each loses at a reversal, rad, and its standard deviation.
+
+    The half dead band, and the twist that friction behind the gear holds.
+    """
+    given, chain = cell.class_drives, cell.planning_chain
+    axes = [] if given is None else list(given.play_axes)
+    band, limit, _ = arrays(chain)
+    at_one = np.stack([band, chain.compliance[chain.torsion, 5] * limit.sum(axis=1)])[:, axes]
+    angle = at_one * np.reshape(fit.factors.play, (2, -1))
+    rows = 4 + len(fit.elements) + np.arange(angle.size).reshape(2, -1)
+    variance = np.einsum("ai,abi,bi->i", angle, fit.covariance[rows[:, None], rows[None, :]], angle)
+    return list(zip(axes, angle.sum(axis=0).tolist(), np.sqrt(variance).tolist(), strict=True))
 
 
 def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
@@ -220,33 +269,58 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole
 
 
-def _play_by_axis(plan: Plan, cell: Cell) -> list[Float]:
-    """(n, 3) m, part axes, what the play of each axis that the class gave moves the tool by."""
-    given, out, path = cell.class_drives, [], plan.path
-    if given is None:
-        return []
-    chain = given.given_to(replace(cell.chain, servo=None, play=None), servo=False)
-    for axis in given.play_axes:
-        only = replace(chain, play=tuple(one if i == axis else None for i, one in enumerate(chain.play or ())))
-        relative = setting_of(cell, chain=only, part_may_be_held=True).relative_motion(path)
-        mode = at_largest_force(cell, plan).mode
-        out.append(play_deviation(only, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, None, mode))
+def lost_by_factor(plan: Plan, cell: Cell, known: Cell, measured: Measured) -> Float:
+    """(i, m) m, what a factor on play, then on friction behind the gear, of each axis adds to the coordinates.
+
+    Args:
+        plan: Of the program that made the part.
+        cell: Its class gave the play.
+        known: The cell that has it.
+    """
+    given, path, setting = cell.class_drives, plan.path, setting_of(known)
+    if given is None or not given.play_axes:
+        return np.zeros((0, len(measured.row)))
+    relative, touched, mode = setting.relative_motion(path), touched_points(setting), at_largest_force(known, plan).mode
+    play = setting.chain.play or ()
+    more = [
+        tuple(_more(one, friction=friction) if i == axis else one for i, one in enumerate(play))
+        for friction in (False, True)
+        for axis in given.play_axes
+    ]
+    y = []
+    for one in (play, *more):
+        chain = replace(setting.chain, servo=None, play=one)
+        off = play_deviation(chain, relative, path.p_part_tcp, plan.q, plan.w_tcp_part, path.time_s, touched, mode)
+        y.append(measured.along(off[measured.row]))
+    out: Float = (np.array(y[1:]) - y[0]) / _CHANGE
     return out
 
 
-def _before(names: tuple[str, ...], cell: Cell, play: int) -> Float:
+def _more(play: Play | None, *, friction: bool) -> Play:
+    """Play with more of the dead band, or of all friction."""
+    assert play is not None
+    more = 1.0 + _CHANGE
+    if friction:
+        return replace(play, friction_nm=tuple(more * torque for torque in play.friction_nm))
+    return replace(play, half_band_rad=more * play.half_band_rad)
+
+
+def _before(names: tuple[str, ...], cell: Cell) -> Float:
     """(p, p) covariance of what is known of the constants before."""
     known = any(entry.recipe in ("cutting", "first_cut") for entry in cell.tables.identified)
     force = IDENTIFIED if known else np.hypot(HANDBOOK, 0.5 * WORN)
     relative = assumed_sigma(cell) | identified_sigma(cell)
     soft = np.array([relative.get(name, STATED) for name in names])
-    given, k = cell.class_drives, len(names)
+    given = cell.class_drives
     drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
-    P = np.zeros((4 + k + play + 3, 4 + k + play + 3))
-    P[:3, :3] = force**2
-    P[[0, 1, 2], [0, 1, 2]] += np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else IDENTIFIED**2
-    P[3, 3] = drive**2
-    P[4 : 4 + k, 4 : 4 + k] = np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(k))
-    P[4 + k : 4 + k + play, 4 + k : 4 + k + play] = (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(play)
-    P[-3:, -3:] = OFFSET_M**2 * np.eye(3)
-    return P
+    lost = 0 if given is None else 2 * len(given.play_axes)
+    blocks = [
+        np.full((3, 3), force**2)
+        + np.diag(np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else np.full(3, IDENTIFIED**2)),
+        np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(len(soft))),
+        drive**2,
+        (np.log(PLAY_FACTOR) / _NORMAL) ** 2 * np.eye(lost),
+        OFFSET_M**2 * np.eye(3),
+    ]
+    out: Float = scipy.linalg.block_diag(*blocks)
+    return out

@@ -1,4 +1,4 @@
-"""The command ``firstcut``: a coupon, milled once and measured, teaches a cell its stiffness and force."""
+"""The command ``firstcut``: a coupon, milled once and measured, teaches a cell stiffness, force, play and friction."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ def firstcut(
     ] = 15.0,
     as_json: Annotated[bool, option("--json", "Print the summary as JSON.")] = False,
 ) -> None:
-    """Teach a cell its stiffness and force by a coupon, milled once and measured with a probe or a calliper.
+    """Teach a cell stiffness, force and play by a coupon, milled once and measured with a probe or a calliper.
 
-    First --propose 1500,13000: coupon.ngc (four shoulders, three slots, four directions of feed) and measure.csv. Run
+    First --propose 1500,13000: coupon.ngc (shoulders, light passes on them, slots with a corner) and measure.csv. Run
     the coupon as it is, without compensation (the command convert writes it for the robot), clamped below the
     shoulders. Probe the faces of measure.csv before the part is taken off, and write each coordinate under measured_mm;
-    rows may stay empty. Then, with PROGRAM: a new cell file for every later program, with compliances, force constants
-    and how well the faces show them. Faces are left out in turn, to see what the result foretells.
+    rows may stay empty. Then, with PROGRAM: a new cell file for every later program, with compliances, force constants,
+    play, friction, and how well the faces show them. Faces are left out in turn, to see what the result foretells.
 
     Other programs than the coupon can be measured as well: each row names an axis and a place on a face.
 

@@ -66,7 +66,7 @@ _TURNED = _window(1e-3, 360.0, _ANY, 720.0)
 """An angle that is meant to be zero is measured to be anything."""
 _ELEMENT = _window(1.0, 2e4, _ANY, 1e6)
 _TURNING = _window(10.0, 15e3, _ANY, 1e6)  # published elements of milling robots: 83 to 14925 (Haehn2020)
-_FRICTION = _window(0.5, 500.0, 0.2, 650.0)
+_FRICTION = _window(0.5, 500.0, 0.2, 1000.0)
 _SLIP = _window(1.0, 500.0)
 _MASS = _window(0.1, 500.0, 0.02, 2000.0)
 _SHARE = _window(0.01, 1.5, 0.005, 3.0)
