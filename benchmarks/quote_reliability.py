@@ -27,7 +27,7 @@ import numpy as np
 from counterflex.app.compensation.languages import write
 from counterflex.app.inputs import Job, read_job, setting_of
 from counterflex.app.proof import simulate
-from counterflex.app.proof.judge import Reference, judge, outline_of, reference_of
+from counterflex.app.proof.judge import ProofReference, judge, outline_of, reference_of
 from counterflex.app.proof.truth import truth_of
 from counterflex.app.quote.path_errors import path_errors, points_of
 from counterflex.app.quote.probability import Quoted, QuotedPart
@@ -65,7 +65,7 @@ class Case:
     cell: Cell
     job: Job
     plan: Plan
-    reference: Reference
+    reference: ProofReference
     drawing: QuotedPart
     quoted: dict[str, Quoted]  # By variant
 

@@ -49,7 +49,7 @@ def test_keys_ramp_out_whatever_has_the_focus(tmp_path: Path) -> None:
             page.wait(COUNT.format("RAMP OUT", 6), "s while the question stands there")
         panel.send_signal(signal.SIGINT)
         _, errors = panel.communicate()
-        assert "Traceback" not in errors
+        assert errors == ""  # a server that is ended by Ctrl-C has left nothing unwritten
     finally:
         if panel.poll() is None:
             panel.kill()

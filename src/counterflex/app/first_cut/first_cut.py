@@ -321,7 +321,9 @@ def _entry(
     )
 
 
-def doubts(fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float, cell: Cell) -> list[str]:
+def doubts(
+    fit: posterior.Posterior, places: posterior.MeasuredCoordinates, predicted_m: Float, cell: Cell
+) -> list[str]:
     """Warnings about the readings themselves: axes mirrored against the prediction, constants nobody expects."""
     out = []
     for axis in range(3):

@@ -220,9 +220,9 @@ def left_out(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoord
     return out
 
 
-def held(fit: Posterior, about: Float) -> Posterior:
-    """The estimate with no constant farther from the one before, (p,), than a step may be: it is refined next."""
-    return replace(fit, value=np.clip(fit.value, about - _LONGEST, about + _LONGEST))
+def held(fit: Posterior, value: Float) -> Posterior:
+    """The estimate with no constant farther from its value before, (p,), than a step may be: it is refined next."""
+    return replace(fit, value=np.clip(fit.value, value - _LONGEST, value + _LONGEST))
 
 
 def share_left(fit: Posterior, patterns: Patterns) -> tuple[float, float]:
@@ -269,7 +269,7 @@ def _by_direction(plan: Plan, cell: Cell) -> tuple[Float, Float, Float]:
     return 3.0 * whole - more_radial - more_axial, more_radial - whole, more_axial - whole
 
 
-def lost_by_factor(plan: Plan, cell: Cell, known: Cell, measured: Measured) -> Float:
+def lost_by_factor(plan: Plan, cell: Cell, known: Cell, measured: MeasuredCoordinates) -> Float:
     """(i, m) m, what a factor on play, then on friction behind the gear, of each axis adds to the coordinates.
 
     Args:

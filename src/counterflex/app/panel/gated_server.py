@@ -118,7 +118,8 @@ class GatedServer:
             ws_max_size=1 << 20,
         )
         self._server = uvicorn.Server(config)
-        self._server.run(self._listening())
+        with contextlib.suppress(KeyboardInterrupt):  # it has closed in order; a server leaves nothing unwritten
+            self._server.run(self._listening())
 
     def _listening(self) -> list[socket.socket]:
         settings = self._listened

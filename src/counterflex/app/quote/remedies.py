@@ -29,7 +29,7 @@ from counterflex.evaluate.path_error.learning import LOCAL, SCATTER_M, ToolRespo
 from counterflex.files.cell.cell import Cell, resolve
 from counterflex.path.toolpath import RAPID, ToolPath
 from counterflex.plan.compensate import plan as make_plan
-from counterflex.plan.inputs import Inputs
+from counterflex.plan.inputs import CompensationInputs
 from counterflex.plan.plan import Plan
 from counterflex.plan.posture.held import Held
 from counterflex.plan.static_correction import loaded_robot
@@ -236,7 +236,7 @@ def tracked(errors: PathErrors) -> Float:
 def _second_part(today: Today) -> PathErrors:
     """Errors of the next part, made with the error of the first taken back as ``correct`` does, drawn by its doubts."""
     errors, plan, cell = today.errors(), today.plan, today.cell
-    inputs = Inputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
+    inputs = CompensationInputs(plan.path, plan.line, cell.stock(), setting_of(cell), plan.q)
     with faults_in(today.drawing.job):
         whole = tool_response_of(loaded_robot(inputs, undisturbed_cut(inputs, silent)))
     rows = errors.nodes.row

@@ -15,7 +15,6 @@ from counterflex.app.studio.plan_page import PlanPage
 from counterflex.app.studio.program_page import ProgramPage
 from counterflex.app.studio.project import Project
 
-
 _TICK_S: Final = 0.4
 _PAGES: Final[dict[str, Any]] = {
     "cell": CellPage,
