@@ -105,8 +105,23 @@ def test_faces_left_out_are_foretold_by_the_others(seed: int) -> None:
     theta = np.zeros(COUNT)
     theta[:3] = np.log(1.4)
     off, _ = one.at(theta)
-    foretold = left_out(NAMES, one, measured(off), CELL)
+    foretold, _ = left_out(NAMES, one, measured(off), CELL)
     assert np.sqrt(np.mean(foretold**2)) < 0.5 * np.sqrt(np.mean((off - one.predicted_m) ** 2))
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_faces_that_no_constant_explains_widen_the_doubt_by_what_they_are_off(seed: int) -> None:
+    """Constants as the model has them leave it; an error of each face of its own, as large as it is."""
+    one, rng = patterns(seed), np.random.default_rng(seed + 1)
+    off, _ = one.at(np.r_[np.log(1.4) * np.ones(3), np.zeros(COUNT - 3)])
+    for error_m, least, most in ((0.0, 1.0, 1.5), (0.3 * MM, 2.0, np.inf)):
+        given_ = measured(off + error_m * rng.choice([-1.0, 1.0], PLACES // 3)[np.arange(PLACES) // 3])
+        fit, (left, sigma) = estimated(NAMES, one, given_, CELL), left_out(NAMES, one, given_, CELL)
+        ratio = fit.widened(left, sigma).covariance / fit.covariance
+        np.testing.assert_allclose(ratio, ratio[0, 0])
+        assert least <= ratio[0, 0] <= most
+        assert ratio[0, 0] == pytest.approx(max(1.0, np.mean((left / sigma) ** 2)))
 
 
 @settings(max_examples=10)

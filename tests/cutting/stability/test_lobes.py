@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings, strategies as st
 
 from counterflex.core.errors import InputError
 from counterflex.cutting.stability import lobes, semi_discretisation
@@ -58,6 +59,29 @@ def test_limits_meet_the_characteristic_equation() -> None:
         loop = s * (1.0 - np.exp(-1j * w * T)) * A @ g
         rest.append(np.abs(np.linalg.eigvals(loop) + 1.0).min())
     assert max(rest) < 5e-3
+
+
+@settings(max_examples=30)
+@given(
+    hz=st.tuples(*[st.floats(20.0, 200.0)] * 3),
+    stiffness=st.tuples(*[st.floats(1e6, 1e8)] * 3),
+    A=st.tuples(*[st.floats(1e6, 1e9)] * 3),
+)
+@example(hz=(40.0, 70.0, 110.0), stiffness=(3e7, 2e6, 5e7), A=(2e8, 2e8, 2e8))
+@example(hz=(40.0, 70.0, 110.0), stiffness=(3e7, 5e7, 2e6), A=(2e8, 2e8, 2e8))
+def test_directions_that_do_not_couple_have_the_least_of_their_own_limits(
+    hz: tuple[float, ...], stiffness: tuple[float, ...], A: tuple[float, ...]
+) -> None:
+    """Whichever direction is the weakest at a speed."""
+    f, damping, k = np.array(hz), np.full(3, 0.03), np.array(stiffness)
+    modes = modes_along(f, damping, k, np.eye(3))
+    omega, periods = lobes.frequencies_for(modes), np.linspace(0.002, 0.02, 12)
+    whole, _ = lobes.limits(np.diag(A), modes.response(omega), omega, periods)
+    alone = []
+    for i in range(3):
+        one = modes_along(f[i : i + 1], damping[:1], k[i : i + 1], np.eye(3)[:1])
+        alone.append(lobes.limits(np.diag([A[i], 0.0, 0.0]), one.response(omega), omega, periods)[0])
+    np.testing.assert_allclose(whole, np.min(alone, axis=0), rtol=1e-9)
 
 
 def test_lobes_are_semi_discretisation_of_the_mean_coefficients() -> None:

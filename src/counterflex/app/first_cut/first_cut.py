@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -56,7 +57,9 @@ _BELIEVED: Final = 3.0
 """Standard deviations of what was known before beyond which a constant is doubted."""
 _Reading = tuple[str, int, str, int, Float, float]
 """Line of the table, number, face, axis, place (3,) m, measured minus nominal coordinate, m."""
-_FORCES: Final = ("tangential", "radial", "axial")
+EACH_DRIVE: Final = 0.5
+"""Share of the variance of what drives yield that one factor for all does not tell: each has gains of its own, and a
+program loads them faster or slower than a coupon does. A judgement."""
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -115,14 +118,14 @@ def run(
     parts["identifying"](0.0)
     names, patterns = posterior.patterns_of(plan, cell, places)
     parts["identifying"](0.5)
-    unseen = posterior.left_out(names, patterns, places, cell)
     planned = places.off_m - patterns.predicted_m
     with atomic.atomic_folder(out) as staging:
         about = np.zeros(1)  # of the logarithms
         for turn in range(_ROUNDS):
             estimate = posterior.estimated(names, patterns, places, cell)
             last = turn + 1 == _ROUNDS
-            fit = estimate if last else posterior.held(estimate, about)
+            unseen, expected = posterior.left_out(names, patterns, places, cell)
+            fit = estimate.widened(unseen, expected) if last else posterior.held(estimate, about)
             about = fit.value
             narrower, alone = posterior.share_left(fit, patterns)
             entry = _entry(fit, cell, alone, unseen, planned, [file if part is None else Path(part)])
@@ -286,7 +289,7 @@ def _entry(
         IdentifiedValue(
             name=f"force.{name}", value=factor, sigma=factor * float(np.sqrt(fit.covariance[j, j])), unit=""
         )
-        for j, (name, factor) in enumerate(zip(_FORCES, fit.factors.force.tolist(), strict=True))
+        for j, (name, factor) in enumerate(zip(posterior.FORCES, fit.factors.force.tolist(), strict=True))
     ]
     for name, factor, sigma, seen in zip(
         fit.elements,
@@ -305,7 +308,8 @@ def _entry(
                 )
     given = cell.class_drives
     if given is not None and given.servo_axes:
-        factor, sigma = float(fit.factors.drives[0]), float(fit.sigma.drives[0])
+        factor = float(fit.factors.drives[0])
+        sigma = math.hypot(float(fit.sigma.drives[0]), math.sqrt(EACH_DRIVE) * given.prior.yield_log_sigma)
         values.append(IdentifiedValue(name=YIELD, value=factor, sigma=factor * sigma, unit=""))
     for axis, angle, sigma in posterior.lost_rad(fit, cell):
         values.append(IdentifiedValue(name=f"axis{axis + 1}.lost", value=angle / MRAD, sigma=sigma / MRAD, unit="mrad"))
@@ -337,7 +341,7 @@ def doubts(
     if len(far):
         along = ", ".join(f"{'xyz'[k]} {fit.value[-3:][k] / MM:+.2f} mm" for k in far)
         out.append(f"all readings are off by {along}: look at the part frame and the zero of the probe")
-    for name, value, variance in zip(_names(fit, cell), fit.value, np.diag(fit.before), strict=False):
+    for name, value, variance in zip(fit.names(cell), fit.value, np.diag(fit.before), strict=False):
         if value**2 > _BELIEVED**2 * variance:
             out.append(
                 f"{name} is {np.exp(value):.2f} times that of the cell file, beyond {_BELIEVED:g} standard deviations "
@@ -345,14 +349,6 @@ def doubts(
                 "material and feed"
             )
     return out
-
-
-def _names(fit: posterior.Posterior, cell: Cell) -> list[str]:
-    """Names of the constants, in the order of their logarithms."""
-    names = [f"{name} force" for name in _FORCES] + [f"compliance of {name}" for name in fit.elements]
-    axes = () if cell.class_drives is None else cell.class_drives.play_axes
-    lost = [f"{what} of axis{axis + 1}" for what in ("play", "friction") for axis in axes]
-    return [*names, "yield of the drives", *lost]
 
 
 def _digest(path: Path) -> str:
@@ -380,7 +376,7 @@ def _summary(
     factors, sigma = np.exp(fit.value[:-3]).tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
     constants = [
         {"constant": name, "factor": round(factor, 3), "percent": round(100.0 * doubt, 1)}
-        for name, factor, doubt in zip(_names(fit, cell), factors, sigma, strict=False)
+        for name, factor, doubt in zip(fit.names(cell), factors, sigma, strict=False)
     ]
     far: Int = np.flatnonzero(np.abs(fit.left_m) > _FAR * np.maximum(places.sigma_m, _rms(fit.left_m)))
     return {

@@ -44,6 +44,7 @@ from counterflex.robot.elasticity.play import arrays
 from counterflex.robot.model.class_prior import PLAY_FACTOR
 from counterflex.robot.model.description import Play
 
+FORCES: Final = ("tangential", "radial", "axial")
 LOCAL: Final = 0.03
 """Of the deflection, place by place."""
 DIRECTION: Final = 0.25
@@ -158,6 +159,20 @@ class Posterior:
         """Standard deviations of the logarithms, and of the offset."""
         return split(np.sqrt(np.diag(self.covariance)), len(self.elements))
 
+    def widened(self, off_m: Float, sigma_m: Float) -> Posterior:
+        """The estimate with the doubt that left-out faces show, off by ``off_m`` where ``sigma_m`` was expected.
+
+        What other programs meet is foretold no better than they were. Faces that fit better by chance narrow nothing.
+        """
+        return replace(self, covariance=self.covariance * max(1.0, float(np.mean((off_m / sigma_m) ** 2))))
+
+    def names(self, cell: Cell) -> list[str]:
+        """Names of the constants, in the order of their logarithms."""
+        axes = () if cell.class_drives is None else cell.class_drives.play_axes
+        forces = [f"{name} force" for name in FORCES] + [f"compliance of {name}" for name in self.elements]
+        lost = [f"{what} of axis{axis + 1}" for what in ("play", "friction") for axis in axes]
+        return [*forces, "yield of the drives", *lost]
+
 
 def patterns_of(plan: Plan, cell: Cell, measured: MeasuredCoordinates) -> tuple[tuple[str, ...], Patterns]:
     """Names of the elements that bend, and what each constant does to the measured coordinates.
@@ -210,14 +225,24 @@ def estimated(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoor
     return Posterior(names, theta, P - gain @ H @ P, P, measured.off_m - patterns.at(theta)[0])
 
 
-def left_out(names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoordinates, cell: Cell) -> Float:
-    """(m,) m, measured minus predicted coordinate of each face by the constants that all other faces give."""
-    out = np.empty(len(measured.off_m))
+def left_out(
+    names: tuple[str, ...], patterns: Patterns, measured: MeasuredCoordinates, cell: Cell
+) -> tuple[Float, Float]:
+    """Measured minus predicted coordinate of each face by the constants that all other faces give.
+
+    Returns:
+        (m,) m, and the standard deviation (m,) m that these constants leave it.
+    """
+    off, sigma = np.empty((2, len(measured.off_m)))
     for face in np.unique(measured.face).tolist():
         rest, own = np.flatnonzero(measured.face != face), np.flatnonzero(measured.face == face)
-        fit = estimated(names, patterns.only(rest), measured.only(rest), cell)
-        out[own] = measured.off_m[own] - patterns.only(own).at(fit.value)[0]
-    return out
+        fit, here = estimated(names, patterns.only(rest), measured.only(rest), cell), patterns.only(own)
+        y, H = here.at(fit.value)
+        bend = np.abs(here.elements_m.sum(axis=(0, 1)))
+        variance = measured.sigma_m**2 + (LOCAL * bend) ** 2 + (STRUCTURE * bend + _LEAST_M) ** 2
+        off[own] = measured.off_m[own] - y
+        sigma[own] = np.sqrt(np.einsum("mp,pq,mq->m", H, fit.covariance, H) + variance)
+    return off, sigma
 
 
 def held(fit: Posterior, value: Float) -> Posterior:
