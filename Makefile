@@ -45,10 +45,11 @@ docs-html: $(VENV)/.installed-dev  ## Run the example gallery and build the docu
 notebooks: $(VENV)/.installed-dev  ## Write the example gallery as notebooks in out/notebooks.
 	$(BIN)/python tools/notebooks.py out/notebooks
 
-pages: $(VENV)/.installed-dev  ## Open both report pages in Chromium at three widths and on A4.
+pages: $(VENV)/.installed-dev  ## Open report pages in Chromium at three widths and on A4.
 	$(BIN)/counterflex compensate examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/plan
 	$(BIN)/counterflex prove examples/programs/groove.ngc --cell examples/cells/kr300_d16_small.toml --out out/pages/proof
-	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html
+	$(BIN)/counterflex quote examples/tolerances.csv examples/programs/groove.ngc examples/cells/kr300_d16_small.toml --out out/pages/quote
+	$(BIN)/python tools/check_pages.py out/pages/plan/report.html out/pages/proof/report.html out/pages/quote/report.html
 
 faults-random: $(VENV)/.installed-dev  ## Compose faults at random: fixed seeds must hold, those from the commit's number are reported.
 	$(BIN)/counterflex faults --random --minutes 5 --seed 6000 --out out/faults-random

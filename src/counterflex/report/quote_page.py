@@ -60,7 +60,7 @@ def _figure(features: Sequence[Mapping[str, Any]], off_mm: Sequence[Float]) -> d
         "margin": {"l": 170, "r": 12, "t": 8, "b": 44},
         "showlegend": False,
         "shapes": [{**line, "x0": end, "x1": end} for end in (-1.0, 1.0)],
-        "xaxis": {"title": {"text": "deviation over tolerance"}, "range": [-_SPAN, _SPAN], "zeroline": True},
+        "xaxis": {"title": {"text": "× tolerance"}, "range": [-_SPAN, _SPAN], "zeroline": True},
         "yaxis": {"autorange": "reversed"},
     }
     return {"data": data, "layout": layout}
