@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from counterflex.app.first_cut.first_cut import doubts
-from counterflex.app.first_cut.posterior import MeasuredCoordinates, Patterns, estimated, left_out, share_left
+from counterflex.app.first_cut.posterior import (
+    OTHERWISE,
+    MeasuredCoordinates,
+    Patterns,
+    estimated,
+    left_out,
+    share_left,
+)
 from counterflex.core.arrays import Float
 from counterflex.core.units import MM, UM
 from counterflex.files.cell.cell import read_cell
@@ -118,8 +125,11 @@ def test_faces_that_no_constant_explains_widen_the_doubt_by_what_they_are_off(se
     for error_m, least, most in ((0.0, 1.0, 1.5), (0.3 * MM, 2.0, np.inf)):
         given_ = measured(off + error_m * rng.choice([-1.0, 1.0], PLACES // 3)[np.arange(PLACES) // 3])
         fit, (left, sigma) = estimated(NAMES, one, given_, CELL), left_out(NAMES, one, given_, CELL)
-        ratio = fit.widened(left, sigma).covariance / fit.covariance
+        wide, k = fit.widened(left, sigma), 3 + len(NAMES)
+        ratio = wide.covariance[:k, :k] / fit.covariance[:k, :k]
         np.testing.assert_allclose(ratio, ratio[0, 0])
+        more = np.diag(wide.covariance - ratio[0, 0] * fit.covariance)[k:-3]
+        np.testing.assert_allclose(more, OTHERWISE * np.diag(fit.before)[k:-3])  # what other programs ask of them
         assert least <= ratio[0, 0] <= most
         assert ratio[0, 0] == pytest.approx(max(1.0, np.mean((left / sigma) ** 2)))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import hashlib
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -57,9 +56,6 @@ _BELIEVED: Final = 3.0
 """Standard deviations of what was known before beyond which a constant is doubted."""
 _Reading = tuple[str, int, str, int, Float, float]
 """Line of the table, number, face, axis, place (3,) m, measured minus nominal coordinate, m."""
-EACH_DRIVE: Final = 0.5
-"""Share of the variance of what drives yield that one factor for all does not tell: each has gains of its own, and a
-program loads them faster or slower than a coupon does. A judgement."""
 _DIRECTIONS: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -308,8 +304,7 @@ def _entry(
                 )
     given = cell.class_drives
     if given is not None and given.servo_axes:
-        factor = float(fit.factors.drives[0])
-        sigma = math.hypot(float(fit.sigma.drives[0]), math.sqrt(EACH_DRIVE) * given.prior.yield_log_sigma)
+        factor, sigma = float(fit.factors.drives[0]), float(fit.sigma.drives[0])
         values.append(IdentifiedValue(name=YIELD, value=factor, sigma=factor * sigma, unit=""))
     for axis, angle, sigma in posterior.lost_rad(fit, cell):
         values.append(IdentifiedValue(name=f"axis{axis + 1}.lost", value=angle / MRAD, sigma=sigma / MRAD, unit="mrad"))
