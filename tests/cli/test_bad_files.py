@@ -240,7 +240,7 @@ RUN: Final = {option.name: option for option in OPTIONS if option.command == ("r
 NOT_FIRST: Final = {
     ("correct", "scan"), ("benchmark-part judge", "scan"), ("production", "plan"), ("identify", "holdout"),
     ("twin measure", "cell"), ("twin measure", "truth"), ("twin tracker", "cell"), ("dcc write", "schema"),
-    ("dcc apply", "cell"), ("cell import", "poses"),
+    ("dcc apply", "cell"), ("cell import", "poses"), ("reveal", "measured"),
 }  # fmt: skip
 """Read after another file of the command that no small example has: that one is named."""
 EMPTY_IS_RIGHT: Final = {"parameters"}

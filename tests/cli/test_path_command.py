@@ -38,9 +38,12 @@ def test_tools_by_name_and_work_offsets_come_from_the_cell(folder: Path, counter
     (folder / "two.mpf").write_text(text)
     found = rows(counterflex("path", "two.mpf", "--cell", "two.toml"))
     assert [(row["x_mm"], row["tool"]) for row in found] == [("0.0", "1"), ("121.0", "1")]
-    without = counterflex("path", "two.mpf")
+    (folder / "other.toml").write_text((folder / "two.toml").read_text().replace(f'"{name}"', f'"{name} 2"'))
+    without = counterflex("path", "two.mpf", "--cell", "other.toml")
     assert without.status == 2
     assert "no tool of the cell" in without.err
+    (folder / "one.mpf").write_text(text.replace("G55\n", ""))
+    assert {row["tool"] for row in rows(counterflex("path", "one.mpf"))} == {"0"}  # no names to compare it with
     (folder / "two.ngc").write_text("G54 G90\nT1 M6\nG0 X0 Y0 Z60\nG55\nG0 X1\nM30\n")
     assert rows(counterflex("path", "two.ngc", "--cell", "two.toml"))[-1]["x_mm"] == "121.0"
     for words in (("--cell", "cell.toml"), ()):

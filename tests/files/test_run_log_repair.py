@@ -131,9 +131,10 @@ def test_a_segment_that_a_living_process_holds_is_left_alone_and_a_dead_one_s_is
 
 def test_a_killed_process_holds_nothing_any_more(tmp_path: Path) -> None:
     code = (
-        "import sys, numpy as np; from counterflex.files.logs.run_log import RunLog;"
+        "import sys, numpy as np; from counterflex.files.logs.run_log import RunLogWriter;"
         " from counterflex.runtime.record_ring import WIDTH;"
-        " log = RunLog(sys.argv[1], {}); log.add(np.zeros((5, WIDTH)), 1.0); print('written', flush=True); input()"
+        " log = RunLogWriter(sys.argv[1], {}); log.add(np.zeros((5, WIDTH)), 1.0);"
+        " print('written', flush=True); input()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", code, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE

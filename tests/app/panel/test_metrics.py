@@ -158,8 +158,9 @@ def test_a_server_of_metrics_reads_them_by_its_key(tmp_path: Path) -> None:
             asked = urllib.request.Request(f"{base}metrics", headers={"Authorization": f"Bearer {'k' * 24}"})
             with urllib.request.urlopen(asked, timeout=60.0) as answer:
                 kind, text = answer.headers["content-type"], answer.read().decode("utf-8")
-            with pytest.raises(urllib.error.HTTPError, match="401"):
+            with pytest.raises(urllib.error.HTTPError, match="401") as refused:
                 urllib.request.urlopen(f"{base}metrics", timeout=60.0)
+            refused.value.close()
         finally:
             panel.terminate()
     assert kind == "application/openmetrics-text; version=1.0.0; charset=utf-8"
