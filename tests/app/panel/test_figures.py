@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from counterflex.app.panel import watched_run
 from counterflex.app.panel.cell_scene import CellScene
 from counterflex.app.panel.figures import FeedFrame, Figures, Trail, cause_words, deviations
 from counterflex.app.panel.page import report_html
@@ -252,7 +254,7 @@ class _Waits:
 def test_a_second_panel_is_refused(live: Live, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     live.panel.poll()
     other = WatchedRun(tmp_path, live.rig.clock_ns)
-    monkeypatch.setattr("os.getpid", lambda: -7)
+    monkeypatch.setattr(watched_run, "os", SimpleNamespace(getpid=lambda: -7))  # of this module alone
     other.poll()
     assert (other.seen, other.runs) == (Seen.WAITING, 0)
     assert "another panel watches this run" in other.why
