@@ -43,6 +43,11 @@ CAUSES: Final = (
     "roughness",
 )
 """Causes that no draw holds."""
+JUDGED: Final = (
+    "on ten simulated cells probabilities between 10 and 70 % were too high, those above 90 % held "
+    "(benchmarks/quote_reliability.py): plan with those above 90 %"
+)
+"""What stated probabilities were worth where the truth came out; docs/quote.md has the table."""
 READING, PLANNING, DRAWING, COMPARING = "reading", "planning", "drawing cells", "comparing remedies"
 WORK: Final = {READING: 1.0, PLANNING: 3.0, DRAWING: 4.0, COMPARING: 12.0}
 
@@ -101,6 +106,7 @@ def quote(
         ],
         "unknown": [{"what": one.name, "known_from": one.known_from} for one in sources(cell, points)],
         "causes_not_looked_at": list(CAUSES),
+        "judged": JUDGED,
         **assumed(cell),
         "seconds": round(time.perf_counter() - begin, 3),
         "counterflex": __version__,

@@ -89,7 +89,7 @@ class Today:
 
     @property
     def cell(self) -> Cell:
-        """Where the part is made."""
+        """Cell that makes the part."""
         return self.drawing.cell
 
     def errors(self, kept: dict[str, float] | None = None) -> PathErrors:

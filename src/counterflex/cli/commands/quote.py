@@ -89,6 +89,7 @@ def _show(summary: dict[str, Any], out: Path) -> None:
     typer.echo(
         f"all of them hold with {_percent(whole['probability'])} % ({low} to {high} % by {summary['draws']} draws)"
     )
+    typer.echo(summary["judged"])
     remedies = [
         [row["remedy"], _percent(row["all_hold"]), f"{100.0 * row['gain']:+.1f}", f"{100.0 * row['mean_gain']:+.1f}"]
         for row in summary["remedies"]
