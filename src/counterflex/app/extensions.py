@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from counterflex.app.add_ins import ADD_INS
 from counterflex.app.controller_import.kinds import DATA_KINDS
 from counterflex.app.plc import PLCS
 from counterflex.app.robot_folder import SETUPS
@@ -30,6 +31,7 @@ REGISTRIES: Final[tuple[Registry[Any], ...]] = (
     ROBOT_LINKS,
     SETUPS,
     PLCS,
+    ADD_INS,
     OTHER_ROBOTS,
     OTHER_MATERIALS,
 )

@@ -95,7 +95,7 @@ PANELS: Final = {
     "Measure": ("iso9283", "iso230", "thermal"),
     "Online": ("run", "operator", "panel", "panel-user", "opcua", "log", "rsi", "egm"),
     "Devices": ("twin", "tracker", "ads"),
-    "Tools": ("doctor", "warm", "extensions", *LAB),
+    "Tools": ("doctor", "warm", "add-in", "extensions", *LAB),
 }
 """Commands by what they are for, in the order of ``--help``."""
 _OWN: Final = tuple(name for names in PANELS.values() for name in names if name not in LAB)

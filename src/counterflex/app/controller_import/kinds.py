@@ -24,5 +24,4 @@ DATA_KINDS: Final[Registry[DataKind]] = Registry(
     "counterflex.controller_data",
     "kind of controller data",
     "counterflex.app.controller_import.kinds:DataKind",
-    {"robodk": "counterflex.app.controller_import.robodk:DATA"},
 )
