@@ -245,6 +245,22 @@ def test_listing_into_a_folder_that_cannot_be(tmp_path: Path) -> None:
         write_listing(read_gcode("G21 G0 X1\nM2"), tmp_path / "file" / "list.csv")
 
 
+@pytest.mark.parametrize(
+    "head", ["%1", "%1234 (PART)", "% part_1.nc", "(head)\n\n%", "; head\n%\nO1", "%prog1\n(uccnc)"]
+)
+@pytest.mark.parametrize("end", ["M30\n%\n", "M30\n", "%\n"])
+def test_the_program_sign_of_din_66025(head: str, end: str) -> None:
+    """A number or a name may stand behind it, comments before it; FreeCAD's posts write all of these."""
+    program = read_gcode(f"{head}\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\n{end}")
+    assert [tuple(np.round(m.p_end * 1e3, 6)) for m in program.motions] == [(0, 0, 5), (1, 0, 5)]
+
+
+@pytest.mark.parametrize("text", ["%1\nG21 G90 G0 X1\n%2\nG0 X2\nM30\n", "G21 G90 G0 X1\n%2\nG0 X2\nM30\n"])
+def test_a_second_program_in_the_file_is_refused(text: str) -> None:
+    with pytest.raises(ProgramError, match="another program begins in the same file; got %2"):
+        read_gcode(text)
+
+
 @pytest.mark.parametrize("text", [
     "%\n:1001\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\nM30\n%\n",
     "%\n:1001(PART)\nG21 G90 G0 X0 Y0 Z5\nG1 X1 F60\nM30\n%\n",

@@ -189,7 +189,7 @@ STATEMENTS: Final[tuple[Statement, ...]] = (
     Statement("O", _EVALUATED, "number of a subprogram", samples=("O100",)),
     Statement("N", _NEUTRAL, "block number", samples=("N10",)),
     Statement("/", _NEUTRAL, "block delete: read as executed, with a warning where the block moves", samples=("/",)),
-    Statement("%", _EVALUATED, "begin and end of the program", samples=("%",)),
+    Statement("%", _EVALUATED, "begin and end of the program, its number or name behind it", samples=("%", "%1234")),
     Statement("( )", _NEUTRAL, "comment, message", samples=("(remark)", "(MSG, remark)", "; remark")),
     Statement("#n =", _EVALUATED, "parameter; those of the machine are not known", samples=("#100=1",)),
     Statement("#<name> =", _EVALUATED, "named parameter", samples=("#<depth>=1",)),

@@ -18,11 +18,12 @@ from counterflex.programs.gcode.read.macro_flow import MacroFlow
 from counterflex.programs.gcode.read.modes import apply_modes, apply_offsets, apply_rates
 from counterflex.programs.gcode.read.motion import FARTHEST_M, point, radians
 from counterflex.programs.gcode.read.parameter_file import MillingMachine
-from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain
+from counterflex.programs.gcode.read.scanner import ScannedLine, scan_plain, strip_comments
 from counterflex.programs.gcode.read.state import ModalState
 from counterflex.programs.gcode.read.work_offsets import Six
 from counterflex.programs.program import TOOL_VECTOR, Block, Modal, Motion, Word
 
+_ONE_FILE: Final = "Give each program a file of its own"
 _ZERO_ABC: Final = (0.0, 0.0, 0.0)
 
 
@@ -265,9 +266,16 @@ class Interpreter(FlowRunner):
         return jump() if jump is not None else None
 
     def _percent_line(self, source: GcodeSource, index: int) -> None:
-        """A percent sign opens the program where nothing but blank lines come before it, and ends it later on."""
-        if not any(line.strip() for line in source.lines[:index]):
+        """Open the program at a percent sign behind nothing but comments; end it at a later one.
+
+        DIN 66025: the sign, and behind it number or name of the program.
+        """
+        before = source.lines[:index]
+        if not any(strip_comments(line, source.name, n)[0] for n, line in enumerate(before, 1)):
             self._percent = True
+        elif source.lines[index].strip() != "%":
+            column = source.lines[index].index("%")
+            raise self._fault("another program begins in the same file", column, source.lines[index].strip(), _ONE_FILE)
         elif self._percent or not any(line.strip() for line in source.lines[index + 1 :]):
             self._ended = True
         else:

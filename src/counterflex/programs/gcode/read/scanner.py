@@ -22,6 +22,8 @@ _LEVEL: Final = re.compile(r"/[1-9][a-z#]")
 """Begin of a line with the number of a switch for block delete."""
 _FILE_NAME: Final = re.compile(r"<[A-Za-z0-9+_.-]{1,32}>")
 """Name of a program that stands alone in its line (Fanuc 30i: letters, digits, + - _ and a point, 32 at most)."""
+_PROGRAM_SIGN: Final = re.compile(r"%(?!_n_)[a-z0-9_.-]*")
+"""Sign before the program and behind it, with its number or name (DIN 66025); ``%_N_`` begins a Sinumerik program."""
 _BLANK: Final = " \t\r"
 _LONGEST_LINE: Final = LINUXCNC.line_characters  # it also bounds how deep an expression can become
 FLOW_KEYWORDS: Final = (
@@ -148,7 +150,7 @@ def scan_line(text: str, name: str, line: int) -> ScannedLine:
     block_delete = cursor.take("/")
     if block_delete and _LEVEL.match(clean):  # Fanuc: one of nine switches
         cursor.place += 1
-    if clean == "%":
+    if _PROGRAM_SIGN.fullmatch(clean):
         return ScannedLine(comments=tuple(comments), percent=True)
     if _FILE_NAME.fullmatch(text.strip()):
         return ScannedLine(comments=(text.strip(),))
