@@ -46,6 +46,7 @@ CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
 RETIRED = Path(__file__).with_name("retired_words.toml")
+_BUILT = (ROOT / "docs" / "_build", ROOT / "docs" / "gallery")  # by `make docs-html`, from what is read
 _INNER = re.compile(
     r"kernel|gcode/(read|write|sinumerik)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)"
 )
@@ -283,7 +284,8 @@ def retired_names(source: str, where: str, names: dict[str, str]) -> list[str]:
 def texts() -> Iterator[Path]:
     """Everything that is read: code, messages, pages."""
     for folder in ("src", "lab", "tests", "tools", "benchmarks", "docs", "examples"):
-        yield from sorted(p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
+        files = (p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
+        yield from sorted(p for p in files if not any(map(p.is_relative_to, _BUILT)))
     yield from (ROOT / "README.md", ROOT / "CONTRIBUTING.md")
 
 
