@@ -145,7 +145,7 @@ def test_a_straight_line_far_off_is_straight() -> None:
 
 
 def test_a_straight_line_read_in_whole_micrometres_has_the_cylinder_of_their_corners() -> None:
-    """Hundreds of points touch it within a billionth of the line: it is found all the same, and in any frame."""
+    """Hundreds of points all but touch it: it is found all the same, and in any frame."""
     x = np.linspace(0.0, 0.2, 2000)
     across = np.column_stack([0.03 * x, 0.05 * x])
     p = np.column_stack([x, np.round(across, 6)])
