@@ -21,7 +21,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from counterflex.core.arrays import Float
+from counterflex.core.arrays import Float, Int
 from counterflex.core.jit import kernel
 from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.elasticity.kernels.batch import ON_RIGID, compliance_threads, deflection_threads
@@ -182,9 +182,10 @@ def flops(chain: ElasticChain) -> dict[str, int]:
     """Floating-point operations per point, zeros of this chain skipped; sine, cosine, root count 10."""
     stations = chain.compact.stations
     place = 6 * int(np.count_nonzero(stations["position"]))
-    turns = int(np.sum(np.choose(stations["turn"], [0, 18, 18, 18, 45])))
+    turn: Int = stations["turn"]
+    turns = int(np.array([0, 18, 18, 18, 45])[turn].sum())
     driven = int(np.sum(stations["drive"] >= 0))
-    bends, slides = int(np.sum(stations["rotates"])), int(np.sum(stations["slides"]))
+    bends, slides = (int(np.count_nonzero(stations[name])) for name in ("rotates", "slides"))
     rigid = place + turns + 18 * driven
     # moment 15, into element axes 18, six polynomials 60, three plane rotations 54; slide: force 18, move 18
     elastic = place + turns + 18 * driven + bends * (15 + 18 + 60 + 54) + slides * 36

@@ -46,6 +46,7 @@ CELL = ROOT / "examples" / "cells" / "kr300_d16_small.toml"
 SOURCES = ROOT / "src" / "counterflex"
 
 RETIRED = Path(__file__).with_name("retired_words.toml")
+_BUILT = (ROOT / "docs" / "_build", ROOT / "docs" / "gallery")  # by `make docs-html`, from what is read
 _INNER = re.compile(
     r"kernel|gcode/(read|write|sinumerik)/(?!reader|writer|arc_fit|arc_pieces|written_line|parameter_file)"
 )
@@ -244,7 +245,8 @@ def retired_words(text: str, where: str, words: dict[str, str]) -> list[str]:
         where: Its path, for the fault.
         words: What to write, by pattern.
     """
-    there = {pattern: write for pattern, write in words.items() if re.search(pattern, text, re.MULTILINE)}
+    # Without the first \b, which admits no less, the search skips to the first letter: four times as fast.
+    there = {p: write for p, write in words.items() if re.search(p.removeprefix(r"\b"), text, re.MULTILINE)}
     return [
         f"{where}:{number}: '{found[0]}' is retired; write: {write}"
         for number, line in enumerate(text.splitlines() if there else (), 1)
@@ -283,7 +285,8 @@ def retired_names(source: str, where: str, names: dict[str, str]) -> list[str]:
 def texts() -> Iterator[Path]:
     """Everything that is read: code, messages, pages."""
     for folder in ("src", "lab", "tests", "tools", "benchmarks", "docs", "examples"):
-        yield from sorted(p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
+        files = (p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".md", ".html"))
+        yield from sorted(p for p in files if not any(map(p.is_relative_to, _BUILT)))
     yield from (ROOT / "README.md", ROOT / "CONTRIBUTING.md")
 
 

@@ -161,12 +161,12 @@ def nested(module: Module) -> int:
     """Functions defined inside of functions; left out are those that the outer one returns, as a decorator does."""
     total = 0
     for outer, _ in module.functions():
+        inner = [node for node in ast.walk(outer) if isinstance(node, Function) and node is not outer]
         returned = {
             node.value.id
-            for node in ast.walk(outer)
+            for node in (ast.walk(outer) if inner else ())
             if isinstance(node, ast.Return) and isinstance(node.value, ast.Name)
         }
-        inner = [node for node in ast.walk(outer) if isinstance(node, Function) and node is not outer]
         total += sum(node.name not in returned for node in inner)
     return total
 

@@ -96,12 +96,11 @@ def test_force_and_contained_correction_between_two_rows_are_linear(share: float
     wrench_at(plan, place, lead_s, False, w)
     contained_at(plan, place, c)
     add_play_compensation(plan, place, play)
-    now = np.interp(5.0 + share, np.arange(12), plan["time"])
-    for k in range(6):
-        assert w[k] == pytest.approx(np.interp(now + lead_s, plan["time"], plan["wrench"][:, k]))
-        assert c[k] == pytest.approx(np.interp(now, plan["time"], plan["contained"][:, k]))
-    for k in range(3):
-        assert play[k] == pytest.approx(np.interp(now, plan["time"], plan["play"][:, k]))
+    time: Float = plan["time"]
+    now = float(np.interp(5.0 + share, np.arange(12), time))
+    for name, found, at in (("wrench", w, now + lead_s), ("contained", c, now), ("play", play[:3], now)):
+        rows: Float = plan[name]
+        np.testing.assert_allclose(found, [np.interp(at, time, column) for column in rows.T], rtol=1e-6)
 
 
 def there_and_back(laps: int) -> Float:

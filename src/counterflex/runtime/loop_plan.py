@@ -69,10 +69,10 @@ class LoopPlan:
         ahead = self.w_tcp_part if self.w_ahead_part is None else self.w_ahead_part
         out["ahead"] = as_float("plan: w_ahead_part", ahead, (n, 6))
         out["cut"] = as_float("plan: cutting", self.cutting, (n,))
-        out["contained"] = as_float("plan: contained", self.contained, (n, 6))
+        contained = out["contained"] = as_float("plan: contained", self.contained, (n, 6))
         if self.undo_play is not None:
             out["play"] = as_float("plan: undo_play", self.undo_play, (n, 3))
-        step_p = np.diff(p - out["contained"][:, :3], axis=0)
+        step_p = np.diff(p - contained[:, :3], axis=0)
         length = np.linalg.norm(step_p, axis=1, keepdims=True)
         out["direction"][:-1] = step_p / np.where(length > 0.0, length, 1.0)
         out["direction"][-1] = out["direction"][-2]
@@ -119,6 +119,7 @@ def feeds_about(plan: Records, place: Float, way_m: float) -> Float:
     """
     row = int(place[0])
     near = plan[max(0, row - SEEK_ROWS) : row + SEEK_ROWS] if row >= 0 else plan[:0]
-    way = np.cumsum(np.linalg.norm(np.diff(near["point"], axis=0, prepend=near["point"][:1]), axis=1))
+    p: Float = near["point"]
+    way = np.cumsum(np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1))
     feeds: Float = near["direction"][np.abs(way - way[min(row, SEEK_ROWS)]) <= way_m] if len(near) else np.zeros((0, 3))
     return feeds[np.any(feeds != 0.0, axis=1)]

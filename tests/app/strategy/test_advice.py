@@ -37,7 +37,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *wo
 @pytest.mark.parametrize("milling", ["down", "up"])
 def test_what_the_program_does_is_read_back(milling: str, tmp_path: Path) -> None:
     program, cell = job(tmp_path, milling=milling)
-    own = advise(read_cell(cell), WallOperation(), program).own
+    own = advise(read_cell(cell), WallOperation(ap_m=(5 * MM, 5 * MM), fz_m=(0.03 * MM, 0.03 * MM)), program).own
     assert own is not None
     assert bool(own.cuts.up[0]) == (milling == "up")
     assert own.cuts.ae_m[0] == pytest.approx(1.5 * MM, abs=0.05 * MM)

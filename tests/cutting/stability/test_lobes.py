@@ -41,13 +41,15 @@ def test_least_limits_of_the_benchmark(process: Process, least_mm: float) -> Non
     assert factor.min() * 1e3 == pytest.approx(least_mm, rel=2e-3)
 
 
-def test_limits_meet_the_characteristic_equation() -> None:
-    """det(I + s (1 - exp(-i omega T)) A G) = 0, three directions, a matrix without symmetry."""
+@pytest.mark.parametrize("rank", [3, 2, 1])
+def test_limits_meet_the_characteristic_equation(rank: int) -> None:
+    """det(I + s (1 - exp(-i omega T)) A G) = 0, three directions, a matrix without symmetry, of any rank."""
     random = np.random.default_rng(3)
     modes = TipModes(
         2.0 * np.pi * np.array([30.0, 47.0, 90.0]), np.array([0.05, 0.03, 0.04]), 0.1 * random.normal(size=(3, 3))
     )
-    A = 1e7 * random.normal(size=(3, 3))
+    left, size, right = np.linalg.svd(1e7 * random.normal(size=(3, 3)))
+    A = (left[:, :rank] * size[:rank]) @ right[:rank]
     omega = lobes.frequencies_for(modes)
     periods = np.linspace(0.002, 0.02, 12)
     factors, chatter = lobes.limits(A, modes.response(omega), omega, periods)

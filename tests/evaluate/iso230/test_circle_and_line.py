@@ -142,3 +142,13 @@ def test_a_straight_line_far_off_is_straight() -> None:
     y = 1.0 + 2e-16 * np.resize([0.0, 1.0, 0.0], 200)
     assert parallel_lines(x, y) <= 1e-15
     assert narrowest_cylinder(x, np.column_stack([y, y])) <= 1e-15
+
+
+def test_a_straight_line_read_in_whole_micrometres_has_the_cylinder_of_their_corners() -> None:
+    """Hundreds of points all but touch it: it is found all the same, and in any frame."""
+    x = np.linspace(0.0, 0.2, 2000)
+    across = np.column_stack([0.03 * x, 0.05 * x])
+    p = np.column_stack([x, np.round(across, 6)])
+    found = [straightness(q).cylinder_m for q in (p, p @ rotation.about_x(0.7).T)]
+    assert 0.9 * UM < found[0] < np.sqrt(2.0) * UM
+    assert found[1] == pytest.approx(found[0], rel=1e-5)

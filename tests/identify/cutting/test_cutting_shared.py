@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def cuts(settings: dict[str, float] | None = None, *, both_ways: bool = False) -
     n = len(feed)
     way = np.where(np.arange(n) % 2 == 1, -1.0, 1.0) if both_ways else np.ones(n)
     force = np.array([slots.force(slots.CUTTER, LAW, f / UM, d / MM, 0.0) for f, d in zip(feed, depth, strict=True)])
-    arrays = {
+    arrays: dict[str, Any] = {
         "f_tcp_base": np.stack([way * force[:, 0], way * force[:, 1], force[:, 2]], axis=1),
         "feed_direction": np.stack([way, 0.0 * way, 0.0 * way], axis=1),
         "feed_rate": feed * slots.SPEED / (2.0 * np.pi) * slots.CUTTER.flutes,

@@ -18,7 +18,7 @@ the grain of the stock makes more noise than a loop gain does.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy
@@ -345,7 +345,7 @@ def _before(names: tuple[str, ...], cell: Cell) -> Float:
     given = cell.class_drives
     drive = given.prior.yield_log_sigma if given is not None and given.servo_axes else 0.0
     lost = 0 if given is None else 2 * len(given.play_axes)
-    blocks = [
+    blocks: list[Any] = [
         np.full((3, 3), force**2)
         + np.diag(np.square([IDENTIFIED, DIRECTION, DIRECTION]) if not known else np.full(3, IDENTIFIED**2)),
         np.outer(soft, soft) * (COMMON + (1.0 - COMMON) * np.eye(len(soft))),

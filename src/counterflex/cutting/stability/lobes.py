@@ -31,6 +31,8 @@ from counterflex.cutting.stability.modes import TipModes
 
 POINTS_PER_WIDTH: Final = 16
 _LOWEST, _HIGHEST = 0.05, 6.0
+_NO_RANK: Final = 1e-13
+"""Singular values of A below this share of the largest are what rounding leaves of zeros."""
 
 
 def frequencies_for(modes: TipModes) -> Float:
@@ -54,7 +56,8 @@ def curves(A: Float, response: Complex) -> tuple[Float, Float]:
         response: (n, 3, 3) frequency response at the tip in the axes of A, m/N, at rising frequencies.
 
     Returns:
-        Factors (n, 3), inf where no depth reaches the limit; phases (n, 3) of ``omega T`` in (0, 2 pi).
+        Factors (n, k), inf where no depth reaches the limit; phases (n, k) of ``omega T`` in (0, 2 pi). k is the rank
+        of A, at least 1.
 
     Raises:
         InputError: Shapes.
@@ -62,7 +65,7 @@ def curves(A: Float, response: Complex) -> tuple[Float, Float]:
     A = as_float("A", A, (3, 3))
     if response.ndim != 3 or response.shape[1:] != (3, 3):
         raise InputError("the response has the wrong shape", value=response.shape, limit="(n, 3, 3)")
-    values = _tracked(np.asarray(np.linalg.eigvals(A @ response), dtype=np.complex128))
+    values = _tracked(_eigenvalues(A, response))
     size = np.abs(values)
     there = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
     inverse = -1.0 / np.where(there, values, 1.0)
@@ -70,6 +73,29 @@ def curves(A: Float, response: Complex) -> tuple[Float, Float]:
     factor = np.where(reached, np.abs(inverse) ** 2 / (2.0 * np.where(reached, inverse.real, 1.0)), np.inf)
     phase = np.pi - 2.0 * np.angle(inverse)
     return factor, np.where(reached, phase, np.nan)
+
+
+def _eigenvalues(A: Float, response: Complex) -> Complex:
+    """(n, k) eigenvalues of A G that are not zero whatever G is.
+
+    No chip of an upright end mill changes when the tool moves along its axis, so A has rank 2. Of ``A = X Y`` with k
+    columns in X the eigenvalues of ``X Y G`` but zeros are those of ``Y G X``. Of two by two they have a closed form:
+    the iteration for three by three took two thirds of the time of an advice.
+    """
+    X, size, Y = np.linalg.svd(A)
+    rank = max(1, int(np.count_nonzero(size > _NO_RANK * size[0])))
+    if rank == 3:
+        return np.asarray(np.linalg.eigvals(A @ response), dtype=np.complex128)
+    M: Complex = (size[:rank, None] * Y[:rank]) @ response @ X[:, :rank]
+    if rank == 1:
+        return M[:, :, 0]
+    (a, b), (c, d) = np.moveaxis(M, 0, -1)
+    half, product = (a + d) / 2.0, b * c
+    root = np.sqrt(((a - d) / 2.0) ** 2 + product)
+    large = half + np.where((half.conj() * root).real >= 0.0, root, -root)
+    # by the determinant: the difference of half and root cancels where one eigenvalue is small
+    small = (a * d - product) / np.where(large == 0.0, 1.0, large)
+    return np.stack([large, small], axis=1)
 
 
 def limits(A: Float, response: Complex, omega_rad_s: Float, periods_s: Float) -> tuple[Float, Float]:

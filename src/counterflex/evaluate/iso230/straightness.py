@@ -13,6 +13,8 @@ from counterflex.core.errors import InputError
 
 _ROUNDS: Final = 60
 _CLOSE: Final = 1e-6
+_ADDED: Final = 16
+"""Directions that a round adds, at most: those of the points farthest out."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
     """Diameter of the narrowest cylinder that holds points along x: ``min 2 max_i |yz_i - a - b x_i|``.
 
     The distance of a point is the largest of its components along all directions: a linear program over some of them,
-    with the direction of each point that is still too far added until none is. It is exact to 1e-6 of itself.
+    with the directions of points that are still too far added until none is. It is exact to 1e-6 of itself.
 
     Args:
         x: (n,) m along.
@@ -114,9 +116,12 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
     u, w = x / float(np.ptp(x)), (across_m - across_m.min(axis=0)) / spread
     chosen = _hull(np.column_stack([u, w]))
     u, w = u[chosen], w[chosen]
-    n = len(u)
-    angle = np.tile(np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False), n)
-    rows, e = np.repeat(np.arange(n), 8), np.column_stack([np.cos(angle), np.sin(angle)])
+    angle = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    line = np.column_stack([np.ones(len(u)), u])
+    rest = w - line @ np.linalg.lstsq(line, w, rcond=None)[0]
+    # Few points touch the cylinder: with all of them the program took a hundred times as long on a perfect line.
+    rows, e = np.repeat(np.argmax(rest @ around.T, axis=0), 8), np.tile(around, (8, 1))
     radius = 0.0
     for _ in range(_ROUNDS):
         A = np.column_stack([-e, -e * u[rows, None], -np.ones(len(rows))])
@@ -127,7 +132,8 @@ def narrowest_cylinder(x: Float, across_m: Float) -> float:
         rest = w - solution.x[:2] - u[:, None] * solution.x[2:4]
         size = np.linalg.norm(rest, axis=1)
         radius = float(size.max())
-        far = np.flatnonzero(size > solution.x[4] * (1.0 + _CLOSE) + 1e-15)
+        far = np.argsort(-size)[:_ADDED]
+        far = far[size[far] > solution.x[4] * (1.0 + _CLOSE) + 1e-15]
         if len(far) == 0:
             break
         rows = np.concatenate([rows, far])

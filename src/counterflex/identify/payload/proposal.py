@@ -158,10 +158,10 @@ def _near_count(count: int, share: float) -> int:
 
 def _near_next(q: Float, rows: Int) -> Int:
     """The rows in an order with short moves: always the nearest that is left."""
-    order, remaining = [0], set(range(1, len(rows)))
+    order, remaining = [0], list(range(1, len(rows)))
     while remaining:
         here = order[-1]
-        nearest = min(remaining, key=lambda i: float(np.max(np.abs(q[i] - q[here]))))
+        nearest = remaining[int(np.argmin(np.abs(q[remaining] - q[here]).max(axis=1)))]
         order.append(nearest)
         remaining.remove(nearest)
     out: Int = rows[np.array(order)]

@@ -159,7 +159,7 @@ def _in_order(q: Float, direction: Int, chosen: Int) -> Int:
         remaining = [int(i) for i in chosen if direction[i] == d]
         at = q[out[-1]] if out else q[remaining[0]]
         while remaining:
-            near = min(remaining, key=lambda i: float(np.max(np.abs(q[i] - at))))
+            near = remaining[int(np.argmin(np.abs(q[remaining] - at).max(axis=1)))]
             remaining.remove(near)
             out.append(near)
             at = q[near]

@@ -99,7 +99,8 @@ class Publisher:
         self._slots = SnapshotSlots(path, about)
         self._counters, self._control = counters, control
         (self._records, plan), self._monitor = loop.records, loop.monitor.records[2]
-        points = plan["point"] - plan["contained"][:, :3]
+        commanded: Float = plan["point"]
+        points = commanded - plan["contained"][:, :3]
         self._lengths: Float = own.lengths_of(points if loop.planned else points[:0])
         self._own: Int = np.zeros(own.OWN, dtype=np.int64)
         self._incident: Int = np.zeros(own.LATCHED, dtype=np.int64)

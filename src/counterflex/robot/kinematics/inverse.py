@@ -293,12 +293,12 @@ def _solutions(chain: ElasticChain, target: Float, rows: Float, sigma: float, wr
     """One solution in several turns of its axes, (n, 6): there may be hundreds."""
     branches = branches_of(chain, rows)
     reserves = {branch: extension(chain, target, branch) for branch in set(branches)}
+    rooms = room(chain.axes, chain.joint_limits_rad, rows)
     results = []
-    for q, branch in zip(rows, branches, strict=True):
-        rooms, reserve = room(chain.axes, chain.joint_limits_rad, q), reserves[branch]
-        axis = int(np.argmin(rooms))
-        margin, inside = float(rooms[axis]), None if reserve is None else float(reserve)
-        results.append(Solution(q, branch, margin, axis, wrist, sigma, inside))
+    for q, branch, margin, axis in zip(rows, branches, rooms.min(axis=1), rooms.argmin(axis=1), strict=True):
+        reserve = reserves[branch]
+        inside = None if reserve is None else float(reserve)
+        results.append(Solution(q, branch, float(margin), int(axis), wrist, sigma, inside))
     return results
 
 

@@ -138,7 +138,7 @@ def _start(
         return branch
     if turns is not None:
         near = [q for q in near if turns.agree(q)] or near
-    return min(near, key=lambda q: float(np.max(np.abs(q - before)))) if near else branch
+    return near[int(np.argmin(np.abs(np.array(near) - before).max(axis=1)))] if near else branch
 
 
 def _stated(chain: ElasticChain, q: Float, branch: str) -> PathSolution:

@@ -118,7 +118,8 @@ def monitor_plan(plan: Records, settings: MonitorSettings, turn_per_s: Float, te
     touching = cutting.copy()
     touching[:-1] |= cutting[1:]
     force = np.ascontiguousarray(plan["wrench"][:, :3]) * touching[:, None]
-    step = np.linalg.norm(np.diff(plan["point"], axis=0, prepend=plan["point"][:1]), axis=1)
+    p: Float = plan["point"]
+    step = np.linalg.norm(np.diff(p, axis=0, prepend=p[:1]), axis=1)
     distance = np.ascontiguousarray(np.cumsum(step))
     extremes = np.empty((n, 3))
     bounds(time, distance, force, settings.follow_s, settings.timing_s, settings.place_m, extremes)
