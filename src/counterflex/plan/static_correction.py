@@ -233,7 +233,7 @@ def check_corrections(command: Command, line: Int, limits: CorrectionLimits) -> 
     ):
         size = np.linalg.norm(values, axis=1)
         row = int(np.argmax(size)) if len(size) else 0
-        if len(size) and size[row] > limit:
+        if len(size) and not size[row] <= limit:  # NaN is beyond every bound, and argmax finds it first
             raise ModelError(
                 "the correction needed is beyond its bound",
                 where=f"line {int(line[row])}",

@@ -203,7 +203,10 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
     """Accuracy, stability, time and margins of a way."""
     cut, q = site.cut, way.q
-    wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
+    opw = robot.controller_chain.opw
+    assert opw is not None  # the survey has refused a robot without closed-form geometry
+    # The wrist is straight where theta 5 of the geometry is 0: the controller may count axis 5 from elsewhere.
+    wrist = np.arcsin(np.abs(np.sin(opw.signs[4] * q[:, 4] - opw.offsets_rad[4])))
     to_limits = robot.room(q)
     return Candidate(
         "",

@@ -46,16 +46,16 @@ class _Limit:
         name, row = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         value, bound = float(values[name, row]), float(bounds[name, row])
         what = f"axis {name + 1}" if len(self.names) > 1 else f"tool T{int(tool[row])}"
+        over = known and value > bound * _SLACK  # told before anything that is not known, which could only add to it
         if value == 0.0 and self.check != "tool bending":
             return Row(self.check, "ok", 0.0, bound if known else None, self.unit, what="nothing asks for it")
-        if self.check == "tool bending" and (lacking := _short_of(tool, limits_of)):
+        if self.check == "tool bending" and not over and (lacking := _short_of(tool, limits_of)):
             return Row(self.check, NOT_LOOKED_AT, what=lacking, missing="tools.overhang_mm")
         if not known:
             return Row(self.check, NOT_LOOKED_AT, value, None, self.unit, row, what, self.key)
-        if self.check == "deflection" and rigid:
+        if self.check == "deflection" and rigid and not over:
             return Row(self.check, NOT_LOOKED_AT, value, bound, self.unit, row, f"stiffness of {rigid} not known",
                        "robot.elastic")  # fmt: skip
-        over = value > bound * _SLACK
         return Row(
             self.check,
             self.beyond if over else "ok",
@@ -125,7 +125,7 @@ def correction_row(demand: CutDemand, bounds: CheckLimits, rigid: str) -> Row:
     size = np.linalg.norm(demand.displacement_part[:, :3], axis=1)
     row = int(np.argmax(size))
     value, limit = float(size[row]), bounds.correction_m
-    if rigid:
+    if rigid and value <= limit:  # what yields besides could only add to it; beyond the limit compensate refuses now
         text = f"stiffness of {rigid} not known"
         return Row(CORRECTION, NOT_LOOKED_AT, value, limit, "m", row, text, "robot.elastic")
     turn = np.linalg.norm(demand.displacement_part[:, 3:], axis=1)
