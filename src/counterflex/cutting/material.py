@@ -157,6 +157,8 @@ class Material:
             elif ratio is not None:
                 if not math.isfinite(ratio):
                     raise InputError(f"{name} is not finite", value=ratio)
+                # The second number of a Kienzle pair is an exponent, of a linear pair a force: only the force is in
+                # proportion.
                 second = self.cutting[1] * (1.0 if self.kind == "kienzle" else ratio)
                 pairs[direction] = (self.cutting[0] * ratio, second)
                 assumed = True
