@@ -110,6 +110,7 @@ def settle_axis(
             low, at_low = s, remaining
         elif remaining < 0.0:
             high, at_high = s, remaining
+        # Nothing pulls within the play: the bracket closes towards the torsion before.
         elif s <= start:
             low, at_low = s, remaining
         else:
@@ -142,6 +143,7 @@ def follow(
     force = np.zeros(elements)
     for a in range(q.shape[1]):
         force[:] = 0.0
+        # A hanging axis leans on one flank. Without a torque it may be anywhere in its play, so the middle is taken.
         lean = min(max(torque[0, a] / FLOATING_NM, -1.0), 1.0)
         s = compliance[a] * torque[0, a] + lean * half_band[a]
         torsion[0, a] = s

@@ -99,6 +99,7 @@ def servo_error(servo: tuple[Servo | None, ...], q: Float, load: Float, time_s: 
             continue
         fast, slow = entry.position_gain_per_s, 1.0 / entry.integral_time_s
         if abs(fast - slow) < _POLE_SEPARATION * slow:
+            # Partial fractions divide by the distance of the poles.
             fast = slow * (1.0 + _POLE_SEPARATION)
         yielding(
             np.ascontiguousarray(angles[:, axis]), np.ascontiguousarray(torque[:, axis]), time,
