@@ -174,6 +174,7 @@ def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
     requested = np.where(loaded.near[:, None], displacement, 0.0)
     out = by_group(requested, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
     out[~loaded.reach] = 0.0
+    # A stop that is left out keeps the correction with which the cut ended.
     out[loaded.held] = out[loaded.held - 1]
     return out
 

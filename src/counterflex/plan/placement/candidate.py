@@ -170,6 +170,7 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
         way, _ = best_way(cut, robot, survey, rows, steps, site.freedom.weights)
         if way is None:
             return best
+        # Bodies are asked for their distances only where a way exists: that costs far more than the survey.
         close, clearance = (None, np.inf) if around is None else kept(way.q, robot, around)
         if around is not None and close is not None:
             if looked:
@@ -180,6 +181,7 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
         match = _worth(site, robot, way, clearance, passed)
         if best.refused or match.least_damping > best.least_damping:
             best = match
+        # NaN, where nobody looks at chatter, is no reason to try another posture.
         if not match.least_damping < 0.0:
             return match
         tried += 1

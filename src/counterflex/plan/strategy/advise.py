@@ -231,6 +231,8 @@ def outcomes(
     use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.swings)
     for name in _SOFT if demands.present is not None else ():
         if demands.present is not None and name in use:
+            # A program that runs beyond such a limit shows how wide it is drawn: a choice may be as far beyond, no
+            # farther.
             use[name] = use[name] / max(1.0, float(demands.present.use[name][0]))
     return Choices(
         cuts=cuts,

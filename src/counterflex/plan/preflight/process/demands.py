@@ -46,26 +46,20 @@ class _Limit:
         name, row = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         value, bound = float(values[name, row]), float(bounds[name, row])
         what = f"axis {name + 1}" if len(self.names) > 1 else f"tool T{int(tool[row])}"
-        over = known and value > bound * _SLACK  # told before anything that is not known, which could only add to it
+        share_text = f"{what}, {100 * value / bound:.0f} % of the limit"
+        # Told before anything that is not known, which could only add to it.
+        if known and value > bound * _SLACK:
+            return Row(self.check, self.beyond, value, bound, self.unit, row, share_text, advice=self.advice)
         if value == 0.0 and self.check != "tool bending":
             return Row(self.check, "ok", 0.0, bound if known else None, self.unit, what="nothing asks for it")
-        if self.check == "tool bending" and not over and (lacking := _short_of(tool, limits_of)):
+        if self.check == "tool bending" and (lacking := _short_of(tool, limits_of)):
             return Row(self.check, NOT_LOOKED_AT, what=lacking, missing="tools.overhang_mm")
         if not known:
             return Row(self.check, NOT_LOOKED_AT, value, None, self.unit, row, what, self.key)
-        if self.check == "deflection" and rigid and not over:
+        if self.check == "deflection" and rigid:
             return Row(self.check, NOT_LOOKED_AT, value, bound, self.unit, row, f"stiffness of {rigid} not known",
                        "robot.elastic")  # fmt: skip
-        return Row(
-            self.check,
-            self.beyond if over else "ok",
-            value,
-            bound,
-            self.unit,
-            row,
-            f"{what}, {100 * value / bound:.0f} % of the limit",
-            advice=self.advice if over else "",
-        )
+        return Row(self.check, "ok", value, bound, self.unit, row, share_text)
 
 
 _AXES: Final = tuple(f"torque of axis {k}" for k in range(1, 7))
