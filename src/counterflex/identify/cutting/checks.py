@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from counterflex.core.arrays import Float
+from counterflex.core.errors import InputError
 from counterflex.core.units import MINUTE, MM, RPM
 from counterflex.cutting.arc_force import term_force
 from counterflex.identify.cutting.cut_rows import FORCES, cuts_of, has_air, rows_per_turn
@@ -108,6 +109,13 @@ def cut_means(data: Dataset) -> Dataset:
             rows.append(int(mine[(inner.start + inner.stop) // 2]))
             values.append(np.median(shown[inner], axis=0))
             deep.append(float(np.mean(depth[mine][inner])))
+    if not rows:
+        raise InputError(
+            "no stretch of a cut with four rows or more was found",
+            where=data.where or data.name,
+            value=f"{len(data)} rows",
+            hint="Record whole cuts; check the force channel and which rows have the depth 0",
+        )
     keep = np.zeros(len(data), dtype=np.bool_)
     keep[rows] = True
     order = np.argsort(rows, kind="stable")

@@ -45,6 +45,9 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
     too few sensors, changes beyond any range, beams that miss their planes, a motion that is not seen, normals that
     pass the reference point.
     """
+    for name in ("s_unloaded", "s_loaded", "q", "R_base_frame", "p_base_frame"):
+        if data.has(name):
+            data.finite(name)
     if len(frame) < FEWEST:
         raise InputError("a displacement takes three sensors", where=frame.where, value=len(frame), limit=">= 3")
     travel = np.abs(s_loaded - s_unloaded)

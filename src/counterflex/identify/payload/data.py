@@ -229,6 +229,12 @@ def _in_motion(
     omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     if data.has("accelerometer_sensor"):
         gamma = -smooth(data.finite("accelerometer_sensor"), 0)
+    elif not data.has("q"):  # a rotation alone has no place: it would be differentiated to an acceleration of zero
+        raise FileFormatError(
+            "nothing in the data tells the acceleration of the sensor",
+            where=data.where or data.name,
+            limit="channel q or accelerometer_sensor",
+        )
     else:
         gamma = block.gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
     block = replace(
