@@ -425,7 +425,8 @@ def test_a_record_without_a_stretch_of_a_cut_is_refused_in_one_line() -> None:
     n = 3
     arrays = {"time_s": 1e-3 * np.arange(n), "f_tcp_part": np.tile([10.0, 20.0, 5.0], (n, 1)), "depth": np.full(n, MM)}
     arrays |= {"feed_rate": np.full(n, 0.02), "spindle_speed": np.full(n, SPEED)}
-    data = of_arrays("short", "slots", arrays | {"feed_direction": np.tile([1.0, 0.0, 0.0], (n, 1))}, {"f_tcp_part": 1.0})
+    arrays["feed_direction"] = np.tile([1.0, 0.0, 0.0], (n, 1))
+    data = of_arrays("short", "slots", arrays, {"f_tcp_part": 1.0})
     with pytest.raises(InputError, match="no stretch of a cut"):
         cut_means(data)
 

@@ -164,6 +164,7 @@ def _readings(
             normal=frame.normal[keep],
             point=frame.point[keep],
         )
+        # Handicapped by 1.3: a sensor less always fits better, whichever it is.
         change = f"sensor '{frame.names[i]}' is left out"
         remedy = "look at it, or leave its column and its table out"
         yield change, remedy, fewer, s_unloaded[:, keep], s_loaded[:, keep], sigma[:, keep], 1.3
