@@ -244,7 +244,7 @@ def test_of_two_records_the_better_known_lag_is_written(cell: CellModel) -> None
 
 
 def test_data_that_tell_nothing_are_named(cell: CellModel) -> None:
-    """A record without a command, a hold-out without load steps, reversals that tell no friction: all were passed over."""
+    """A record without a command, a hold-out without load steps, reversals that tell no friction: all passed over."""
     blind = replace(record(), channels={k: c for k, c in record().channels.items() if k != "q_command"})
     with pytest.raises(InputError, match="tells no lag"):
         servo.RECIPE.identify(cell, [blind], [], {})
