@@ -22,7 +22,7 @@ from counterflex.cutting.force import engagement_of_arc
 from counterflex.cutting.tooth_force import tooth_forces
 from counterflex.files.cell.cell import read_cell
 from counterflex.geometry import pose, rotation
-from counterflex.identify.cutting.checks import check, cut_means
+from counterflex.identify.cutting.checks import check
 from counterflex.identify.cutting.force_forms import FORMS
 from counterflex.identify.cutting.recipe import RECIPE
 from counterflex.identify.cutting.report import trend
@@ -420,15 +420,15 @@ def test_proposed_program_runs_the_proposed_motions(cell: CellModel) -> None:
     np.testing.assert_allclose(feeds, proposal.columns["feed_m_s"], rtol=1e-3)
 
 
-def test_a_record_without_a_stretch_of_a_cut_is_refused_in_one_line() -> None:
+def test_a_record_without_a_stretch_of_a_cut_is_refused_in_one_line(cell: CellModel) -> None:
     """It ended in an IndexError of numpy."""
     n = 3
     arrays = {"time_s": 1e-3 * np.arange(n), "f_tcp_part": np.tile([10.0, 20.0, 5.0], (n, 1)), "depth": np.full(n, MM)}
     arrays |= {"feed_rate": np.full(n, 0.02), "spindle_speed": np.full(n, SPEED)}
     arrays["feed_direction"] = np.tile([1.0, 0.0, 0.0], (n, 1))
     data = of_arrays("short", "slots", arrays, {"f_tcp_part": 1.0})
-    with pytest.raises(InputError, match="no stretch of a cut"):
-        cut_means(data)
+    with pytest.raises(InputError, match="no settled piece of a cut"):
+        RECIPE.identify(cell, [data], [])
 
 
 def test_proposals_that_cannot_be(cell: CellModel) -> None:

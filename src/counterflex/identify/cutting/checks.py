@@ -16,7 +16,6 @@ import numpy as np
 import scipy
 
 from counterflex.core.arrays import Float
-from counterflex.core.errors import InputError
 from counterflex.core.units import MINUTE, MM, RPM
 from counterflex.cutting.arc_force import term_force
 from counterflex.identify.cutting.cut_rows import FORCES, cuts_of, has_air, rows_per_turn
@@ -109,19 +108,12 @@ def cut_means(data: Dataset) -> Dataset:
             rows.append(int(mine[(inner.start + inner.stop) // 2]))
             values.append(np.median(shown[inner], axis=0))
             deep.append(float(np.mean(depth[mine][inner])))
-    if not rows:
-        raise InputError(
-            "no stretch of a cut with four rows or more was found",
-            where=data.where or data.name,
-            value=f"{len(data)} rows",
-            hint="Record whole cuts; check the force channel and which rows have the depth 0",
-        )
     keep = np.zeros(len(data), dtype=np.bool_)
     keep[rows] = True
     order = np.argsort(rows, kind="stable")
     out = data.rows(keep)
     channels = {key: c for key, c in out.channels.items() if key != "time_s"}
-    channels[name] = replace(channels[name], values=np.array(values)[order])
+    channels[name] = replace(channels[name], values=np.array(values).reshape(-1, force.shape[1])[order])
     channels["depth"] = replace(channels["depth"], values=np.array(deep)[order][:, None])
     return _trusted(replace(out, channels=channels), name)
 

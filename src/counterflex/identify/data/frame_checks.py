@@ -45,9 +45,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
     too few sensors, changes beyond any range, beams that miss their planes, a motion that is not seen, normals that
     pass the reference point.
     """
-    for name in ("s_unloaded", "s_loaded", "q", "R_base_frame", "p_base_frame"):
-        if data.has(name):
-            data.finite(name)
+    _check_numbers(data)
     if len(frame) < FEWEST:
         raise InputError("a displacement takes three sensors", where=frame.where, value=len(frame), limit=">= 3")
     travel = np.abs(s_loaded - s_unloaded)
@@ -96,6 +94,13 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
                 limit=f"<= {MOST_PASSING_M / MM:.0f} mm",
                 hint="Give six sensors or more, or state the point where they meet as p_tcp_measured_mm",
             )
+
+
+def _check_numbers(data: Dataset) -> None:
+    """Refuse a gap: one reading that is no number leaves no singular values of anything. Raises FileFormatError."""
+    for name in ("s_unloaded", "s_loaded", "q", "R_base_frame", "p_base_frame"):
+        if data.has(name):
+            data.finite(name)
 
 
 def check_misfit(

@@ -65,24 +65,21 @@ def identify(inputs: Inputs) -> Identification:
         raise InputError("servo needs load steps or records", value=", ".join(d.kind for d in data))
     results = _Results()
     friction, results.remarks = _friction(cell, [d for d in data if d.kind == "reversals"])
-    results.remarks += [
+    results.remarks += _not_held_out(holdout)
+    if steps:
+        of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
+        _find_gains(results, inputs, steps, unseen, friction, share_of(progress, 0.0, of_steps))
+    _take_lags(results, *_lags(cell, records, bool(settings["as_stated"])))
+    return results.identification()
+
+
+def _not_held_out(holdout: Sequence[Dataset]) -> list[str]:
+    """Datasets of a hold-out that judge nothing here."""
+    return [
         f"{d.name}: only load steps are held out here; a lag is judged on stretches of its own record"
         for d in holdout
         if d.kind != "servo_steps"
     ]
-    if steps:
-        of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
-        _find_gains(results, inputs, steps, unseen, friction, share_of(progress, 0.0, of_steps))
-    lags, notes = _lags(cell, records, bool(settings["as_stated"]))
-    results.remarks += notes
-    results.changes += timing_changes(lags)  # all at once: of several records the one that knows its lag best
-    names = [estimate.pair.name for estimate in lags]
-    for i, estimate in enumerate(lags):
-        results.fits[names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"] = estimate.fit
-        lag_figures, first = _lag_figures(estimate)
-        results.figures += lag_figures
-        results.headline.append(first)
-    return results.identification()
 
 
 @dataclass
@@ -106,6 +103,18 @@ class _Results:
             tuple(self.remarks),
             tuple(self.pictures),
         )
+
+
+def _take_lags(results: _Results, lags: Sequence[Delay], notes: Sequence[str]) -> None:
+    """Take lags and what was found about their records."""
+    results.remarks += notes
+    results.changes += timing_changes(lags)  # all at once: of several records the one that knows its lag best
+    names = [estimate.pair.name for estimate in lags]
+    for i, estimate in enumerate(lags):
+        results.fits[names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"] = estimate.fit
+        lag_figures, first = _lag_figures(estimate)
+        results.figures += lag_figures
+        results.headline.append(first)
 
 
 def _find_gains(

@@ -90,6 +90,7 @@ def settle_axis(
     total = 0.0
     for e in range(limit.shape[0]):
         total += limit[e]
+    # Friction holds at most its whole limit either way: the torsion lies between what the spring answers to both.
     low = min(compliance * (torque - total), 0.0) - half_band
     high = max(compliance * (torque + total), 0.0) + half_band
     at_low = imbalance(low, moved, torque, compliance, half_band, limit, slip, force)
@@ -216,6 +217,7 @@ def axis_torque(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) 
         load = weight_loads(chain, angles[rows], Ts)
         if w_tcp_base is not None:
             load = load + element_loads(chain, angles[rows], w_tcp_base[rows], Ts)
+        # The load is about the frame's z; the controller counts the angle the other way where its sign is -1.
         out[rows] = sign * load[:, chain.torsion, 5]
     return out
 
@@ -242,6 +244,7 @@ def torsion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> t
     lost: Float = s - soft * torque
     through = (s - np.clip(s, -band, band)) / soft
     without = [entry is None for entry in chain.play]
+    # An axis without an entry is a plain spring: what the search for its root leaves is rounding, no lost motion.
     lost[:, without] = 0.0
     through[:, without] = torque[:, without]
     return lost, through
