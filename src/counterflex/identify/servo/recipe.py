@@ -74,12 +74,8 @@ def identify(inputs: Inputs) -> Identification:
 
 
 def _not_held_out(holdout: Sequence[Dataset]) -> list[str]:
-    """Datasets of a hold-out that judge nothing here."""
-    return [
-        f"{d.name}: only load steps are held out here; a lag is judged on stretches of its own record"
-        for d in holdout
-        if d.kind != "servo_steps"
-    ]
+    told = "only load steps are held out here; a lag is judged on stretches of its own record"
+    return [f"{d.name}: {told}" for d in holdout if d.kind != "servo_steps"]
 
 
 @dataclass
@@ -240,10 +236,7 @@ def _servo(cell: CellModel, axis: int, fit: Fit, friction: float | None) -> Serv
 
 
 def _friction(cell: CellModel, data: Sequence[Dataset]) -> tuple[dict[int, float], list[str]]:
-    """Dry friction of the motors, N m: half the loop of their torque less the friction of the links; what was not told.
-
-    ``data``: Kind ``reversals``.
-    """
+    """Dry friction of the motors, N m: half the loop of their torque less the friction of the links; what was not told."""
     records = motions(cell, data)
     out, remarks = {}, []
     for axis in sorted({m.axis for m in records}):
