@@ -42,7 +42,7 @@ _COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1228,
-    "lines": 216_804,
+    "lines": 218_190,
     _BIG: 7,
     _WIDE: 7,
     _PATHS: 0,

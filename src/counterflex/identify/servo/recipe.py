@@ -236,7 +236,7 @@ def _servo(cell: CellModel, axis: int, fit: Fit, friction: float | None) -> Serv
 
 
 def _friction(cell: CellModel, data: Sequence[Dataset]) -> tuple[dict[int, float], list[str]]:
-    """Dry friction of the motors, N m: half the loop of their torque less the friction of the links; what was not told."""
+    """Dry friction of the motors, N m, half the loop of their torque less that of the links; and what was not told."""
     records = motions(cell, data)
     out, remarks = {}, []
     for axis in sorted({m.axis for m in records}):
