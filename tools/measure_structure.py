@@ -197,8 +197,10 @@ def code_and_comments(module: Module) -> tuple[int, int]:
     """Lines of code, less docstrings, blanks and imports, and whole-line comments."""
     left_out: set[int] = set()
     for node in module.nodes:
-        text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        if text or isinstance(node, ast.Import | ast.ImportFrom):
+        if not isinstance(node, ast.Expr | ast.Import | ast.ImportFrom):
+            continue
+        value = node.value if isinstance(node, ast.Expr) else ast.Constant("")
+        if isinstance(value, ast.Constant) and isinstance(value.value, str):
             left_out |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     lines = [line.strip() for n, line in enumerate(module.text.split("\n"), start=1) if n not in left_out]
     comments = sum(line.startswith("#") for line in lines)

@@ -195,9 +195,9 @@ def test_sensor_axes_called_base_are_told() -> None:
 
 def test_a_motion_without_angles_needs_an_accelerometer() -> None:
     """Rotations alone say nothing of the sensor's path: its acceleration was taken as zero, silently."""
-    t = 4e-3 * np.arange(400)
+    t: Float = 4e-3 * np.arange(400, dtype=np.float64)
     R = rotation.exp(np.stack([0.3 * np.sin(2.0 * t), 0.0 * t, 0.0 * t], axis=1))
-    channels = {"time_s": t, "R_base_flange": R, "w_sensor": np.zeros((400, 6))}
+    channels: dict[str, Float] = {"time_s": t, "R_base_flange": R, "w_sensor": np.zeros((400, 6))}
     sensor = sensor_before(CELL)
     with pytest.raises(FileFormatError, match="acceleration"):
         _readings(channels, sensor)
