@@ -9,8 +9,8 @@ Figures are counted from the syntax trees below src/counterflex; words of README
 code blocks that no program writes; --entered runs a shipped program twice and counts the files of which a function
 is called, without what importing calls: once as `counterflex compensate`, once as the call `compensate(program,
 read_cell(cell))` of counterflex.app.compensation.compensate, which leaves out command line, report and writing of
-files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below: a
-ceiling is what stands today, and is lowered with what it counts.
+files; --files prints which files those are; --hold ends with status 1 where a figure has passed its ceiling below (a
+ceiling is what stands today, and is lowered with what it counts), or where a room has fewer comments than its floor.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
+from typing import Final
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 MANY_ARGUMENTS, COMPLEX, LONG_STAGE, LONG_MODULE, WIDE = 10, 15, 60, 400, 20
@@ -37,6 +38,7 @@ _PATHS, _LONG = (
     f"functions above {LONG_STAGE} lines outside kernels",
 )
 _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kernels"
+_COMMENTS = "whole-line comments in 1000 lines of code in `{}`"
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1234,
@@ -56,6 +58,10 @@ CEILINGS = {
     "links of docs/index.md": 25,
 }
 """What no change may pass: as it stood when it was last lowered."""
+COMMENTED: Final = ("cutting", "identify", "plan", "robot", "runtime")
+"""Rooms of kernels, plausibility tests, recipes and planners, whose comments say why."""
+FLOORS: Final = dict.fromkeys(map(_COMMENTS.format, COMMENTED), 20.0)
+"""What no change may fall below."""
 _OPENING = re.compile(r"(What|How|Where|Which|Whether|Why|When)\b")
 _GENERATED = ("statements", "reference", "_build", "gallery"), ("nomenclature.md", "licences.md")
 """Folders and pages of docs that are made from tables and sources, beside those that say "written by"."""
@@ -185,6 +191,30 @@ def import_lines(module: Module) -> int:
     """Lines that import, also inside of functions."""
     nodes = (node for node in module.nodes if isinstance(node, ast.Import | ast.ImportFrom))
     return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in nodes)
+
+
+def code_and_comments(module: Module) -> tuple[int, int]:
+    """Lines of code, less docstrings, blanks and imports, and whole-line comments."""
+    left_out: set[int] = set()
+    for node in module.nodes:
+        if not isinstance(node, ast.Expr | ast.Import | ast.ImportFrom):
+            continue
+        value = node.value if isinstance(node, ast.Expr) else ast.Constant("")
+        if isinstance(value, ast.Constant) and isinstance(value.value, str):
+            left_out |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    lines = [line.strip() for n, line in enumerate(module.text.split("\n"), start=1) if n not in left_out]
+    comments = sum(line.startswith("#") for line in lines)
+    return sum(bool(line) for line in lines) - comments, comments
+
+
+def comments_in_1000(modules: list[Module]) -> dict[str, str]:
+    """Whole-line comments in 1000 lines of code of each room of :data:`COMMENTED`."""
+    out = {}
+    for room in COMMENTED:
+        counts = [code_and_comments(m) for m in modules if m.name.startswith(f"counterflex.{room}.")]
+        code, comments = (sum(column) for column in zip(*counts, strict=True))
+        out[_COMMENTS.format(room)] = f"{1000 * comments / code:.1f}"
+    return out
 
 
 def arguments(function: Function) -> int:
@@ -333,6 +363,7 @@ def measure(root: Path, ways: dict[str, list[str]]) -> dict[str, str]:
     for m in modules:
         if "." in m.name:
             lines[m.name.split(".")[1]] += m.text.count("\n")
+    figures |= comments_in_1000(modules)
     figures |= {f"lines (modules) in `{room}`": f"{lines[room]} ({rooms[room]})" for room in sorted(rooms)}
     return {name: str(value) for name, value in figures.items()}
 
@@ -352,7 +383,11 @@ def main() -> None:
         "--entered", action="store_true", help="run compensate and count the files it enters (some 40 s)"
     )
     parser.add_argument("--files", action="store_true", help="with --entered: print which files these are")
-    parser.add_argument("--hold", action="store_true", help="end with status 1 where a figure has passed its ceiling")
+    parser.add_argument(
+        "--hold",
+        action="store_true",
+        help="end with status 1 where a figure has passed its ceiling or fallen below its floor",
+    )
     asked = parser.parse_args()
     if asked.files and not asked.entered:
         parser.error("--files lists what --entered counts: give both")
@@ -370,7 +405,10 @@ def main() -> None:
         passed = [name for name, ceiling in CEILINGS.items() if float(after[name]) > ceiling]
         for name in passed:
             print(f"{name}: {after[name]}, at most {CEILINGS[name]}; see CONTRIBUTING.md, or lower what it counts")
-        sys.exit(bool(passed))
+        short = [name for name, floor in FLOORS.items() if float(after[name]) < floor]
+        for name in short:
+            print(f"{name}: {after[name]}, at least {FLOORS[name]:g}; see CONTRIBUTING.md, say why where it helps")
+        sys.exit(bool(passed or short))
     if asked.before is None:
         print("| | now |\n|---|---|")
         print("\n".join(f"| {name} | {value} |" for name, value in after.items()))

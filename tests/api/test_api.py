@@ -258,6 +258,9 @@ def test_the_mean_of_a_revolution_is_the_closed_form(folder: Path) -> None:
         assert teeth[axis].mean() == pytest.approx(closed[axis], rel=2e-3, abs=0.05)
     with pytest.raises(cf.CounterflexError, match="a revolution is of one cut"):
         cf.forces(folder / "cell.toml", depth_mm=[1.0, 2.0], feed_per_tooth_um=40.0, revolution=True)
+    for revolution in (False, True):  # a mean would go on with an edge where the tool has a shank
+        with pytest.raises(cf.CounterflexError, match="deeper than the flutes"):
+            cf.forces(folder / "cell.toml", depth_mm=400.0, feed_per_tooth_um=40.0, revolution=revolution)
 
 
 def test_engagement_of_a_slot_is_its_depth_and_the_diameter(folder: Path) -> None:

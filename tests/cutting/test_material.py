@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from counterflex.core.errors import InputError, ModelError
+from counterflex.core.errors import FileFormatError, InputError, ModelError
 from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2
 from counterflex.cutting import material
 from counterflex.cutting.coefficients import KienzleLaw, LinearEdgeLaw, check_thickness
@@ -129,6 +130,32 @@ def test_bad_coefficients_are_refused(change: dict[str, float]) -> None:
     } | change
     with pytest.raises(InputError):
         KienzleLaw(**numbers, source="test", status="assumed", edge_n_m=(0.0, 0.0, 0.0))
+
+
+HEADER = "name,material,number,kc11_n_mm2,mc,kr11_n_mm2,mr,ka11_n_mm2,ma,h_min_mm,h_max_mm,h_range_basis,gamma0_deg"
+ROW = "mine,AlMg,3.3,780,0.25,300,0.3,100,0.3,0.01,0.2,tests,12"
+
+
+@pytest.mark.parametrize(
+    ("columns", "values", "what"),
+    [
+        (",status,conditions,source", ",measured,dry,me", ""),
+        (",status,conditions", ",measured,dry", "lacks a column; got source"),
+        (",status,conditions,source", ",measured", "lacks a column; got conditions, source"),
+        (",status,conditions,source", ",guessed,dry,me", "lacks its cutting coefficient, source or status"),
+    ],
+)
+def test_a_table_of_another_package_is_read_or_refused_in_one_line(
+    tmp_path: Path, columns: str, values: str, what: str
+) -> None:
+    file = tmp_path / "others.csv"
+    file.write_text(f"{HEADER}{columns}\n{ROW}{values}\n", encoding="utf-8")
+    if not what:
+        assert material._rows([file], {})["mine"].cutting == (780 * N_PER_MM2, 0.25)
+        file.write_text(f"{HEADER}{columns}\n{ROW.replace('780', 'inf')}{values}\n", encoding="utf-8")
+        what = "not finite"
+    with pytest.raises(FileFormatError, match=f"others.csv:2: .*{what}"):
+        material._rows([file], {})
 
 
 def test_unknown_material_suggests_names() -> None:

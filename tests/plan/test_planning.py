@@ -19,6 +19,7 @@ from counterflex.path.toolpath import FEED, ToolPath, tool_orientation, tool_pos
 from counterflex.plan.compensate import plan
 from counterflex.plan.inputs import CorrectionLimits, Setting
 from counterflex.plan.plan import Plan, across
+from counterflex.plan.static_correction import Command, check_corrections
 from counterflex.robot.elasticity.chain import ElasticChain, forward_elastic
 from counterflex.robot.kinematics.inverse import inverse_path
 from counterflex.robot.model.description import Servo
@@ -219,6 +220,13 @@ def test_limits_are_refused_never_clipped(
         planned(groove, cell, replace(setting, limits=limits))
     assert "line" in str(caught.value)
     assert caught.value.value is not None
+
+
+@pytest.mark.parametrize("field", ["correction_part", "rotvec_part"])
+def test_a_correction_that_is_no_number_is_refused(field: str) -> None:
+    command = replace(Command(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 6))), **{field: np.full((3, 3), np.nan)})
+    with pytest.raises(ModelError, match="line 7: the correction needed is beyond its bound"):
+        check_corrections(command, np.array([7, 8, 9]), CorrectionLimits())
 
 
 def test_orientation_limit(cell: Cell, groove: ToolPath, setting: Setting) -> None:

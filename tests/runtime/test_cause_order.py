@@ -118,6 +118,12 @@ def test_another_feed_than_planned_holds_whatever_the_sensors_show(soft: Cause) 
     assert Job(soft).held_after(400, times=2.0) == good
 
 
+def test_a_place_that_is_only_told_hides_no_feed_that_holds() -> None:
+    """0.7 mm off the plan is told, twice its feed holds: both together held by neither."""
+    assert Job(Cause.NONE).held_after(400, aside_m=0.7e-3) == (400, Cause.NONE)
+    assert Job(Cause.NONE).held_after(400, times=2.0, aside_m=0.7e-3)[1] == Cause.FEED_DIFFERS
+
+
 def test_a_force_that_is_not_read_is_not_told_by_its_former_ratio() -> None:
     job = Job(Cause.NONE)
     assert job.loop.monitor.results.ratio > 0.5

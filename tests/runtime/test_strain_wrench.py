@@ -196,6 +196,24 @@ def test_a_bridge_that_jumps_contradicts_the_others(cell: Cell) -> None:
     assert tare.accepted
 
 
+@pytest.mark.parametrize(("first_c", "then_c"), [(85.0, 25.0), (20.0, 32.0)])
+def test_a_temperature_that_lasts_is_the_holders(cell: Cell, first_c: float, then_c: float) -> None:
+    """What an amplifier shows when it starts, or showed before a pause, was the holder's for ever."""
+    bench = Bench(cell)
+    bench.cycle(np.zeros(3), warm_c=first_c)
+    assert bench.wrench.observed.warm_c == first_c
+    for _ in range(30):
+        bench.cycle(np.zeros(3), warm_c=then_c)
+    assert bench.wrench.observed.warm_c == then_c
+
+
+def test_a_temperature_of_a_bad_telegram_is_not_believed(cell: Cell) -> None:
+    bench = Bench(cell)
+    for k in range(60):
+        bench.cycle(np.zeros(3), warm_c=85.0 if k % 4 == 3 else 25.0)
+    assert bench.wrench.observed.warm_c == 25.0
+
+
 def test_a_force_is_no_zero_where_it_is_well_seen(cell: Cell) -> None:
     bench = Bench(cell)
     tare = StrainTare(bench.wrench, 15.0, 5.0, 1e-6)

@@ -109,6 +109,13 @@ def forces(
     depth, feed = np.broadcast_arrays(*(np.atleast_1d(as_float(name, value)) for name, value in (
         ("depth_mm", depth_mm), ("feed_per_tooth_um", feed_per_tooth_um)
     )))  # fmt: skip
+    if np.any(depth * MM > cutter.flute_length_m * (1.0 + 1e-9)):  # above the flutes the shank rubs, which no law has
+        raise InputError(
+            "the cut is deeper than the flutes of the tool are long",
+            where="depth_mm",
+            value=float(depth.max()),
+            limit=f"at most {cutter.flute_length_m / MM:g} (tools.flute_length_mm)",
+        )
     arcs = np.stack([engagement_of_arc(cutter, float(value) * MM, entry, leave) for value in depth])
     columns: dict[str, Any]
     if revolution:

@@ -76,6 +76,8 @@ def arc_table(terms: Float, n_bins: int) -> Float:
         row[2] = np.diff(sine_power_integral(p + 1.0, edges))
         mean = row[0] / width if p > 0.0 else np.diff(-np.cos(edges)) / width
         row[3] = mean ** (1.0 / p) if p > 0.0 else mean
+        # On a slope the whole chip, descent included, is raised to p. This takes the power of the sine out again,
+        # before the exact integrals over the bin are put in.
         row[4] = row[3] ** -p
     return table
 
@@ -120,6 +122,7 @@ def level_table(
         row[:8] = mean_sin, mean_cos, 1.0 / mean_sin, mean_radius, z0, top, ring, flat
         row[8:10] = math.sin(k1), math.cos(k1)
         for t, p in enumerate(terms[:, 0]):
+            # An edge force (p = 0) does not ask how thick the chip is: its effective sine stays 1.
             if p > 0.0:
                 mean = np.diff(sine_power_integral(float(p), np.array([k0, k1])))[0] / span
                 row[10 + t] = mean ** (1.0 / p)

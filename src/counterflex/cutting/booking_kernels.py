@@ -41,6 +41,7 @@ _PI = np.float32(math.pi)
 _HALF_PI = np.float32(0.5 * math.pi)
 _SCALE = np.float32(2.0**30)
 _BINS_PER_RAD = np.float32(BINS / math.pi)
+# phi = pi would be bin 64, one behind the last.
 _LAST = np.float32(BINS - 0.5)
 _COSINES = np.append(np.cos(np.linspace(0.0, math.pi, BINS + 1)[:-1]), -2.0)
 """Cosines of the lower edges of the bins; no ratio is below the last entry."""
@@ -237,6 +238,7 @@ def _code_ball(
         across = rise * cos_theta - s * sin_theta
         entry = (s * cos_theta + rise * sin_theta - math.sqrt(max(a - across * across, _ZERO))) * cos_theta
         shank = s - q
+        # Above the equator the cylinder meets the column, not the sphere.
         entry = shank if rise - slope * shank > _ZERO else entry
         h = max(rise + radius - slope * min(max(entry, _ZERO), length), _ZERO)
         ahead = max(s - entry, _ZERO)
@@ -247,6 +249,7 @@ def _code_ball(
         above = h + half - border - width if level < top else _ZERO
         below = border - h + half if level > _ZERO else _ZERO
         beyond = max(max(above, below), _ZERO)
+        # A column over more than two levels has more than the two places noted here: the exact way books it.
         tall = (beyond > _ZERO) & (cut > width + width)
         other = level + (_ONE if above > below else -_ONE)
         share = ahead / (ahead + drop * max(radius - h, _SMALL) + _SMALL) if falls else _ONE
@@ -271,6 +274,7 @@ def _book_pairs(code: Int32, gathered: Whole, books: Int) -> None:
     """Add the quanta of both places of each column, from both halves in turn: neighbours often share a place."""
     place_of, next_of, side_of, over_of = code[0], code[2], code[3], code[4]
     half = (gathered + 1) // 2
+    # With an odd number the second half reads one entry too many; it adds nothing to place 0.
     place_of[gathered] = next_of[gathered] = side_of[gathered] = over_of[gathered] = np.int32(0)
     for i in range(half):
         one, two = np.uint64(i), np.uint64(i + half)
@@ -340,6 +344,7 @@ def settle(
             for i in range(gathered):
                 sub = code[2, i]
                 t = event[1, i]
+                # The segment found by division is off by one or more where the segments of a run differ in length.
                 while sub > 0 and t < stations[sub]:
                     sub -= 1
                 while sub < count - 1 and t >= stations[sub + 1]:

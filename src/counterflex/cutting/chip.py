@@ -86,7 +86,8 @@ def trochoid_thickness(phi_rad: float | Float, feed_m: float, radii_m: Float, to
         InputError: Feed, radii or index out of range.
         ModelError: The feed is so large against the radius that the path crosses itself near the cut.
 
-    Valid for: a feed per tooth well below the radius, ``f_z N / (2 pi R) < 0.5``.
+    Valid for: a feed per tooth well below the radius. From ``f_z N / (2 pi R) = 0.13`` on the path of an earlier tooth
+    no longer crosses every ray of the arc; such a ray is refused.
     """
     as_positive("feed_m", feed_m)
     radii = np.array(as_float("radii_m", radii_m, (None,)))

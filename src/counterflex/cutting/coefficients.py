@@ -155,6 +155,7 @@ class KienzleLaw:
             source=source,
             status=status,
         )
+        # A range that begins at 0 has no geometric mean.
         return at_1mm.at_reference(math.sqrt(h_min_m * h_max_m) if h_min_m > 0.0 else 0.01 * h_max_m)
 
     @classmethod

@@ -148,6 +148,7 @@ class Cutter:
             (3 + 2 n_levels,) array ``[R, r, K, H_0 .. H_K, R_0 .. R_K]`` in m, with K = 0 for a flat end mill.
         """
         corner = 0.0 if self.is_flat else float(CORNER_LEVELS)
+        # Kernels tell a ball by equal radii to the last bit; a file may differ there.
         r = self.radius_m if self.is_ball else self.corner_radius_m
         head = [self.radius_m, r, corner]
         out: Float = np.concatenate([head, self.levels()[:-1], self.level_radii()])

@@ -87,6 +87,7 @@ def block_flat(z: Float32, j_low: Whole, j_high: Whole, i_low: Whole, lane: Floa
             q = math.sqrt(max(a, _ZERO))
             t_in = max(s - q, _ZERO)
             t_out = min(s + q, length)
+            # A flat tool that climbs is lowest over a cell as its rim arrives, one that descends as it leaves.
             low = max(za + slope * (t_in if slope > _ZERO else t_out), floor)
             falls = lower(row, k, low, (a >= _ZERO) & (t_in <= t_out), s, w, out, at)
             hit = np.int32(hit | (bit[k] if falls else np.int32(0)))
@@ -209,6 +210,7 @@ def fill_minimiser(table: Float32, radius: Real, corner: Real, slope: Real) -> N
             table[i] = np.float32(sign * math.sqrt(max(0.0, rho * rho - w * w)))
             root = math.sqrt(max(k * rho * rho - w * w, 1.0e-30))
             rise = root + x * k * rho * corner / root - steep * corner
+            # Below that sine the outline is narrower than w: the tool does not reach the column, the root is imaginary.
             least = max(0.0, (w - inner) / corner)
             sine[i] = min(max(x - (x * root - steep * rho) / rise, least), 1.0)
 

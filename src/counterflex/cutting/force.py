@@ -135,6 +135,7 @@ def mean_force(
     feeds = np.broadcast_to(as_float("feeds_m", feeds_m), (n,))
     drops = np.broadcast_to(as_float("drops_m", drops_m), (n,))
     wrench = mean_wrenches(weights, depths, feeds, drops, end_areas_m2)
+    # A row without force has no thickness, and must not be refused for one outside the range.
     cut = np.any(wrench != 0.0, axis=1)
     h_mean: Float = np.where(cut, mean_thickness(weights, depths, feeds, drops), 0.0)
     in_range: Bool = ~cut | ((h_mean >= law.h_min_m) & (h_mean <= law.h_max_m))
@@ -169,6 +170,7 @@ def zero_normal_force_immersion(law: ForceLaw, feed_m: float) -> float:
     Source: Berger2013 (strategy), corrected: the immersion is computed, not half the diameter.
     """
     as_positive("feed_m", feed_m)
+    # At 0 both integrals vanish; a small arc has the sign of their limit.
     low, high = 1e-3, math.pi
     at_start, in_slot = _normal_force(low, law, feed_m), _normal_force(high, law, feed_m)
     if not at_start < 0.0 < in_slot:

@@ -78,6 +78,7 @@ def built(name: str, values: Mapping[str, float], valid: ValidFor) -> ForceLaw:
         _require_sum_of_powers(law)
     except CounterflexError:
         raise
+    # Whatever another package raises becomes one line that names it.
     except Exception as fault:
         raise InputError(
             f"the force law of another package fails: {type(fault).__name__}: {fault}", where=name, value=dict(values)

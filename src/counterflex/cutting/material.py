@@ -10,6 +10,7 @@ law and are left out: hardened X37CrMoV5-1 (no exponent known) and CFRP (the for
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from counterflex.core.units import DEG, MM, N_PER_MM, N_PER_MM2
 from counterflex.cutting.coefficients import ForceLaw, KienzleLaw, LinearEdgeLaw
 
 _STATUS = {"measured", "catalogue", "derived", "assumed"}
+_TEXTS = ("name", "material", "number", "h_range_basis", "status", "conditions", "source")
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,8 @@ class Material:
             elif ratio is not None:
                 if not math.isfinite(ratio):
                     raise InputError(f"{name} is not finite", value=ratio)
+                # The second number of a Kienzle pair is an exponent, of a linear pair a force: only the force is in
+                # proportion.
                 second = self.cutting[1] * (1.0 if self.kind == "kienzle" else ratio)
                 pairs[direction] = (self.cutting[0] * ratio, second)
                 assumed = True
@@ -257,8 +261,13 @@ def _material(row: dict[str, str], kind: str, where: str) -> Material:
         rake = float(row["gamma0_deg"]) * DEG if row.get("gamma0_deg") else None
     except (KeyError, ValueError, TypeError) as fault:
         raise FileFormatError("material row cannot be read", where=where, value=str(fault)) from fault
+    lacking = [name for name in _TEXTS if row.get(name) is None]
+    if lacking:
+        raise FileFormatError("material row lacks a column", where=where, value=", ".join(lacking))
     if pairs[0] is None or not row["source"] or not set(row["status"].split(" + ")) <= _STATUS:
         raise FileFormatError("material row lacks its cutting coefficient, source or status", where=where)
+    if not all(map(math.isfinite, (h_min, h_max, *itertools.chain.from_iterable(filter(None, pairs))))):
+        raise FileFormatError("material row holds a number that is not finite", where=where)
     return Material(
         name=row["name"],
         designation=row["material"],

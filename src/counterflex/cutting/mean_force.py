@@ -121,6 +121,7 @@ def _level_side(row: Float, feed: float, terms: Float, arc: Float, level: Float,
         d1 = dc = ds = ec = es = 0.0
         for b in range(row.size):
             d = row[b]
+            # A level is engaged from its lower end upwards: its force acts half way up what is engaged.
             e = d * (z0 + 0.5 * d)
             d1 += d * i1[b]
             dc += d * ic[b]
@@ -253,10 +254,13 @@ def mean_wrench(
             engaged += row[b]
         if engaged <= 0.0 or feed_m <= 0.0:
             continue
+        # On the level, and on the cylinder (cos kappa = 0) at any slope, the descent adds nothing to the chip: the
+        # exact integrals hold.
         if drop_m == 0.0 or levels[level, 1] == 0.0:
             _level_side(row, feed_m, terms, arc, levels[level], out)
         else:
             lowered += _inclined_side(row, feed_m, drop_m, terms, arc, levels[level], out)
+    # What inclined levels lower is in their force already: counted with the end face it would push twice.
     if drop_m > 0.0 and end_area_m2 > lowered:
         _end_face(end_area_m2 - lowered, drop_m, terms, levels, out)
 

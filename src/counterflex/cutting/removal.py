@@ -176,6 +176,8 @@ def runs_of(p_part_tcp: Float, kind: Int, cutter: Cutter) -> Int:
     n = len(p_part_tcp) - 1
     step = np.diff(p_part_tcp, axis=0)
     length = np.hypot(step[:, 0], step[:, 1])
+    # Joined runs are booked by the station at which the rim arrived, which says where a flat mill on the level cut a
+    # column; on a slope, or under a corner, the height along the run would count too.
     joined = np.zeros(n, dtype=bool)
     if cutter.is_flat and n > 1:
         cross = step[:-1, 0] * step[1:, 1] - step[:-1, 1] * step[1:, 0]
@@ -230,7 +232,7 @@ def remove_segments(
     if n < 1:
         raise InputError("tool path has no segment", value=f"{len(path)} points", limit=">= 2 points")
     if len(kind) == n + 1:
-        kind = kind[1:]
+        kind = kind[1:]  # entry i of a tool path ends segment i - 1: the first ends none
     kinds: Int = np.ascontiguousarray(kind, dtype=np.int64)
     if kinds.shape != (n,):
         raise InputError("kind has the wrong length", value=kinds.shape, limit=f"({n},) or ({n + 1},)")
@@ -245,7 +247,7 @@ def remove_segments(
     unit = QUANTUM_M * stock.cell_m**2
     grid = grid_of(stock)
     radii, widths = cutter.level_radii(), unit_widths()
-    room = per_chunk + int(runs[:, 1].max())
+    room = per_chunk + int(runs[:, 1].max())  # a run is never divided: the last one of a chunk reaches beyond it
     booked = np.zeros((threads, room, levels if engagement else 0, BINS), np.int64)
     cell = np.empty(room * levels * BINS if engagement else 0, np.uint16)
     depth = np.empty(len(cell), np.float32)
@@ -268,7 +270,7 @@ def remove_segments(
             offsets = np.zeros(count + 1, np.int64)
             used = compress(booked, length[first:last], unit, radii, widths, cell, depth, offsets, side)
             booked_engagement = Engagement(levels, offsets, cell[:used].copy(), depth[:used].copy())
-        quanta = sums[:, VOLUME] + sums[:, BOTTOM] + side
+        quanta = sums[:, VOLUME] + sums[:, BOTTOM] + side  # whole numbers: the same for any number of threads
         volume = quanta * unit
         yield (
             first,

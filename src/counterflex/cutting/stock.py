@@ -104,6 +104,7 @@ class HeightMap:
             raise InputError("stock has no volume", value=(corner_low_m, corner_high_m), limit="low < high in x, y, z")
         if not (math.isfinite(cell_m) and cell_m > 0.0):
             raise InputError("cell size is out of range", value=cell_m, limit="> 0 m")
+        # A side that is a whole multiple of the cell but for rounding must not get a row more.
         nx, ny = (math.ceil(round((high[k] - low[k]) / cell_m, 6)) for k in (0, 1))
         _check_grid((ny, nx), cell_m)
         z = np.full((ny, nx), high[2], dtype=np.float32)

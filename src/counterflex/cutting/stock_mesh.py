@@ -70,6 +70,7 @@ def _fill(vertices: Float, faces: Int, x0: float, y0: float, cell: float, out: F
                 u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
                 v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
                 w = 1.0 - u - v
+                # An edge between two triangles belongs to both: without the slack a cell centre on it falls through.
                 if u >= -1e-12 and v >= -1e-12 and w >= -1e-12:
                     out[j, i] = max(out[j, i], u * az + v * bz + w * cz)
 

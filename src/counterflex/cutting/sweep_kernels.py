@@ -75,6 +75,7 @@ def stamp_rows(
     low = min(za, zb)
     slope = 0.0
     ux, uy = 1.0, 0.0
+    # Steeper than that the horizontal way is rounding of the program: it would book a plunge to one side.
     if length > 1e-9 and abs(zb - za) < _STEEP * length:
         ux, uy = (xb - xa) / length, (yb - ya) / length
         slope = (zb - za) / length
@@ -99,6 +100,8 @@ def stamp_rows(
     stations[0] = 0.0
     for i in range(1, count + 1):
         stations[i] = math.hypot(path[first + i, 0] - xa, path[first + i, 1] - ya)
+    # What lies behind the start was cut by the segment before. On a descent the tool is lower now, so it cuts again as
+    # far back as its rear touches: the whole radius of a flat end, less of a ball.
     reach_back = -1.0e30
     if continued and not plunge:
         reach_back = 0.0 if slope >= 0.0 else (radius * sin_theta if ball else -radius)
@@ -107,6 +110,7 @@ def stamp_rows(
     f_floor = np.float32(floor)
     f_rad, f_cor, f_sin = np.float32(radius), np.float32(corner), np.float32(sin_theta)
     row_low = max(0, math.floor((y_low - radius - y0) / cell / ROWS))
+    # Dealt by their number in the map, not in the segment: a row has one owner for good, so no two threads write it.
     row_low += (worker - row_low) % workers
     row_high = min(tops.shape[0], math.floor((y_high + radius - y0) / cell / ROWS) + 1)
     gathered = 0

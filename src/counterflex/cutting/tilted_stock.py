@@ -70,6 +70,7 @@ def box_along_tool(low_m: Float, high_m: Float, cell_m: float, R_part_plane: Flo
     for axis in range(3):
         along = float(R_part_plane[axis, 2])
         if abs(along) < 1e-12:
+            # Parallel to a pair of faces the line runs between them all along, or nowhere.
             outside = (base[..., axis] < low[axis]) | (base[..., axis] > high[axis])
             leave = np.where(outside, -np.inf, leave)
             continue

@@ -125,6 +125,8 @@ def _slices(cutter: Cutter, levels: Float, depth: Float, turn: float) -> tuple[I
         if math.isfinite(pitch) and (top - z) / pitch > MAX_SLICES:
             raise ModelError("helix needs too many slices", value=int((top - z) / pitch), limit=MAX_SLICES)
         while z < top * (1.0 - 1e-12):
+            # z is the upper end of the slice before, a whole number of pitches: rounded down, the loop would stand
+            # still.
             lag = int(z / pitch * (1.0 + 1e-12)) if math.isfinite(pitch) else 0
             end = min(top, (lag + 1) * pitch)
             place.append((index, sign * lag, lag))
@@ -137,6 +139,7 @@ def _slices(cutter: Cutter, levels: Float, depth: Float, turn: float) -> tuple[I
 def _chips(cutter: Cutter, phi: Float, feed: float, lags: int, turn: float, trochoid: bool) -> Float:
     """Return the radial chip thickness (lags or 1, teeth or 1, angles)."""
     radius, flutes = 0.5 * cutter.diameter_m, cutter.flutes
+    # Without runout all teeth cut alike: one row stands for every tooth and lag.
     if not cutter.runout_m:
         same = trochoid_thickness(phi, feed, np.full(flutes, radius)) if trochoid else feed * np.sin(phi)
         return np.ascontiguousarray(same[None, None, :])
@@ -177,6 +180,7 @@ def tooth_forces(
         raise InputError("depth_m is not an engagement", value=depth.shape, limit="(n_levels, n_bins), >= 0")
     if steps < 1:
         raise InputError("number of steps is out of range", value=steps, limit=">= 1")
+    # Ends of bins and the pitch fall on whole steps: no step straddles a bin, and the mean meets the closed form.
     unit = math.lcm(2 * depth.shape[1], cutter.flutes)
     steps = unit * math.ceil(steps / unit)
     turn = 2.0 * math.pi / steps
@@ -189,6 +193,8 @@ def tooth_forces(
         place[:, 2] = 0
     out, book = np.zeros((steps, 6)), np.zeros(3)
     _revolution(chips, place, heights, depth, levels, terms, cutter.flutes, law.h_min_m, law.h_max_m, out, book)
+    # A slice lags by half a step more than its number. With the half step of its angle the edge of a right-handed helix
+    # stands at the end of the step, that of a left-handed one at its begin.
     half = 0.5 * (1.0 + math.copysign(1.0, cutter.helix_rad)) if cutter.helix_rad else 0.5
     share = float(book[1] / book[0]) if book[0] > 0.0 else 0.0
     angle = np.asarray((np.arange(steps) + half) * turn, dtype=np.float64)

@@ -41,6 +41,8 @@ def thrust_of_step(free_m_s: float, gain: float, amplitude: float, exponent: flo
     if free_m_s <= 0.0 or amplitude <= 0.0:
         return 0.0
     p = max(exponent, _LEAST_EXPONENT)
+    # Below the root: half of the free descent leaves room for half of the thrust, or the thrust alone takes half of it.
+    # Whichever is less, both together stay below what there is.
     d = min(0.5 * free_m_s, (0.5 * free_m_s / (gain * amplitude)) ** (1.0 / p))
     for _ in range(_NEWTON):
         if d <= 0.0:
@@ -80,6 +82,8 @@ def follow_descent(
     whole, half = axial_n - level, space[2] - level
     if whole <= 0.0:
         return
+    # A thrust that more than halves with half the descent rises faster than any law lets it: it is grain, and is held
+    # to a plain damper.
     exponent = 1.0 if half <= 0.5 * whole else math.log2(whole / min(half, whole))
     thrust[AMPLITUDE], thrust[EXPONENT] = whole / descent_m_s**exponent, exponent
     thrust[FORCE] = whole

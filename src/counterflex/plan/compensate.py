@@ -145,11 +145,13 @@ def plan(
     parts = in_parts(progress, work)
     parts[JOINTS](0.0)
     inputs = CompensationInputs(path, line, stock, setting, solve_joints(path, line, setting).q)
+    # Two robots are kept: the prediction of the program as it is needs its own feed, not the lowered one.
     programmed = in_fine_stock(loaded_robot(inputs, undisturbed_cut(inputs, parts[UNDISTURBED])))
     loaded = programmed if feeds is None else at_calm_feed(programmed, feeds)
     undisturbed = loaded.cut
     displacement, static = static_correction(loaded, parts[CORRECTION])
     command, trial = dynamic_trial(loaded, displacement, static, parts)
+    # Asked of the command that is written, behind every trial that may have changed it.
     check_corrections(command, line, setting.limits)
     prediction = predict_deviations(programmed, trial, parts)
     progress(1.0)
@@ -291,6 +293,8 @@ def _leaves_much(loaded: LoadedRobot, remaining: Float) -> Bool:
 def _less_left(loaded: LoadedRobot, one: Float, other: Float) -> Bool:
     """(n,) True on cuts, from rapid to rapid, where one deviation is smaller than the other, by mean fourth power."""
     cut, contact, p = _cuts(loaded), loaded.cut.contact, loaded.inputs.path.p_part_tcp
+    # The fourth power lies between the mean square, which a short entry hardly moves, and the largest value, which one
+    # row decides.
     gained = np.sum(across(other[:, :3], p) ** 2, axis=1) ** 2 - np.sum(across(one[:, :3], p) ** 2, axis=1) ** 2
     out: Bool = np.bincount(cut, np.where(contact, gained, 0.0))[cut] > 0.0
     return out

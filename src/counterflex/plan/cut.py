@@ -107,8 +107,10 @@ def cut(
     turned = None
     if any_tilted(path, stock, cutter_of):
         turned = TurningCut(stock, path.axis_part, law, rows_of_path, omega, zeta, moving, rows)
+    # Row i belongs to the tool at its end; row 0 ends no segment.
     changes = [1, *(np.flatnonzero(np.diff(numbers[1:])) + 2).tolist(), n]
     for begin, end in itertools.pairwise(changes):
+        # A robot in motion swings on above the stock, so its air is not skipped.
         passes = motion is None and not np.any(kind[begin:end] == FEED)
         if passes and _far_above(command[begin - 1 : end], path.axis_part[begin - 1 : end], stock):
             state.tip[:] = command[end - 1]
@@ -126,6 +128,7 @@ def cut(
             stop = min(at + ROWS_PER_CALL, end)
             cut_rows(at, stop, rows_of_path, tool, grid, omega, zeta, moving, states, rows)
             progress(stop / n)
+    # Asked behind the cut: a spindle may start late as long as nothing has been cut.
     _check_spindle(path, kind, volume)
     return Cut(w, x, volume, axial, entry, exit_, feed_tooth, chip)
 

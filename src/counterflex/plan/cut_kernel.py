@@ -127,6 +127,7 @@ def cut_rows(
             if coupled and cutting and row_time > 0.0:
                 dt = step_length(left, row_time, omega, s.bend, p_command, i, finer)
                 left -= dt
+                # The last step ends with the row exactly; a share from a difference would miss it by rounding.
                 if dt < left + dt:
                     share = 1.0 - left / row_time
             xa, ya, za = s.tip[0], s.tip[1], s.tip[2]
@@ -143,6 +144,7 @@ def cut_rows(
                 lean_x, lean_y = 0.0, 0.0
                 if cutting and za > zb and flat > 0.0:
                     lean_x, lean_y = _end_face_lean(grid, xb, yb, zb, za - zb, flat)
+                # Asked before the stamp lowers the map.
                 room = _room(grid, xa, ya, xb, yb, shape[0]) - min(za, zb) if cutting else 0.0
                 removed = stamp_segment(grid, shape, xa, ya, za, xb, yb, zb, s.stamped != 0, workspace, depth, extra)
                 volume[i] += removed
@@ -187,6 +189,7 @@ def cut_rows(
                     motion.thrust[k] = thrust[k]
                 advance(motion, i, time[i] - left if share < 1.0 else time[i], s.force[:], s.displacement[:])
                 bend = bend_at_rest(compliance, i, force)
+                # The step stays short for a while after the force has gone: the mode still swings.
                 s.bend = max(bend, s.bend * math.exp(-omega * dt))
             elif coupled and dt > 0.0:
                 bend = bend_through_mode(
@@ -289,6 +292,7 @@ def engaged(depth: Float, edges: Float, radius: float, cell: float) -> tuple[flo
         if width >= length:
             deepest = max(deepest, area / width)
             area, width = 0.0, 0.0
+    # No strip is as wide as two cells: the mean is what is left.
     if deepest == 0.0:
         deepest = _mean_depth(depth, edges)
     return deepest, float(edges[first]), float(edges[last + 1]), sine / total

@@ -189,6 +189,7 @@ def motion_along(
     place, places = postures(nominal, _JACOBIAN_RAD)
     stiffness = stiffness_of(chain, nominal, w_tcp_base)
     n = stiffness.shape[1]
+    # The matrices are those of the numbered postures; the springs of the axes follow row by row.
     stiff = stiffness_of(chain, nominal[chosen], None if w_tcp_base is None else w_tcp_base[chosen])
     held = (0.5 * step_s * damping_s + 0.25 * step_s**2) * stiff[:, :, None] * np.eye(n)
     M = inertia(chain, nominal[chosen])

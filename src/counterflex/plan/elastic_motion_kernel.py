@@ -217,6 +217,7 @@ def advance(motion: MotionArrays, row: int, until_s: float, wrench: Float, out: 
                 rate = torque / motion.speed_gain[a] - motion.drives[2, a] / motion.integral_time[a]
                 lag = motor - motion.drives[5, a]
                 motion.drives[2, a] += h * rate
+                # An even command is followed without error; only the deviation from it passes the loops.
                 new = q + lag + h * (rate - motion.position_gain[a] * lag)
             load[a] += motion.damping[a] * (new - motor) / h
             motion.drives[1, a] = motor
@@ -254,6 +255,7 @@ def advance(motion: MotionArrays, row: int, until_s: float, wrench: Float, out: 
         if i < AXES:
             before = motion.weight[row - 1, i]
             weight = before + share * (motion.weight[row, i] - before)
+            # The sag under the weight is part of the residual sag of the path (sag_and_play): counted there, once.
             value -= weight / (before_k[i] + share * (after_k[i] - before_k[i]))
         for k in range(6):
             out[k] += J[k, i] * value

@@ -107,6 +107,7 @@ def lower_feed(path: ToolPath, feeds: FeedGroups, wish: FeedTolerance, make: Cal
         plan = make(at_feed(path, share))
         error = _error(plan)
         rounds += 1
+        # A lower feed may swing the arm more: the best round is kept, not the last.
         if _excess(error, wish) < _excess(best[2], wish):
             best = (plan, share, error)
     plan, share, error = best

@@ -123,6 +123,7 @@ def uses(
         By name, (n,); 0 where nothing is cut (but for the acceleration).
     """
     values, path = cut_demand(inputs, cut, limits_of).values, inputs.path
+    # Limits are those of spindle and robot. What differs by tool, overhang and modulus, is in the values already.
     known_limits = limits_by_name(limits_of(int(path.tool[-1])), path.spindle_rad_s)
     if not values["tool bending"].any():
         known_limits.pop("tool bending", None)

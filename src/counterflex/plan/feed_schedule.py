@@ -118,6 +118,7 @@ def feed_share(
     bound = _one_speed(_loading_speed(deflection_part, length, moves, velocity), feed)
     speed = np.where(free, np.clip(bound, least, feed), feed)
     point = np.minimum(corner, _lower_of_two(speed))
+    # A node below the least speed of its segments would ask them for less than they may have.
     point = np.maximum(point, _lower_of_two(least))
     _within_acceleration(point, length, free, acceleration)
     speed = np.minimum(speed, 0.5 * (point + np.concatenate([point[:1], point[:-1]])))
@@ -202,6 +203,7 @@ def _corner_speeds(step: Float, length: Float, moves: Bool, velocity: float, acc
 def _within_acceleration(point: Float, length: Float, free: Bool, most: float) -> None:
     """Lower the speeds at the ends of free segments until none needs more acceleration; ``v1^2 <= v0^2 + 2 a L``."""
     n = point.shape[0]
+    # Forwards for speeding up, backwards for braking: each pass leaves what the other one is for.
     for i in range(1, n):
         if free[i]:
             point[i] = min(point[i], math.sqrt(point[i - 1] ** 2 + 2.0 * most * length[i]))

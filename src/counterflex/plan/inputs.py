@@ -208,6 +208,7 @@ def joint_angles(
     begins, between = setting.by_axes.rows(path.motion)
     if not np.any(begins):
         return inverse_path(chain, Ts, setting.branch, enforce_limits=enforce_limits, sigma_floor=sigma_floor)
+    # Points between the ends of a motion by axes are no way of the arm: the solver sees the ends alone.
     kept = np.flatnonzero(~between)
     motion_of = {row: motion for row, motion in enumerate(path.motion[kept].tolist()) if begins[kept[row]]}
     by_axes = setting.by_axes
@@ -219,6 +220,7 @@ def joint_angles(
             enforce_limits=enforce_limits, sigma_floor=sigma_floor,
         )  # fmt: skip
     except ReachError as fault:
+        # The solver counts the rows that it was given: the message is to name the row of the path.
         fault.data["point"] = int(kept[int(fault.data.get("point", 0))])
         raise
     return out if len(kept) == len(path) else _between(out, kept, len(path))
@@ -256,6 +258,7 @@ def solve_joints(path: ToolPath, line: Int, setting: Setting) -> PathSolution:
             **fault.data,
         ) from fault
     limits = setting.limits
+    # Margins behind the solution: so the error says how much is left, not only that it is too little.
     row = int(np.argmin(joints.limit_margin_rad))
     if joints.limit_margin_rad[row] < limits.joint_margin_rad:
         raise ReachError(

@@ -146,6 +146,7 @@ def driven_modes(M: Float, stiffness: Float, beta_s: float, servo: tuple[Servo |
         A[2 * n + a, 2 * n + a] -= entry.position_gain_per_s
         A[n : 2 * n] += beta_s * np.outer(square[:, 0] * G[:, a], A[2 * n + a])
     poles = np.linalg.eigvals(A)
+    # One of each pair. Real poles are integrators and drives that creep: they do not ring.
     poles = poles[poles.imag > 1e-6 * np.abs(poles)]
     poles = poles[-poles.real < _OVERDAMPED * np.abs(poles)]
     if len(poles) == 0:

@@ -109,5 +109,7 @@ def play_compensation(setting: Setting, path: ToolPath, q: Float, w_tcp_part: Fl
     requested = -_FIRST * deviation(moved(requested), *as_cut)
     for n in range(_ROUNDS):
         result = deviation(moved(command_for(requested, path.time_s, (), smooth)), *as_cut)
+        # Ever smaller steps: where a correction turns an axis round, what is lost jumps, and a fixed step would go to
+        # and fro.
         requested = requested - (result + requested) / (1.5 + 0.5 * n)
     return command_for(requested, path.time_s, (mode, lag), Shaping(SMOOTHING_S, dead_s))

@@ -163,6 +163,7 @@ def in_touched_frame(
     if touched is None or chain.play is None or T_base_part is None:
         return np.where(np.abs(deviation_part) < _ROUNDING_M, 0.0, deviation_part)
     datum, q_datum = touched
+    # The frame was touched with the axes leaning under their weight: what they lose there is in it already.
     there = play.at_tcp(chain, q_datum, play.relaxed(chain, q_datum))[:, :3]
     T_base_true = true_part_frame(T_base_part, datum, there)
     return sag_deviation(T_base_part, T_base_true, p_part, deviation_part @ T_base_part[:3, :3].T)

@@ -174,6 +174,7 @@ def shaped(loaded: LoadedRobot, displacement: Float, swinging: Float) -> Float:
     requested = np.where(loaded.near[:, None], displacement, 0.0)
     out = by_group(requested, swinging, time_s, loaded.feed_run, (robot.mode,), robot.setting.shaping)
     out[~loaded.reach] = 0.0
+    # A stop that is left out keeps the correction with which the cut ended.
     out[loaded.held] = out[loaded.held - 1]
     return out
 
@@ -233,7 +234,7 @@ def check_corrections(command: Command, line: Int, limits: CorrectionLimits) -> 
     ):
         size = np.linalg.norm(values, axis=1)
         row = int(np.argmax(size)) if len(size) else 0
-        if len(size) and size[row] > limit:
+        if len(size) and not size[row] <= limit:  # NaN is beyond every bound, and argmax finds it first
             raise ModelError(
                 "the correction needed is beyond its bound",
                 where=f"line {int(line[row])}",

@@ -79,5 +79,6 @@ def fine_enough(stock: HeightMap, grain_share: float) -> HeightMap:
         # One division more than asked would pass the limit by a hair: 1 % is far below what the grain is known to.
         cell_m = max(needed_m, 1.01 * least_m)
         return stock.finer_block(cell_m) if cell_m < stock.cell_m else stock
+    # No finer than memory bears: a coarse grain only makes the trial uneven.
     times = min(times, int(stock.cell_m / least_m))
     return stock if times <= 1 else stock.finer(times)

@@ -97,7 +97,9 @@ def fit_masses(
         lambda p: model.residuals(p, weight, sigma), np.zeros(len(sigma)), x_scale=sigma
     )
     spread = np.sqrt(np.diag(np.linalg.inv(done.jac.T @ done.jac)))
+    # A fit that is better than the stated error does not make that error smaller.
     chi = max(1.0, float(np.sum(done.fun**2)) / (len(done.fun) - len(sigma)))
+    # Nothing is known worse than before the test.
     spread = np.minimum(spread * np.sqrt(chi), sigma)
     return MassFit(
         bodies=bodies,

@@ -82,6 +82,7 @@ def check_flutes(
     flutes = np.array([cutters.get(int(number), some).flute_length_m for number in path.tool])
     depth = least_depth(path, volume_m3, diameter, np.where(np.isfinite(flutes), flutes, 0.0))
     row = int(np.argmax(depth / flutes))
+    # 5 %: what the depth from a volume on a grid may be off (preflight.rapids.DEPTH_SHARE).
     if depth[row] > 1.05 * flutes[row]:
         raise ModelError(
             "the cut is deeper than the flutes of the tool are long",

@@ -135,3 +135,15 @@ def test_a_bad_table_is_named(tmp_path: Path, text: str, word: str) -> None:
 def test_one_target_is_no_axis() -> None:
     with pytest.raises(InputError, match="needs targets"):
         Approaches(np.zeros(4), np.zeros(4), np.array([1, -1, 1, -1])).figures()
+
+
+def test_a_target_approached_from_one_side_has_that_sides_repeatability() -> None:
+    """It was not-a-number: the largest of three, of which the first was unknown."""
+    deviation = 1e-6 * np.array([1.0, 3.0, 2.0, 0.0, 2.0, 5.0])
+    target, up = np.repeat([0.0, 0.1], 3), np.ones(6, dtype=np.int64)
+    one = Approaches(target, deviation, up).figures()
+    for k, figures in enumerate(one.targets):
+        assert figures.repeatability_m == pytest.approx(4.0 * np.std(deviation[3 * k : 3 * k + 3], ddof=1))
+    assert one.repeatability_m is None
+    single = Approaches(np.append(target, 0.0), np.append(deviation, 0.0), np.append(up, -1)).figures()
+    assert np.isnan(single.targets[0].repeatability_m)

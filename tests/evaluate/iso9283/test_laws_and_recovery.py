@@ -164,3 +164,8 @@ def test_poses_come_back_from_a_log_in_another_frame() -> None:
         assert same.rp is not None
         assert f.rp.value == pytest.approx(same.rp.value, rel=0.05)  # 15 um over 350 readings are 1 um of 30
         assert f.ap.value < 40.0 * UM  # 30 um over 10 cycles, three sigma
+
+
+def test_an_empty_log_has_no_standstill() -> None:
+    """It ended in an IndexError."""
+    assert standstills(np.zeros(0), np.zeros((0, 3))) == []

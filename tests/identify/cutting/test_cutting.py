@@ -398,6 +398,18 @@ def test_expected_standard_deviations_are_those_of_a_fit(cell: CellModel) -> Non
     assert narrow["mc"] > 1.5 * RECIPE.propose(cell, 16, {"seed": 1}).expected["mc"]
 
 
+@pytest.mark.parametrize("count", [40, 64])
+def test_many_cuts_are_laid_out_too(cell: CellModel, count: int) -> None:
+    """More than four pieces along one side of a blank had no widths: the proposal ended in a ValueError of zip."""
+    blank = np.array([[0.0, 0.0, 0.0], [400.0, 300.0, 40.0]]) * MM
+    proposal = RECIPE.propose(replace(cell, blank_part=blank), count, {"seed": 1})
+    columns = proposal.columns
+    assert proposal.remarks[0].startswith(f"{count} pieces")
+    sides = np.abs(columns["width_m"]) < 15.9 * MM
+    assert np.sum(sides) > 8
+    assert set(np.round(np.abs(columns["width_m"][sides]) / D16.diameter_m, 9)) == {0.25, 0.35, 0.5, 0.75}
+
+
 def test_proposed_program_runs_the_proposed_motions(cell: CellModel) -> None:
     proposal = RECIPE.propose(cell, 8, {"seed": 2})
     program = read_gcode(proposal.files["test_cuts.ngc"], name="test_cuts.ngc")
@@ -406,6 +418,17 @@ def test_proposed_program_runs_the_proposed_motions(cell: CellModel) -> None:
     np.testing.assert_allclose(ends, wanted, atol=2e-6)
     feeds = [m.feed_m_s for m in program.motions if m.kind == "feed"]
     np.testing.assert_allclose(feeds, proposal.columns["feed_m_s"], rtol=1e-3)
+
+
+def test_a_record_without_a_stretch_of_a_cut_is_refused_in_one_line(cell: CellModel) -> None:
+    """It ended in an IndexError of numpy."""
+    n = 3
+    arrays = {"time_s": 1e-3 * np.arange(n), "f_tcp_part": np.tile([10.0, 20.0, 5.0], (n, 1)), "depth": np.full(n, MM)}
+    arrays |= {"feed_rate": np.full(n, 0.02), "spindle_speed": np.full(n, SPEED)}
+    arrays["feed_direction"] = np.tile([1.0, 0.0, 0.0], (n, 1))
+    data = of_arrays("short", "slots", arrays, {"f_tcp_part": 1.0})
+    with pytest.raises(InputError, match="no settled piece of a cut"):
+        RECIPE.identify(cell, [data], [])
 
 
 def test_proposals_that_cannot_be(cell: CellModel) -> None:

@@ -19,9 +19,12 @@ from counterflex.files.cell.cell import read_cell
 from counterflex.files.dataset.reader import read_dataset
 from counterflex.geometry import rotation
 from counterflex.identify.data.dataset import Dataset, of_arrays
+from counterflex.identify.payload.data import readings, sensor_before
 from counterflex.identify.payload.recipe import RECIPE
+from counterflex.identify.payload.residuals import SensorReadings
 from counterflex.identify.recipe import Identification
 from counterflex.sensing.carrier import carrier_pose
+from counterflex.sensing.flange_sensor import FlangeSensor
 
 CELL = model_of(read_cell("examples/cells/kr300_d16_small.toml"))
 SIGMA = np.r_[np.full(3, 0.1), np.full(3, 0.01)]
@@ -188,3 +191,20 @@ def test_sensor_axes_called_base_are_told() -> None:
     data = replace(_dataset(_shown(_angles(), ZERO)), settings={"w_sensor_axes": "base"})
     with pytest.raises(InputError, match="is in sensor axes, not in those of the base"):
         _run(data)
+
+
+def test_a_motion_without_angles_needs_an_accelerometer() -> None:
+    """Rotations alone say nothing of the sensor's path: its acceleration was taken as zero, silently."""
+    t: Float = 4e-3 * np.arange(400, dtype=np.float64)
+    R = rotation.exp(np.stack([0.3 * np.sin(2.0 * t), 0.0 * t, 0.0 * t], axis=1))
+    channels: dict[str, Float] = {"time_s": t, "R_base_flange": R, "w_sensor": np.zeros((400, 6))}
+    sensor = sensor_before(CELL)
+    with pytest.raises(FileFormatError, match="acceleration"):
+        _readings(channels, sensor)
+    still = np.tile([0.0, 0.0, STANDARD_GRAVITY], (400, 1))
+    assert len(_readings({**channels, "accelerometer_sensor": still}, sensor).group) > 0
+
+
+def _readings(channels: dict[str, Float], sensor: FlangeSensor) -> SensorReadings:
+    data = of_arrays("motion", "sensor_motion", channels, {"w_sensor": SIGMA})
+    return readings(data, CELL.chain, sensor, reference_c=20.0, start_s=0.0, window_s=0.1)

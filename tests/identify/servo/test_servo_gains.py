@@ -198,3 +198,69 @@ def test_exchange_of_alike_rates_is_as_probable_as_what_was_known_says() -> None
     known = Parameters.of([replace(p, nominal=n, prior_sigma=0.1) for p, n in zip(vague, (22.0, 0.07), strict=True)])
     assert exchange_probability(known, x, 0, 1) + exchange_probability(known, y, 0, 1) == pytest.approx(1.0)
     assert exchange_probability(known, x, 0, 1) < 1e-6
+
+
+def record(sign: float = 1.0, shift_s: float = 0.02, **more: Float) -> Dataset:
+    """Motors that follow a slow chirp of their commands, late."""
+    t = times(1500)
+    start, way = np.array([0.0, -1.2, 1.4, 0.1, 0.6, 0.0]), 0.02 * np.array([1.0, -0.8, 0.6, 0.9, -0.7, 0.5])
+
+    def command(at: Float) -> Float:
+        return np.asarray(start + way * np.sin(2.0 * np.pi * (0.3 * at + 0.1 * at**2))[:, None])
+
+    noise = URAD * np.random.default_rng(3).standard_normal((len(t), 6))
+    arrays = {"time_s": t, "q_command": command(t), "q_motor": sign * command(t - shift_s) + noise, **more}
+    return of_arrays("chirp", "record", arrays, {"q_command": URAD, "q_motor": URAD})
+
+
+def test_a_lag_used_as_stated_says_so(cell: CellModel) -> None:
+    """What was found about a record was computed and thrown away."""
+    turned = record(sign=-1.0)
+    with pytest.raises(InputError, match="moves against"):
+        servo.RECIPE.identify(cell, [turned], [], {})
+    told = servo.RECIPE.identify(cell, [turned], [], {"as_stated": True}).remarks
+    assert any("moves against" in text and "used as stated" in text for text in told)
+
+
+def test_of_two_records_the_better_known_lag_is_written(cell: CellModel) -> None:
+    """The last one was, and its fit stood in the place of the first."""
+    good, vague = record(), record(shift_s=0.024)
+    rough = replace(
+        vague,
+        channels={
+            **vague.channels,
+            "q_motor": replace(
+                vague.channel("q_motor"),
+                values=vague.values("q_motor") + 2e-3 * np.random.default_rng(4).standard_normal((1500, 6)),
+            ),
+        },
+    )
+    result = servo.RECIPE.identify(cell, [good, rough], [], {})
+    (table,) = [c for c in result.changes if isinstance(c, TableValues) and c.table == "timing.drive"]
+    times_ms = table.values["dead_time_ms"]
+    assert isinstance(times_ms, list)
+    assert len(result.fits) == 2
+    assert float(np.mean(np.array(times_ms, dtype=np.float64))) == pytest.approx(20.0, abs=0.5)
+
+
+def test_data_that_tell_nothing_are_named(cell: CellModel) -> None:
+    """A record without a command, a hold-out without load steps, reversals that tell no friction: all passed over."""
+    blind = replace(record(), channels={k: c for k, c in record().channels.items() if k != "q_command"})
+    with pytest.raises(InputError, match="tells no lag"):
+        servo.RECIPE.identify(cell, [blind], [], {})
+    told = servo.RECIPE.identify(cell, [campaign(count=2)], [record()], {}).remarks
+    assert any("chirp" in text and "held out" in text for text in told)
+    bare = replace(cell, robot=replace(cell.robot, play=None))
+    for with_torque, says in ((False, "tau_motor"), (True, "identify play")):
+        told = servo.RECIPE.identify(bare, [campaign(count=2), reversals(with_torque)], [], {}).remarks
+        assert any(text.startswith("axis 1") and says in text for text in told)
+
+
+def reversals(with_torque: bool) -> Dataset:
+    t = 0.1 * np.arange(120, dtype=np.float64)
+    q = np.tile([0.0, -1.2, 1.4, 0.1, 0.6, 0.0], (120, 1))
+    q[:, 0] += np.interp(t, [0.0, 2.0, 6.0, 10.0, 11.9], [0.0, -1e-3, 1e-3, -1e-3, 0.0])
+    arrays = {"time_s": t, "q_motor": q, "q_link": q}
+    if with_torque:
+        arrays["tau_motor"] = 50.0 * np.sign(np.gradient(q, t, axis=0))
+    return of_arrays("turns", "reversals", arrays, {"q_link": URAD}, group=np.zeros(120, dtype=np.int64))

@@ -252,6 +252,19 @@ def test_a_sensor_that_cannot_be_is_refused(tmp_path: Path, table: str, said: st
     assert said in str(fault.value)
 
 
+def test_a_reading_that_is_no_number_is_named(tmp_path: Path, cell: CellModel) -> None:
+    """An empty cell of the table ended in a LinAlgError: SVD did not converge."""
+    chain, q, f, d = experiment(cell)
+    data = read_dataset(written(tmp_path, chain, q, f, d, "tcp"))
+    readings = data.channel("s_loaded")
+    values = readings.values.copy()
+    values[3, 2] = np.nan
+    gap = replace(data, channels={**data.channels, "s_loaded": replace(readings, values=values)})
+    for look in (lambda: with_displacements(chain, gap), lambda: summary(gap)):
+        with pytest.raises(FileFormatError, match="'s_loaded' holds a value that is not a number"):
+            look()
+
+
 def test_wrong_sensors_stop_the_identification_and_the_check(tmp_path: Path, cell: CellModel) -> None:
     chain, q, f, d = experiment(cell)
     path = written(tmp_path, chain, q, f, d, "tcp")

@@ -30,6 +30,7 @@ from counterflex.plan.posture.survey import base_points
 from counterflex.plan.posture.survey_kernel import OUT_OF_REACH, POWER
 from counterflex.plan.relative_motion import tool_carried
 from counterflex.plan.stability.stretches import stretches_of
+from counterflex.robot.elasticity.chain import ElasticChain
 from counterflex.robot.model.description import Play
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -81,6 +82,29 @@ def test_a_turn_of_the_whole_cell_about_axis_1_changes_no_deflection(site: Site)
     assert there.deflection_m == pytest.approx(here.deflection_m, rel=1e-9)
     assert there.error_m == pytest.approx(here.error_m, rel=1e-6)
     assert there.least_damping == pytest.approx(here.least_damping, abs=1e-9)
+
+
+def test_where_the_controller_counts_axis_5_from_changes_no_margin(site: Site) -> None:
+    """The same arm whose axis 5 shows 90 deg more: zero, limits and closed form move together."""
+    more = 90.0 * DEG
+
+    def counted(chain: ElasticChain) -> ElasticChain:
+        drive = int(np.flatnonzero(chain.joint == 4)[0])
+        offset, limits = chain.offset.copy(), chain.joint_limits_rad.copy()
+        offset[drive] -= chain.sign[drive] * more
+        limits[4] += more
+        assert chain.opw is not None
+        zeros = np.array(chain.opw.offsets_rad)
+        zeros[4] += chain.opw.signs[4] * more
+        opw = replace(chain.opw, offsets_rad=tuple(zeros.tolist()))
+        return replace(chain, offset=offset, joint_limits_rad=limits, opw=opw)
+
+    robot = replace(site.robot, chain=counted(site.robot.chain), controller_chain=counted(site.robot.controller_chain))
+    here, there = judge(site, site.robot.T_base_part), judge(replace(site, robot=robot), robot.T_base_part)
+    assert there.q is not None
+    assert here.q is not None
+    assert there.q[:, 4] == pytest.approx(here.q[:, 4] + more)
+    assert there.margin_rad == pytest.approx(here.margin_rad)
 
 
 def test_a_pose_turns_about_the_middle_of_the_program() -> None:

@@ -111,6 +111,13 @@ def test_a_limit_that_keeps_a_better_choice_out_is_named(
         assert bound.high_m[bound.best(1)[0]] > free.high_m[free.best(1)[0]]
 
 
+def test_the_torque_of_the_spindle_is_that_at_the_speed_of_the_choice(law: KienzleLaw, place: CutPlace) -> None:
+    free = tried(law, place, doubt=Doubt())
+    falls = ProcessLimits(torque_by_speed=((8000.0 * RPM, 2.0), (13000.0 * RPM, 1.0)))
+    used = tried(law, place, falls, Doubt()).use["spindle torque"]
+    assert used == pytest.approx(free.torque_nm / np.where(free.spindle_rad_s > 10000.0 * RPM, 1.0, 2.0))
+
+
 def test_a_program_that_is_beyond_a_wide_limit_is_the_measure(law: KienzleLaw, place: CutPlace) -> None:
     thick = replace(law, h_max_m=2 * UM)
     assert not tried(thick, place).best(1)

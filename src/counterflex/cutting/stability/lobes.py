@@ -67,6 +67,8 @@ def curves(A: Float, response: Complex) -> tuple[Float, Float]:
         raise InputError("the response has the wrong shape", value=response.shape, limit="(n, 3, 3)")
     values = _tracked(_eigenvalues(A, response))
     size = np.abs(values)
+    # A cylindrical cutter does not feed back along its axis: A has rank 2, and one eigenvalue is rounding. Its inverse
+    # is no limit.
     there = size > 1e-12 * max(float(size.max(initial=0.0)), 1e-300)
     inverse = -1.0 / np.where(there, values, 1.0)
     reached = there & (inverse.real > 0.0)

@@ -68,6 +68,7 @@ def limit(modes: TipModes, A: Float, period_s: float) -> tuple[float, float]:
     if len(unstable) == 0:
         return np.inf, np.nan
     at = int(unstable[0])
+    # Unstable at a millionth of what the criterion holds for: no depth of any use is stable.
     if at == 0:
         return low, float(omega[0])
     low, high = float(grid[at - 1]), float(grid[at])

@@ -150,6 +150,7 @@ def process_of_side_cut(
     Raises:
         InputError: Angles out of order, or numbers out of range.
     """
+    # Each axial level of a corner has an inclination of its own, so each is an arc of its own.
     boundaries, kappa = cutter.levels(), cutter.level_inclinations()
     heights = np.clip(np.minimum(boundaries[1:], depth_m) - boundaries[:-1], 0.0, None)
     some = np.flatnonzero(heights > 0.0)

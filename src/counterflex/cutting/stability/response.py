@@ -92,6 +92,7 @@ def _fit(omega: Float, g: Complex) -> tuple[Float, Float, float]:
         at = int(np.argmin(left.imag))
         if left.imag[at] >= 0.0:
             break
+        # The first frequency may be 0, whose logarithm is none: a response that falls from there begins at the next.
         poles = np.vstack([poles, [max(omega[at], omega[1]), 0.03]])
         low = np.tile([np.log(0.5 * max(omega[0], 1e-3 * omega[-1])), np.log(_DAMPING[0])], len(poles))
         high = np.tile([np.log(1.5 * omega[-1]), np.log(_DAMPING[1])], len(poles))
@@ -118,6 +119,7 @@ def _rest(omega: Float, g: Complex, poles: Float) -> tuple[Float, Complex]:
     w, z = poles.T
     basis = 1.0 / (w**2 - omega[:, None] ** 2 + 2.0j * z * w * omega[:, None])
     size = np.abs(basis).max(axis=0)
+    # At a driving point residues are squares of shapes. A negative one would be a mode that gives energy away.
     residues = scipy.optimize.nnls(np.concatenate([basis.real, basis.imag]) / size, _stack(g))[0] / size
     return residues, g - basis @ residues
 

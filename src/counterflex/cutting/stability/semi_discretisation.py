@@ -88,6 +88,7 @@ def _edges(modes: TipModes, process: Process, period_s: float, intervals: int | 
 def _transition(modes: TipModes, a: Float, step_s: Float) -> Float:
     """Transition matrix over a tooth period of (eta, eta', y(-1), ..., y(-k)), y the displacements that feed back."""
     k, n = len(a), len(modes)
+    # Directions that nothing feeds back (z of an upright flat mill) need no history: the matrix is a third smaller.
     used = np.flatnonzero(np.any(a != 0.0, axis=(0, 1)) & np.any(modes.shape != 0.0, axis=1))
     U, d = modes.shape[used], len(used)
     maps, which = _interval_maps(modes, a, used, step_s)
@@ -204,6 +205,7 @@ def limit(
     low = most * 1.2**-_SEARCH if least is None else min(as_positive("least", least), most)
     g_low = growth(low)
     high, g_high = low, g_low
+    # Lowered while it chatters: the limit must lie between a stable and an unstable factor.
     while g_low >= 0.0 and low > 1e-9 * most:
         high, g_high = low, g_low
         low *= 0.5
@@ -231,6 +233,7 @@ def _refined(
     side = 0
     while high - low > tolerance * high:
         middle = (low * g_high - high * g_low) / (g_high - g_low)
+        # Regula falsi creeps where the growth is curved: each step leaves the ends by 5 % of what is left at least.
         middle = min(max(middle, low + 0.05 * (high - low)), high - 0.05 * (high - low))
         g = growth(middle)
         if g >= 0.0:

@@ -165,6 +165,7 @@ def mark(columns: Columns, block_row: Whole, block: Whole) -> None:
     """A block, and what overlaps it, is no longer plain."""
     last = columns.plain.shape[1] - 1
     columns.plain[block_row, block] = 0
+    # The last block is shifted inside the map, so its columns are also those of the one before: neither stays plain.
     if block >= last - 1 and last > 0:
         columns.plain[block_row, last - 1] = 0
         columns.plain[block_row, last] = 0

@@ -75,6 +75,7 @@ def _push(
 ) -> Whole:
     """Gather what was taken out of a lane between two t, in pieces; returns how many."""
     parts = 1 + int((high - low) * tilt / (float(m.radius) / _PIECES))
+    # With little room left pieces get longer; none is lost.
     parts = min(parts, max(1, (EVENTS - LANES * MOST_STRETCHES - gathered) // LANES))
     step = (high - low) / parts
     for n in range(parts):
@@ -273,6 +274,7 @@ def cut_motion(columns: Columns, motion: Float, corners: Float, tool: Float, cei
                 if desk.point[1] == 0.0 and plain:
                     mark(columns, block_row, block)
                     plain = False
+                # One more row may add a piece of each stretch of sixteen columns: half of the events.
                 if gathered > EVENTS // 2:
                     settle_turning(desk.event, desk.code, gathered, m, begins, book, corners, booked, totals)
                     gathered = 0

@@ -61,6 +61,8 @@ def _meet(event: Float32, gathered: Whole, m: Sweep) -> None:
     if ball or corner == _ZERO:
         return
     inner = radius - corner
+    # From outside a step towards a convex surface never passes it, so the last one ends outside or on it, not in the
+    # tool.
     for _ in range(_NEWTON):
         for i in range(gathered):
             fw, fe, fh = m.v_w + m.omega * h_of[i], m.v_e, m.v_h - m.omega * w_of[i]
@@ -85,6 +87,7 @@ def _place(event: Float32, code: Int32, gathered: Whole, m: Sweep, begins: bool)
     for i in range(gathered):
         fw, fe, fh = m.v_w + m.omega * h_of[i], m.v_e, m.v_h - m.omega * w_of[i]
         before = s_of[i] < -_HALF - _ON_SHANK
+        # Before its start a motion has no cutter: what would have been met there is met where it starts.
         s = max(s_of[i], -_HALF)
         rw, re, h = w_of[i] - s * fw, e_of[i] - s * fe, h_of[i] - s * fh
         rho = max(math.sqrt(rw * rw + re * re), _SMALL)
@@ -145,6 +148,7 @@ def settle_turning(
     bottom = np.int64(0)
     for i in range(gathered):
         quanta, side, place = np.int64(all_of[i]), np.int64(code[2, i]), code[0, i]
+        # Length and share are rounded apart, in 32 bits: the side may come out one quantum above the whole.
         side = min(side, quanta)
         bottom += quanta - side
         if levels == 0:
@@ -157,6 +161,7 @@ def settle_turning(
         rest = side
         for level in range(first, last):  # a piece may reach over several levels
             border = shape[4 + level]
+            # Rounded parts must not book more quanta than the piece has; the last level takes what they leave.
             part = min(rest, np.int64(round(side * (border - max(low, shape[3 + level])) / (high - low))))
             booked[level, place] += part
             rest -= part

@@ -117,8 +117,10 @@ def _target(place: float, approaches: Approaches) -> TargetFigures:
         s.append(float(x.std(ddof=1)) if len(x) > 1 else np.nan)
         runs.append(len(x))
     reversal = mean[0] - mean[1]
-    both = (2.0 * s[0] + 2.0 * s[1] + abs(reversal), 4.0 * s[0], 4.0 * s[1])
-    return TargetFigures(place, mean[0], mean[1], s[0], s[1], reversal, max(both), (runs[0], runs[1]))
+    each = np.array([4.0 * s[0], 4.0 * s[1]])
+    # Of the one direction where there is only one; a direction with a single approach has a scatter that nobody knows.
+    whole = np.append(each, 2.0 * s[0] + 2.0 * s[1] + abs(reversal)) if min(runs) else each[np.array(runs) > 0]
+    return TargetFigures(place, mean[0], mean[1], s[0], s[1], reversal, float(np.max(whole)), (runs[0], runs[1]))
 
 
 def _column(targets: Sequence[TargetFigures], name: str) -> Float:

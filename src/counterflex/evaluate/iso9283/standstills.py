@@ -42,6 +42,8 @@ def standstills(time_s: Float, p: Float, R: Float | None = None) -> list[Measure
         R: (n, 3, 3), or None.
     """
     time, points = as_float("time_s", time_s, (None,)), as_float("p", p, (None, 3))
+    if len(time) == 0:
+        return []
     block = np.floor((time - time[0]) / BLOCK_S).astype(np.int64)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.diff(np.append(first, len(time)))

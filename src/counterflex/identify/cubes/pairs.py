@@ -81,6 +81,7 @@ def read_cubes(chain: ElasticChain, data: Dataset) -> CubeMotions:
     relative = pose.difference(pose.displaced(pose.make(p=p_after), carrying), moved)
     lever2 = np.sum((p_after - p_before) ** 2, axis=1, keepdims=True)
     variance = after.need_sigma() ** 2 + before.need_sigma() ** 2
+    # The turn of cube a carries to the place of cube b: at half a metre 1 urad is already 0.5 um.
     variance[:, :3] += np.max(before.need_sigma()[:, 3:] ** 2, axis=1, keepdims=True) * lever2
     pulls = Pulls(
         name=data.name,
@@ -153,6 +154,7 @@ def block(chain: ElasticChain, plan: PullLayout, motions: CubeMotions, scale: fl
     coupled = coupled_by(chain, plan.springs, pulls.q, pulls.w_tcp_base, lambda t: _at(t, lever), acts)
     shown = np.zeros((len(pulls), 6, chain.n + 1))
     rows = np.arange(len(pulls))
+    # The whole motion of each cube, not their difference: an error of scale of the two does not cancel.
     shown[rows, :, motions.first] = -scale * motions.d_before
     shown[rows, :, motions.last + 1] = scale * motions.d_after
     return PullResiduals(

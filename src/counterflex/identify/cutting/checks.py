@@ -113,7 +113,7 @@ def cut_means(data: Dataset) -> Dataset:
     order = np.argsort(rows, kind="stable")
     out = data.rows(keep)
     channels = {key: c for key, c in out.channels.items() if key != "time_s"}
-    channels[name] = replace(channels[name], values=np.array(values)[order])
+    channels[name] = replace(channels[name], values=np.array(values).reshape(-1, force.shape[1])[order])
     channels["depth"] = replace(channels["depth"], values=np.array(deep)[order][:, None])
     return _trusted(replace(out, channels=channels), name)
 

@@ -206,6 +206,7 @@ def runout(turns: Sequence[TurnForce], cutter: Cutter, law: ForceLaw) -> Runout 
     for turn in turns:
         largest = min(_LARGEST * turn.feed_tooth_m, 0.5 * cutter.radius_m)
         excess = partial(_excess, turn, cutter, law)
+        # Beyond a few feeds per tooth only one tooth cuts and the amplitude no longer grows: no runout explains more.
         if excess(largest) > 0.0:
             amplitudes.append(float(scipy.optimize.brentq(excess, 0.0, largest, xtol=1e-9)))
     if not amplitudes:

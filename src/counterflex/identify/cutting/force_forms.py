@@ -141,6 +141,7 @@ def solve_physical(parameters: Parameters, block: Residuals) -> Fit:
         negative = [name for name in EDGES if fit.value(name) < 0.0]
         if not negative:
             break
+        # One by one, the most negative first: with it held, the others often come out positive.
         least = min(negative, key=fit.value)
         parameters = parameters.with_nominal({least: 0.0}).with_fixed([least])
         fit = solve(parameters, [block])

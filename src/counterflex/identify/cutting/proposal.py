@@ -181,7 +181,8 @@ class _CutLayout:
         remaining = self.sides
         while remaining > 0 and side < 2:
             n = min(self.per_cut, -(-remaining // (2 - side)))
-            widths = self.rng.permutation([0.5, 0.25, 0.75, 0.35])[:n] * self.cutter.diameter_m
+            # A long blank takes more pieces along a side than there are widths: these come again, in the same order.
+            widths = np.resize(self.rng.permutation([0.5, 0.25, 0.75, 0.35]), n) * self.cutter.diameter_m
             out += self._along(blank, cut, self._side_lines(widths, side), [feeds.pop() for _ in range(n)], widths)
             remaining, cut, side = remaining - n, cut + 1, side + 1
         lane = 0

@@ -236,6 +236,7 @@ def _simplest(trials: Sequence[FormTrial]) -> FormTrial:
     best = min(trials, key=lambda t: t.mean)
     for trial in sorted(trials, key=lambda t: t.form.count):
         worse = trial.error - best.error
+        # Piece by piece: the difference of two forms scatters far less than the errors of either.
         if float(np.mean(worse)) <= 2.0 * float(np.std(worse)) / math.sqrt(len(worse)):
             return trial
     return best

@@ -67,6 +67,7 @@ def contact(force: Float, depth: Float, per_turn: int = 1, *, steady: bool = Tru
     if window >= _TEETH:
         ripple = np.sqrt(np.sum(np.maximum(_moving_mean(force**2, window) - mean**2, 0.0), axis=1))
         quiet = bool(np.any(ripple < _QUIET * float(np.quantile(ripple, 0.95))))
+        # Air would show as rows without ripple. There are none: steps of the force are then steps of the feed.
         if not quiet and not steady:
             return everywhere  # levels differ by the feed, teeth are seen in all of them
     first = mean[: max(AIR_ROWS, n // 20)]
@@ -119,6 +120,7 @@ def zero(values: Float, time_s: Float, touching: Bool) -> Zero:
     if len(sides) == 1:
         return Zero(np.tile(middle[0], (n, 1)), error[0], 1, np.zeros(k))
     begin, end = (float(np.mean(time_s[s])) for s in sides)
+    # Not extrapolated: beyond both sides the median of that side is what was measured.
     share = np.clip((time_s - begin) / (end - begin), 0.0, 1.0)[:, None]
     value = middle[0] + share * (middle[1] - middle[0])
     return Zero(value, 0.5 * np.hypot(error[0], error[1]), 2, middle[1] - middle[0])
@@ -196,6 +198,7 @@ def mean_with_sigma(values: Float, stated: Float | None) -> tuple[Float, Float]:
     batches = np.array([part.mean(axis=0) for part in np.array_split(values, count)])
     u = np.linspace(-1.0, 1.0, count)[:, None]
     rest = batches - batches.mean(axis=0) - u * (u * batches).sum(axis=0) / float(np.sum(u**2))
+    # Two degrees of freedom go to the line: a slow drift within a stretch is no noise of its mean.
     spread = np.sqrt(np.sum(rest**2, axis=0) / (count - 2) / count)
     return mean, np.maximum(spread, floor)
 

@@ -51,6 +51,7 @@ def trend(relative_force: Float, run_m: Float, group: Int) -> Wear | None:
     groups = np.unique(group)
     for g in groups:
         mine = group == g
+        # A level for each group: what the model misses in one condition is no wear.
         force[mine] /= force[mine].mean()
         force[mine] -= 1.0
         run[mine] -= run[mine].mean()

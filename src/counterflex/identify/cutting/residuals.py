@@ -122,6 +122,8 @@ class SlotResiduals:
         across = width_sigma * (by_entry * shape.left_by[:, None] + by_exit * shape.right_by[:, None])
         out: Float = np.sqrt(pieces.sigma**2 + (by_depth * depth[:, None]) ** 2 + across**2)
         if self.cutter.is_flat:
+            # Only along the axis: a sinking end face rubs with chips of some um, for which no constant was ever
+            # measured.
             out[:, 2] = np.hypot(out[:, 2], self._thrust_sigma(shape.cuts))
         return out
 
@@ -224,5 +226,6 @@ def _angle(cosine: Float) -> tuple[Float, Float]:
     inside = np.abs(cosine) < 1.0
     safe = np.where(inside, cosine, 0.0)
     angle = np.where(inside, np.arccos(safe), np.where(cosine > 0.0, 0.0, np.pi))
+    # At the cutter's edge the derivative is infinite, but a bound there moves no chip: zero is its effect.
     slope: Float = np.where(inside, -1.0 / np.sqrt(1.0 - safe**2), 0.0)
     return angle, slope

@@ -260,6 +260,7 @@ class _Reader:
         """Amplitude once per turn across the tool axis, NaN where record or sensor do not show single teeth."""
         flutes = self.cutter.flutes
         band = float(self.dataset.settings.get("bandwidth_hz", 0.0))
+        # A sensor that damps the tooth passing shows too small an amplitude, which would be read as no runout.
         if band < spindle / (2.0 * np.pi) * flutes or not fast_enough(time, spindle, flutes):
             return float("nan")
         in_part = np.eye(3) if self.force_name == "f_tcp_part" else self.cell.T_base_part[:3, :3].T

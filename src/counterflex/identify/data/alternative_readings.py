@@ -196,6 +196,7 @@ def row_mistakes(channel: str) -> tuple[AlternativeReading, ...]:
 
 def _shifted(channel: str, by: int, d: Dataset) -> Dataset:
     """One channel moved by a row against the others, without the row that comes from the other end."""
+    # The row that comes round from the other end belongs to nothing and would spoil a reading that is right.
     row = np.arange(len(d))
     return _with(d, channel, np.roll(d.values(channel), by, axis=0)).rows(row > 0 if by > 0 else row < len(d) - 1)
 

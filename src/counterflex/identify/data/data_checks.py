@@ -97,6 +97,8 @@ def leaders(rows: Float) -> Int:
             continue
         out[i] = count
         if tree is not None and finite[i]:
+            # By columns (infinity norm): one axis that differs makes another posture, however well the other five
+            # agree.
             near = places[tree.query_ball_point(rows[i], 1.0 + 1e-9, p=np.inf)]
             out[near[out[near] < 0]] = count
         count += 1
@@ -319,6 +321,7 @@ def check_enough(parameters: Parameters, blocks: Sequence[Residuals], needed: Se
     free = {p.name for p in parameters if p.free} | unknown
     rows = sum(len(b.group) for b in blocks)
     groups = [len(np.unique(b.group)) for b in blocks]
+    # Groups, not rows: copies of a posture add numbers but no equations.
     count = sum(n * len(b.components) for n, b in zip(groups, blocks, strict=True))
     if count < len(free) or count == 0:
         raise InputError(
@@ -380,5 +383,6 @@ def _without_gross(rows: Int, values: Float, sigma: Float, gross: float) -> tupl
     """A set of repeats without single gross errors, and deviations (n, k) from its median in standard deviations."""
     off = (values[rows] - np.median(values[rows], axis=0)) / sigma[rows]
     bad = np.max(np.abs(off), axis=1) > gross
+    # Of two repeats nobody knows which is wrong; where half are off it is the data that contradict, not a row.
     single = len(rows) > 2 and np.sum(bad) < 0.5 * len(rows)
     return (rows[~bad], off[~bad]) if single else (rows, off)

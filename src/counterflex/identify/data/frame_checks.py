@@ -45,6 +45,7 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
     too few sensors, changes beyond any range, beams that miss their planes, a motion that is not seen, normals that
     pass the reference point.
     """
+    _check_numbers(data)
     if len(frame) < FEWEST:
         raise InputError("a displacement takes three sensors", where=frame.where, value=len(frame), limit=">= 3")
     travel = np.abs(s_loaded - s_unloaded)
@@ -93,6 +94,13 @@ def check_rows(data: Dataset, frame: SensorFrame, s_unloaded: Float, s_loaded: F
                 limit=f"<= {MOST_PASSING_M / MM:.0f} mm",
                 hint="Give six sensors or more, or state the point where they meet as p_tcp_measured_mm",
             )
+
+
+def _check_numbers(data: Dataset) -> None:
+    """Refuse a gap: one reading that is no number leaves no singular values of anything. Raises FileFormatError."""
+    for name in ("s_unloaded", "s_loaded", "q", "R_base_frame", "p_base_frame"):
+        if data.has(name):
+            data.finite(name)
 
 
 def check_misfit(
@@ -161,6 +169,7 @@ def _readings(
             normal=frame.normal[keep],
             point=frame.point[keep],
         )
+        # Handicapped by 1.3: a sensor less always fits better, whichever it is.
         change = f"sensor '{frame.names[i]}' is left out"
         remedy = "look at it, or leave its column and its table out"
         yield change, remedy, fewer, s_unloaded[:, keep], s_loaded[:, keep], sigma[:, keep], 1.3

@@ -126,6 +126,7 @@ def suspect(
     """
     sample = thinned(data, rows)
     stated = _scored(score, sample)
+    # Not tried at all: with dozens of readings one fits good data a little better by chance, and would only alarm.
     if stated.size <= PLAUSIBLE and stated.surprise <= PLAUSIBLE:
         return None
     suspicions = []
@@ -174,11 +175,13 @@ def _scored(score: Score, data: Dataset) -> Misfit:
 def _compared(reading: AlternativeReading, stated: Misfit, other: Misfit, count: int) -> Suspicion | None:
     if not math.isfinite(other.size):
         return None
+    # Nothing fits better than its noise: below 1 the other reading has only used up its freedom.
     ratio = stated.size / max(other.size, 1.0)
     plausible = other.surprise <= max(PLAUSIBLE, stated.surprise)
     if ratio >= RATIO and plausible:
         if math.isinf(ratio):
             return Suspicion(reading, stated.size, other.size, False, 0.0, ())
+        # Times the readings that were tried (Bonferroni): the best of many is better by chance.
         chance = count * float(scipy.stats.f.sf(ratio**2, max(stated.dof, 1.0), max(other.dof, 1.0)))
         if chance <= CHANCE:
             return Suspicion(reading, stated.size, other.size, False, chance, ())

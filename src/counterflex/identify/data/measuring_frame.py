@@ -129,6 +129,7 @@ def motion(frame: SensorFrame, s_unloaded: Float, s_loaded: Float, sigma: Float,
         J = slopes(frame, s, d, reference) / sigma[:, :, None]
         step = (np.linalg.pinv(J) @ ((s_loaded - s) / sigma)[:, :, None])[..., 0]
         if d.shape[1] == SIX:
+            # Rotations compose from the left, as the derivative is taken; added vectors would differ in second order.
             d[:, 3:] = rotation.log(rotation.exp(step[:, 3:]) @ rotation.exp(d[:, 3:]))
         d[:, :3] += step[:, :3]
         if float(np.max(np.abs(step), initial=0.0)) < _SETTLED:
@@ -148,6 +149,7 @@ def condition(frame: SensorFrame, s_unloaded: Float, reference: Float) -> tuple[
     s, at = s_unloaded[None], reference[None]
     lever = feet(frame, s)[0] - reference
     length = max(float(np.sqrt(np.mean(np.sum(lever**2, axis=1)))), 1e-3)
+    # Rotations as a way at the mean lever arm: else the condition would depend on the unit of length.
     size = np.array([1.0, 1.0, 1.0, length, length, length])[: SIX if len(frame) >= SIX else 3]
     _, values, axes = np.linalg.svd(slopes(frame, s, np.zeros((1, len(size))), at)[0] / size)
     worst: Float = axes[-1] / size

@@ -114,6 +114,7 @@ def find_delay(pair: Pair, order: Order | Literal["auto"] = "auto", *, robust: b
         return _fitted(pair, "none" if order == "auto" else order, shift, robust)
     plain = _fitted(pair, "none", shift, robust)
     lagged = _fitted(pair, "first", shift, robust)
+    # Both: a lag can be significant and still predict no better, when it only mimics what the model lacks.
     clear = lagged.value("lag") > _SIGNIFICANT * lagged.sigma("lag") and lagged.value("lag") > 10.0 * LAG_BOUNDS_S[0]
     better = lagged.held_out.rms()[0] < plain.held_out.rms()[0]
     return lagged if clear and better else plain

@@ -126,6 +126,7 @@ class DelayResiduals:
     def _splines(self, x: Float) -> tuple[scipy.interpolate.CubicSpline, list[scipy.interpolate.CubicSpline]]:
         p, basis = self.places, self.basis
         key = tuple(float(x[i]) for i in (p.lag, p.damping) if i >= 0)
+        # The lag is the only parameter that bends the signals; all others read the same splines at other times.
         if key not in self._memory:
             grid = basis.start_s + basis.step_s * np.arange(len(basis.values))
             values, parts = basis.values, np.zeros((0, *basis.values.shape))

@@ -87,6 +87,7 @@ def order_of_poses(
     if n <= 2 and start is None:
         return np.arange(n, dtype=np.int64)
     way = q if start is None else np.vstack([as_float("start", start, (6,)), q])
+    # Directed: an axis that comes from one side going there comes from the other going back.
     cost = _costs(way, speeds, _sides(side), np.ones(6) if weight is None else weight, reversal_s)
     if start is None:
         # A place to come from that costs nothing.

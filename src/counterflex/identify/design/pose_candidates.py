@@ -58,6 +58,7 @@ def _distance(a0: Float, a1: Float, b0: Float, b1: Float) -> Float:
     tiny = 1e-12
     s = np.clip((b * e - c * d) / np.maximum(a * c - b * b, tiny), 0.0, 1.0)
     t = np.clip((b * s + e) / np.maximum(c, tiny), 0.0, 1.0)
+    # Once more for s: clipping t to its segment moves the nearest point on the other (Ericson, 5.1.9).
     s = np.clip((b * t - d) / np.maximum(a, tiny), 0.0, 1.0)
     out: Float = np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1)
     return out

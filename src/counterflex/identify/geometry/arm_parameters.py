@@ -180,6 +180,8 @@ def arm_model(
                     label=f"displacement after {name}, {component}",
                 )
             )
+    # What an earlier calibration found and this one cannot see stays in the model: left out, it would return as another
+    # error.
     known = {name: np.asarray(d) for name, d in cell.calibration.items() if name not in displaced}
     how, first = sag_of(chain, sag), len(items)
     items += _sag_parameters(chain, priors, how)

@@ -101,6 +101,7 @@ class Springs:
 
     def changes(self, chain: ElasticChain, values: Float) -> tuple[ElementCompliance, ...]:
         """Changes to the cell file: every element with a free parameter, whole."""
+        # A file that says 1e-15 would make the next identification free a direction that this one found rigid.
         whole = self.compliance(chain, np.where(values < _RIGID, 0.0, values))
         touched = sorted({int(s) for s, p in zip(self.segment, self.parameters, strict=True) if p.free})
         return tuple(ElementCompliance(chain.names[i], whole[i]) for i in touched)

@@ -19,6 +19,7 @@ from counterflex.identify.solver.fit import Fit
 from counterflex.identify.solver.jackknife import added, considered, parts_of_groups, with_jackknife
 from counterflex.identify.solver.residuals import Residuals
 
+# Steps for a difference, scaled to a standard deviation afterwards: large against rounding, small against curvature.
 _STEP, _STEP_M = 1e-2, 1e-3
 _ARMS: Final = ("arm", "second")
 

@@ -96,6 +96,8 @@ def check_sense(p_base: Float, p_tracker: Float, sigma_m: float, where: str) -> 
     if len(p_base) < 4:
         return  # three points lie in a plane, and a plane looks the same in a mirror
     best, turned = _rms(p_base, p_tracker), _rms(p_base, p_tracker * np.array([1.0, 1.0, -1.0]))
+    # Points near one plane look alike in the mirror: the mirror image must be clearly better, and the points clearly
+    # off.
     if turned < _MIRROR * best and best > _CLEAR_SIGMAS * sigma_m:
         raise InputError(
             "a mirror image fits the points far better: a frame is left-handed, two columns are swapped, or the sign "
@@ -123,6 +125,7 @@ def robust_register(p_base: Float, p_tracker: Float, *, seed: int = 0) -> Float:
         off = np.linalg.norm(p_base - pose.transform(T, p_tracker), axis=1)
         if _inner(off) < _inner(errors):
             best, errors = T, off
+    # Refitted to all that agree: three points chosen for their median carry the noise of three points.
     good = errors <= 6.0 * max(_inner(errors), 1e-9)
     if np.sum(good) >= 3:
         try:

@@ -142,6 +142,7 @@ def _by_rotations(A: Float, B: Float) -> tuple[Float, bool]:
     # R_A R_X = R_Z R_B  <=>  sum over i of kron(R_B, R_A) carries vec(R_X) to n vec(R_Z): its largest singular pair.
     u, s, _ = np.linalg.svd(np.einsum("mab,mcd->acbd", B[:, :3, :3], A[:, :3, :3]).reshape(9, 9) / len(A))
     M = u[:, 0].reshape(3, 3).T
+    # A singular vector has no sign: of R and -R only one is a rotation.
     turned = -1.0 if np.linalg.det(M) < 0.0 else 1.0
     return _proper(turned * M), bool(s[1] < 1.0 - _LEAST_GAP)
 
@@ -227,6 +228,7 @@ def refined(Ts_base_tcp: Float, measured: Float, R_base_tracker: Float) -> tuple
 def _least(rows: Float, right: Float, count: int) -> Float:
     """Least squares that leaves alone what ``count`` poses move by less than :data:`LEAST_TURN_RAD`."""
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    # Singular values below what the poses turn by are noise: along them a step would throw the target metres away.
     use = s > LEAST_TURN_RAD * np.sqrt(count)
     out: Float = vt[use].T @ ((u[:, use].T @ right) / s[use])
     return out
@@ -281,6 +283,7 @@ def target_of_poses(Ts_base_tcp: Float, measured: Float, T_base_tracker: Float, 
 def _proper(M: Float) -> Float:
     """The rotation nearest to a matrix (..., 3, 3)."""
     u, _, vt = np.linalg.svd(M)
+    # The nearest orthogonal matrix may be a reflection: the weakest axis is turned round to make it a rotation.
     u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     out: Float = u @ vt
     return out

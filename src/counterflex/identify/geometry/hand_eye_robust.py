@@ -143,12 +143,14 @@ def _best(
         if medians[k] < np.median(best):
             Z, X, best = Zs[k], Xs[k], errors[k]
     for _ in range(5):
+        # Scale from the median of the errors themselves: what an uncalibrated arm is off by is not known beforehand.
         good = best <= _INLIER * max(float(np.median(best)), 1e-12)
         try:
             trial = fit(good) if again is None else again(good, Z[:3, :3])
         except InputError:
             break
         errors = error(*trial)
+        # Least squares over the agreeing rows may leave them again, when those next to the limit pull together.
         if np.median(errors) > 1.2 * np.median(best):
             break
         (Z, X), best = trial, errors

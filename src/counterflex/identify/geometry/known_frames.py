@@ -102,6 +102,7 @@ def known_frames(cell: CellModel) -> KnownFrames | None:
     if not table:
         return None
     target = _pose(table, "target_")
+    # A target on the flange stays where it is when the tool changes; the model wants it at the present TCP.
     if table.get("target_on", "tcp") == "flange":
         target = pose.inverse(cell.nominal_chain.T_flange_tcp) @ target
     return KnownFrames(_pose(table, ""), _sigma(table, ""), target, _sigma(table, "target_"))

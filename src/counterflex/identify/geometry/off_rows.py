@@ -230,6 +230,7 @@ class _OffRows:
         if window is not None:
             J, r = np.concatenate([self._J[i] for i in window]), np.concatenate([self._r[i] for i in window])
             value, vector = np.linalg.eigh(self._information - J.T @ J)
+            # Without a window that alone holds a parameter the information is singular or, by rounding, negative there.
             C = (vector / np.maximum(value, _LEAST * value[-1])) @ vector.T
             off = off + self._slope @ (C @ (J.T @ r))
             inside = inside.copy()
@@ -252,6 +253,7 @@ def _suspected(seen: _OffRows) -> Int | None:
             if not np.all(seen.kept[window]):
                 continue
             error = np.where(seen.kept, seen.errors(window), 0.0)
+            # Their median, not their largest: the rest of the same block may still lie outside of the window.
             others = np.delete(error, window)
             # Rows of the same block may lie outside of the window: the upper part of the others says little yet.
             score = float(np.quantile(error[window], GAPS)) / max(float(np.median(others)), 1e-12)

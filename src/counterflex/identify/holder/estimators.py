@@ -29,6 +29,7 @@ def regressions(block: HolderReadings, fold: Int) -> Mapping[str, Float]:
     """
     places, which = np.unique(np.round(block.p_holder_load, 4), axis=0, return_inverse=True)
     which = which.reshape(-1)
+    # A regression knows one lever only: loads at another point would teach it a matrix of neither.
     mine = which == int(np.argmax(np.bincount(which, minlength=len(places))))
     out = {name: np.full((len(fold), 3), np.nan) for name in ("ordinary", "ridge", "weighted")}
     for k in np.unique(fold):

@@ -134,6 +134,7 @@ class HolderReadings:
         n = self.strain.shape[1]
         S, out = sensitivity_of(x, n), np.zeros((len(self.force), n, 3 * len(points)))
         for k, p in enumerate(points):
+            # All loads on one point share its error: it does not average out with their number.
             mine = np.all(np.abs(self.p_holder_load - p) < SAME_POINT_M, axis=1)
             for axis in range(3):
                 moment = np.cross(self.p_sigma[mine, axis, None] * np.eye(3)[axis], self.force[mine])

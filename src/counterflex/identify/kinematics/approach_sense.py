@@ -86,6 +86,7 @@ def in_order(d: Dataset) -> Channel:
     out = np.zeros_like(q)
     for i in range(1, len(q)):
         back = q[i - 1] - q[i]
+        # A shorter move leaves the axis where friction had pressed it: the sense of the move before still holds.
         out[i] = np.where(np.abs(back) >= LEAST_RAD, back, out[i - 1])
     return Channel(CHANNEL, out, None, "rad", f"{d.name}: order of the rows")
 

@@ -180,6 +180,7 @@ def find_anchor(p: Float, length: Float, where: str) -> Float:
         way = p - a
         span = np.linalg.norm(way, axis=1)
         off = length - span
+        # Least absolutes beyond three medians: a bar read wrong once must not move the anchor by its share.
         weight = 1.0 / np.maximum(np.abs(off), 3.0 * np.median(np.abs(off)) + 1e-9)
         J = -way / span[:, None]
         step, *_ = np.linalg.lstsq(J * weight[:, None], off * weight, rcond=None)

@@ -222,6 +222,7 @@ def _offset(
         count = _NUMBERS[frame]
         residual_m = float(hand_eye.median_m * np.sqrt(numbers / max(numbers - count, 1)))
         more = best is not None and count > _NUMBERS[best.frame]
+        # Twelve numbers nearly always beat six: the wider explanation must leave half of what the simpler one does.
         enough = max(residual_m * _OTHER, _USUAL * least_m) if more else residual_m
         simpler = best is not None and best.own_m < enough
         if simpler or shared < least_m or numbers <= count or residual_m * RATIO > shared:

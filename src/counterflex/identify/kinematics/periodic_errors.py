@@ -82,6 +82,7 @@ def choose_harmonics(setup: CalibrationSetup, fit: Fit, prior_rad: float, progre
         share_of(progress, 0.5, 1.0),
     )
     best = float(np.min(errors))
+    # The fewest that predict nearly as well as the best: the minimum of a flat curve is drawn by noise.
     count = int(np.flatnonzero(errors <= _NEARLY * best)[0])
     if errors[count] > (1.0 - GAIN) * errors[0]:
         return {}
@@ -179,6 +180,7 @@ def _pursue(
         taken.append((int(axis), int(place) + 1))
         progress(len(taken) / MOST)
         columns = np.concatenate([t.columns(int(axis), int(place) + 1).reshape(-1, 2) for t in tables])
+        # Twice: one pass of Gram and Schmidt leaves rounding along the basis that grows with every harmonic taken.
         for _ in range(2):
             columns = columns - basis @ (basis.T @ columns)
         new = np.linalg.qr(columns)[0]

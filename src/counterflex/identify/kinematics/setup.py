@@ -137,6 +137,7 @@ def set_up(
     built: dict[int, list[Residuals]] = {}
     for i in order:
         built[i] = _residuals(cell, model, everything[i], frames, known)
+    # Back in the order of the data: hold-out, weights and messages count their blocks by it.
     blocks = [b for i in range(len(data)) for b in built[i]]
     unseen = [b for i in range(len(data), len(everything)) for b in built[i]]
     names = tuple(p.name for p in frames.items)

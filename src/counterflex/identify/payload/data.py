@@ -69,6 +69,7 @@ def orientations(R_base_sensor: Float) -> Int:
     count = 0
     for i in range(len(down)):
         if out[i] < 0:
+            # By the direction of gravity alone: a turn about the vertical shows the sensor nothing new.
             out[(out < 0) & (down @ down[i] >= alike)] = count
             out[i] = count
             count += 1
@@ -144,6 +145,7 @@ def shared_mass(chain: ElasticChain, segment: str, mass_kg: float, p_seg_com: Fl
         Ts[i] = T
     total, com = mass_behind(chain, segment)
     heavy = first + 1 + int(np.argmax(chain.mass[first + 1 :]))
+    # The sensor feels one sum: how it is shared among the bodies changes no force, only the sag of what lies between.
     rest = mass_kg - (total - float(chain.mass[heavy]))
     if rest > 0.05 * mass_kg:
         others = total * com - chain.mass[heavy] * pose.transform(Ts[heavy], chain.com[heavy])
@@ -229,6 +231,12 @@ def _in_motion(
     omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     if data.has("accelerometer_sensor"):
         gamma = -smooth(data.finite("accelerometer_sensor"), 0)
+    elif not data.has("q"):  # a rotation alone has no place: it would be differentiated to an acceleration of zero
+        raise FileFormatError(
+            "nothing in the data tells the acceleration of the sensor",
+            where=data.where or data.name,
+            limit="channel q or accelerometer_sensor",
+        )
     else:
         gamma = block.gamma - (R_t @ smooth(T_base_sensor[:, :3, 3], 2)[:, :, None])[:, :, 0]
     block = replace(
@@ -241,6 +249,7 @@ def _in_motion(
         group=np.arange(len(data), dtype=np.int64) // (_WINDOWS * width),
     )
     keep = np.zeros(len(data), dtype=np.bool_)
+    # Every half window: readings nearer to each other share most of their samples and are no measurements of their own.
     keep[width : len(data) - width : max(1, width // 2)] = True
     # A window that reaches into the next group holds readings of both: it would be predicted from itself.
     row, half = np.arange(len(data), dtype=np.int64), width // 2

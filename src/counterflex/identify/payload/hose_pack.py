@@ -199,6 +199,7 @@ def _better_of(
     dear: dict[tuple[str, int], float] = {}
     error = {body: float(candidates[body or BASE, degree].mean()[0]) for body in frames}
     for body in sorted(frames, key=lambda b: error[b]):
+        # Sorted by error: where the best body gains too little, no other gains more.
         if best.key in candidates and error[body] >= GAIN * candidates[best.key].mean()[0]:
             break
         cost = 0.0 if forced else _mass_sigma(candidates[body or BASE, degree]) / _mass_sigma(candidates[BASE, 0])

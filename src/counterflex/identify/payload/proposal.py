@@ -67,6 +67,7 @@ def propose(cell: CellModel, count: int, settings: Mapping[str, Any]) -> Proposa
     free = parameters(replace(sensor, w_offset=np.zeros((0, 6))), Knowledge(), SensorEffects(degree=degree))
     mask = free.free
     J = block.jacobian(free.nominal)[:, :, mask] * free.slope(free.nominal)[mask]
+    # Those about the working posture are taken whatever they tell: what no function holds matters most there.
     rows, covariance = greedy(J, count, fixed=near)
     rows = _near_next(q[rows], rows)
     sd = np.sqrt(np.diag(covariance)) * free.slope(free.nominal)[mask]

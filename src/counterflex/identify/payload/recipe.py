@@ -119,6 +119,7 @@ def identify(inputs: Inputs) -> Identification:
         blocks = reader.blocks(data, groups, chain)
         fit = solve(residuals.parameters(before, known, effects), blocks, progress=shares[i + 1])
     parts[WEIGHT](1.0)
+    # Before the hose pack is chosen: its trials are fitted with the effects that stay.
     effects = _significant(fit, effects)
     blocks_in = partial(reader.blocks, data, groups, chain)
     rest = hose_pack.choose_rest(blocks_in, before, known, effects, degrees, frames, parts[HOSE], forced=forced)

@@ -157,6 +157,7 @@ class SensorReadings:
         gamma, omega, alpha = self.gamma @ turn, self.omega @ turn, self.alpha @ turn
         c, inertia = x[COM], flange_sensor.tensor(x[INERTIA])
         force = x[MASS] * (gamma - cross(alpha, c) - cross(omega, cross(omega, c)))
+        # The inertia is about the centre of gravity, the moment about the sensor's origin: the lever carries the rest.
         moment = cross(c, force) - alpha @ inertia - cross(omega, omega @ inertia)
         w = np.concatenate([force, moment], axis=1) + x[BIAS]
         w += self.time_s[:, None] * x[DRIFT] + self.warmer_k[:, None] * x[KELVIN]

@@ -75,6 +75,7 @@ def plain_weight(block: SensorReadings) -> Plain:
         x = np.asarray(np.linalg.lstsq(rows, (y * root).reshape(-1), rcond=1e-10)[0], dtype=np.float64)
         sizes = np.asarray(np.sqrt(np.mean((y - J @ x) ** 2, axis=1)), dtype=np.float64)
         usual = max(2.0 * float(np.median(sizes)), 1e-12)
+        # Least absolutes beyond two medians: a hose that lies otherwise in a few poses must not turn the weight.
         weight = np.minimum(1.0, usual / np.maximum(sizes, 1e-300))
     size = float(np.median(sizes))
     information = np.einsum("n,nij,nik->jk", weight, J, J)

@@ -165,6 +165,7 @@ def why_not(axis: int, mine: Sequence[ReversalMotion], friction_nm: float, sigma
     if every is None:
         return None
     spread = float(np.hypot(sigma_nm, np.hypot(motor_friction_sigma(mine), SCALE * every)))
+    # One-sided: the motor's own friction comes on top of that of the link, so more in the motor is no contradiction.
     if friction_nm - every > min(spread, MOST * every):
         return (
             f"{name}: {friction_nm:.3g} +- {sigma_nm:.2g} N m of dry friction on the side of the link contradict the "

@@ -108,6 +108,7 @@ def _choose(cell: CellModel, axis: int, torque: Float, lever: Float, turn: int, 
     friction = np.array([sum(axis_play(cell, a)[0].friction_nm) for a in range(6)])
     others = [a for a in range(1, 6) if a != axis]
     load = np.maximum(np.abs(torque[:, others]), 1e-6) / friction[others]
+    # By logarithm: friction that is misjudged by a factor shifts all loads alike, whichever side of it they are on.
     firm = np.min(np.abs(np.log(load)), axis=1)
     free = np.array([i not in used for i in range(len(torque))])
     size = np.abs(torque[:, axis]) / friction[axis]

@@ -64,6 +64,7 @@ def follow_with_slopes(
     ds = np.zeros(p)
     d_link = np.zeros(p)
     num = np.zeros(p)
+    # The history before the first row is not known: a loaded axis leans on its flank, a floating one in between.
     lean = min(max(torque[0] / FLOATING_NM, -1.0), 1.0)
     s = compliance * torque[0] + lean * half_band
     ds[0], ds[1] = torque[0], lean
@@ -237,6 +238,8 @@ class ReversalResiduals:
         late = place.delay >= 0 and self.time_s is not None
         constants = list(place.constants)
         if self.by == "encoder":
+            # Over a small motion elastic torsion is a straight line in the angle, as is an error of pitch: neither is
+            # believed.
             B = np.ones((n, 1)) if self.large else np.stack([np.ones(n), angle / max(np.ptp(angle), 1e-12)], axis=1)
             model = lost.copy()
             if self.large:

@@ -117,6 +117,7 @@ class AlignedRunRecord:
                 hint="Is it the right plan, was material in the way, and was the force sensor connected?",
             )
         delay = float(np.median(delays))
+        # Edges that correlate with something else are far off: they are left out before the mean.
         near = delays[np.abs(delays - delay) <= max(0.03, 3.0 * 1.4826 * float(np.median(np.abs(delays - delay))))]
         delay, count = float(np.mean(near)), len(near)
         spread = float(np.std(near, ddof=1)) * _widened(count) if count > 1 else 10.0 * MS
@@ -135,6 +136,7 @@ class AlignedRunRecord:
             [_correlation(size[rows], np.interp(self.time_s[rows] - s, self.time_s, expected)) for s in shifts]
         )
         best = int(np.argmax(score))
+        # A best shift at the end of the range is no best: the true one lies beyond, or there is none.
         if score[best] < LEAST_CORRELATION or best in (0, len(shifts) - 1):
             return None
         a, b, c = score[best - 1 : best + 2]

@@ -136,6 +136,7 @@ def condition_of(parameters: Parameters, block: ProductionResiduals, level: str)
     index = math.sqrt(max(float(value[-1]), 0.0) / max(float(value[0]), 1e-18))
     names = [parameters.names[i] for i in free[law]]
     close = value < max(float(value[-1]), 0.0) / MOST_INDEX**2
+    # The least eigenvalue is named in any case: the message must name something where the limit is just passed.
     close[0] = True
     alike = tuple(name for i, name in enumerate(names) if np.any(np.abs(vector[i, close]) > _NAMED))
     return CutCondition(level, index, alike)
@@ -258,6 +259,7 @@ def _difference(fit: Fit, shared: Float) -> ConstantDifference:
     count = int(np.sum(law))
     u = fit.parameters.coordinates(fit.values)[fit.free_index][law]
     P = fit.covariance[np.ix_(law, law)]
+    # The prior is taken out again: with it in, the stated values would be compared with themselves.
     info = np.linalg.inv(P) - np.eye(count)
     value, vector = np.linalg.eigh(0.5 * (info + info.T))
     seen = value > 0.05  # what the data say next to nothing about is no difference

@@ -354,6 +354,7 @@ def _scaled(weighed: Sequence[Weighed]) -> list[Weighed]:
 
 def _draws(near: Sequence[Weighed], weight: Float, count: int) -> tuple[Float, Float, Float]:
     """Growth, slope, and expected factor of each run, drawn from the mixture with a fixed seed."""
+    # Fixed: the same runs must give the same life of a tool in every report.
     rng = np.random.default_rng(0)
     number = np.floor(np.cumsum(weight) * _DRAWS + 0.5).astype(np.int64)
     number = np.diff(number, prepend=0)

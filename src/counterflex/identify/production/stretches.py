@@ -274,6 +274,7 @@ class _StretchReader:
         # The force that the plan has a little earlier and later: what the delay's uncertainty makes of it.
         duration = float(run.time_s[rows[-1]] - run.time_s[rows[0]])
         change = np.abs(self.expected[at[-1]] - self.expected[at[0]])
+        # A ramp of the force that is read too late by the doubt of the delay is off by its slope times it.
         late = change * self.at.delay_sigma_s / max(duration, run.period_s)
         turned = np.sqrt(R**2 @ (sigma[:3] ** 2 + late**2))
         share = float(np.mean(self.speed[rows] / np.maximum(plan.feed_m_s[at], 1e-9)))

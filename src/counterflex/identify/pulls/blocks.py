@@ -153,6 +153,7 @@ def block(chain: ElasticChain, plan: PullLayout, pulls: Pulls, R_base_tracker: F
     variance = np.zeros((len(pulls), 6))
     if np.any(pulls.w_sigma > 0.0):
         variance += (_compliance_at(chain, pulls) ** 2 @ (pulls.w_sigma**2)[:, :, None])[..., 0]
+    # Friction is no parameter here: what is doubted of it widens the rows.
     variance += lost_sigma(chain, pulls) ** 2
     variance += misplaced(chain, plan.springs, pulls.q, pulls.w_tcp_base, point, plan.bearing_m) ** 2
     added = variance[:, :c]

@@ -73,6 +73,7 @@ def work(chain: ElasticChain, pulls: Pulls, R_base_tracker: Float | None) -> tup
     variance = np.sum((f * sigma[:, :3]) ** 2, axis=1)
     if d.shape[1] == 6:
         lever = (forward(chain, pulls.q)[:, :3, :3] @ pulls.p_tcp_measured[:, None])[..., 0]
+        # Work does not depend on the point, but force and moment must be of one and the same.
         turning = m - np.cross(lever, f)  # about the measured point
         out = out + np.sum(turning * d[:, 3:], axis=1)
         variance = variance + np.sum((turning * sigma[:, 3:]) ** 2, axis=1)

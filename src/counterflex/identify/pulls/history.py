@@ -58,6 +58,7 @@ def lost_angles(chain: ElasticChain, pulls: Pulls) -> Float:
     torque = axis_torque(chain, q.reshape(-1, 6), w.reshape(-1, 6)).reshape(q.shape)
     soft = np.maximum(chain.compliance[chain.torsion, 5], STIFFEST_RAD_NM)
     band, limit, slip = _arrays(play)
+    # Axes do not act on each other here, so one compiled path walks all of them at once instead of n times six.
     columns = (len(stations), 6 * n)  # axes are independent: those of all rows side by side in one path
     s = torsion_path(
         q.reshape(columns),
@@ -124,6 +125,7 @@ def unknown_angles(chain: ElasticChain) -> Float:
         0.0 if entry is None else entry.half_band_rad + c * sum(entry.friction_nm)
         for entry, c in zip(chain.play, soft, strict=True)
     ]
+    # Uniform over the whole loop: its standard deviation is the half width over root 3.
     return np.array(most) / math.sqrt(3.0)
 
 

@@ -63,18 +63,19 @@ def identify(inputs: Inputs) -> Identification:
     records = [d for d in data if d.kind == "record"]
     if not steps and not records:
         raise InputError("servo needs load steps or records", value=", ".join(d.kind for d in data))
-    friction = _friction(cell, [d for d in data if d.kind == "reversals"])
     results = _Results()
+    friction, results.remarks = _friction(cell, [d for d in data if d.kind == "reversals"])
+    results.remarks += _not_held_out(holdout)
     if steps:
         of_steps = 1.0 if not records else 0.6  # a record takes about as long as two axes
         _find_gains(results, inputs, steps, unseen, friction, share_of(progress, 0.0, of_steps))
-    for estimate in _lags(cell, records, bool(settings["as_stated"])):
-        results.fits[estimate.pair.name] = estimate.fit
-        results.changes += timing_changes([estimate])
-        lag_figures, first = _lag_figures(estimate)
-        results.figures += lag_figures
-        results.headline.append(first)
+    _take_lags(results, *_lags(cell, records, bool(settings["as_stated"])))
     return results.identification()
+
+
+def _not_held_out(holdout: Sequence[Dataset]) -> list[str]:
+    told = "only load steps are held out here; a lag is judged on stretches of its own record"
+    return [f"{d.name}: {told}" for d in holdout if d.kind != "servo_steps"]
 
 
 @dataclass
@@ -98,6 +99,18 @@ class _Results:
             tuple(self.remarks),
             tuple(self.pictures),
         )
+
+
+def _take_lags(results: _Results, lags: Sequence[Delay], notes: Sequence[str]) -> None:
+    """Take lags and what was found about their records."""
+    results.remarks += notes
+    results.changes += timing_changes(lags)  # all at once: of several records the one that knows its lag best
+    names = [estimate.pair.name for estimate in lags]
+    for i, estimate in enumerate(lags):
+        results.fits[names[i] if names.count(names[i]) == 1 else f"{names[i]} {i + 1}"] = estimate.fit
+        lag_figures, first = _lag_figures(estimate)
+        results.figures += lag_figures
+        results.headline.append(first)
 
 
 def _find_gains(
@@ -222,16 +235,24 @@ def _servo(cell: CellModel, axis: int, fit: Fit, friction: float | None) -> Serv
     )
 
 
-def _friction(cell: CellModel, data: Sequence[Dataset]) -> dict[int, float]:
-    """Dry friction of the motors, N m: half the loop of their torque less the friction of the links."""
+def _friction(cell: CellModel, data: Sequence[Dataset]) -> tuple[dict[int, float], list[str]]:
+    """Dry friction of the motors, N m, half the loop of their torque less that of the links; and what was not told."""
     records = motions(cell, data)
-    out = {}
+    out, remarks = {}, []
     for axis in sorted({m.axis for m in records}):
         whole = motor_friction([m for m in records if m.axis == axis])
         play = (cell.robot.play or (None,) * 6)[axis]
-        if whole is not None and play is not None:
+        stays = f"axis {axis + 1}: the friction of its motor stays as it was:"
+        if whole is None:
+            remarks.append(f"{stays} its reversals hold no 'tau_motor' over 'time_s' in both directions")
+        elif play is None:
+            remarks.append(
+                f"{stays} of {whole:.3g} N m in its torque the cell file does not say how much is the link's; "
+                "identify play first"
+            )
+        else:
             out[axis] = max(whole - sum(play.friction_nm), 0.0)
-    return out
+    return out, remarks
 
 
 def _headline(errors: Sequence[HeldOut]) -> tuple[Figure, ...]:
@@ -309,19 +330,28 @@ def _mode(steps: Sequence[LoadStep]) -> tuple[list[Change], list[Figure], list[s
     )
 
 
-def _lags(cell: CellModel, records: Sequence[Dataset], as_stated: bool) -> list[Delay]:
-    out = []
+def _lags(cell: CellModel, records: Sequence[Dataset], as_stated: bool) -> tuple[list[Delay], list[str]]:
+    """Lags of drives and corrections, and remarks. Raises InputError: a record that tells neither."""
+    out: list[Delay] = []
+    remarks: list[str] = []
     for record in records:
         required = [
             f.name
             for f in FOLLOWING
             if f.name in ("drive", "correction") and record.has(f.answer) and record.has(f.reference[0])
         ]
-        for pair in pairs(cell, record, ",".join(dict.fromkeys(required))) if required else ():
+        if not required:
+            raise InputError(
+                "the record tells no lag of a drive or a correction",
+                where=record.where or record.name,
+                value=", ".join(record.channels),
+                limit="q_command with q_motor, or d_correction with p_base_tcp or p_tracker_target",
+            )
+        for pair in pairs(cell, record, ",".join(dict.fromkeys(required))):
             estimate = find_delay(replace(pair, lag=True))
-            check_delay(estimate, as_stated=as_stated)
+            remarks += check_delay(estimate, as_stated=as_stated)
             out.append(estimate)
-    return out
+    return out, remarks
 
 
 def _lag_figures(estimate: Delay) -> tuple[list[Figure], Figure]:

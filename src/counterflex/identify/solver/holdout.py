@@ -128,6 +128,7 @@ def fold_of_groups(groups: Sequence[Int], folds: int = FOLDS, seed: int = 0) -> 
     for b, place in enumerate(places):
         np.add.at(sizes[:, b], place, 1.0)
     order = np.random.default_rng(seed).permutation(len(ids))
+    # The largest groups first: what is dealt last fills up the differences, which only small ones can.
     order = order[np.argsort(-sizes[order].sum(axis=1), kind="stable")]
     filled = np.zeros((folds, len(groups)))
     total = np.maximum(sizes.sum(axis=0), 1.0)
@@ -256,6 +257,7 @@ def _fit_both(
     for name in needed:
         parameters.index(name)
     fit = solve(parameters, training, robust=robust, start=start, stop=stop, progress=share_of(progress, 0.0, _WHOLE))
+    # The nominal error gets frames of its own: else it would show where the tracker stands, not what the arm is off by.
     only = parameters.with_fixed([name for name in parameters.names if name not in set(needed)])
     if not np.any(only.free):
         return fit, parameters.nominal
@@ -287,6 +289,7 @@ def _collect(pieces: Sequence[tuple[int, Int, int, Float, Float]], fits: Sequenc
     gross = np.zeros(len(row), dtype=np.bool_)
     for i in np.unique(block):
         mine = block == i
+        # Both must be far off: a row that only the new values miss is their error, and must count against them.
         gross[mine] = (identified[mine] > GROSS * np.median(identified[mine])) & (
             nominal[mine] > GROSS * np.median(nominal[mine])
         )

@@ -59,6 +59,7 @@ def agreement(fits: Iterable[Fit]) -> Agreement:
         variance, directions = np.linalg.eigh(fit.covariance[np.ix_(known, known)])
         determined = (variance < DETERMINED) & (variance > 0.0)
         along = directions[:, determined].T @ u
+        # Only what the data determine: a direction that the prior holds agrees with the prior by construction.
         total += float(np.sum(along**2 / (variance[determined] * (1.0 - variance[determined]))))
         count += int(np.sum(determined))
     return Agreement(

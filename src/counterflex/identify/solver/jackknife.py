@@ -126,6 +126,7 @@ def long_run(scores: Float) -> Float:
     for lag in range(1, count + 1):
         shifted = white[lag:].T @ white[:-lag] / n
         total = total + (1.0 - lag / (width + 1.0)) * (shifted + shifted.T)
+    # The whitening is undone on the sum, not on the series: of lags beyond the bandwidth only the autoregression tells.
     colour = 1.0 / (1.0 - a)
     result: Float = total * colour[:, None] * colour[None, :]
     return result
@@ -196,6 +197,8 @@ def with_jackknife(fit: Fit, blocks: Sequence[Residuals], parts: Sequence[Int]) 
             scores[k] += of_part.T @ r[rows].reshape(-1)
     moved = np.empty((count, len(free)))
     for k in range(count):
+        # One step instead of K fits: exact where the model is linear. A part that alone holds a direction would divide
+        # by zero.
         eigenvalues, axes = np.linalg.eigh(information[k])
         moved[k] = root @ (axes @ ((axes.T @ scores[k]) / (1.0 - np.minimum(eigenvalues, _MOST_LEVERAGE))))
     spread = (count - 1) / count * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0) * (count - 1) / (count - 3)

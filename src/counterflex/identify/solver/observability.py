@@ -71,6 +71,7 @@ def _hidden(items: Sequence[Parameter], R: Float, prior: Bool) -> tuple[str, ...
     directions = [(np.zeros(len(items)), int(loose[i])) for i in leads]
     for (direction, _), column in zip(directions, lost.T, strict=True):
         direction[loose] = column
+    # What has no prior follows freely: a change that it takes up is not seen, however large its effect is by itself.
     follow = np.linalg.pinv(R[:, loose], rcond=_RANK) @ R[:, known] if len(loose) else np.zeros((0, len(known)))
     reduced = R[:, known] - R[:, loose] @ follow
     weak, leads = _weak(reduced)

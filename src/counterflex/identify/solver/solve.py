@@ -63,6 +63,7 @@ def spread(rows: Float, used: float = 0.0) -> float:
     n, k = rows.shape
     if n == 0 or k == 0:
         return 1.0
+    # Bounded: a block that is nearly used up by its parameters would else divide what is left by almost nothing.
     remaining = max(1.0 - used / (n * k), 1.0 / _LARGEST_SHRINK**2)
     return max(1.0, float(np.median(sizes(rows))) / usual_size(k, 0.5) / math.sqrt(remaining))
 
@@ -111,6 +112,7 @@ def excess(rows: Float, weights: Float, scale: float, used: float, group: Int) -
     if n == 0 or k == 0 or total <= 0.0 or remaining <= 0.0:
         return 1.0
     psi = rows * weights[:, None]
+    # Where Hampel's curve falls the slope is negative; with many rows there Huber's formula would divide by zero.
     slope = max(float(np.sum(_slope(rows, weights, scale))), 0.2 * total)
     v = float(np.sum(psi**2)) * total**2 / slope**2 / remaining
     return float(max(1.0, v) * _in_common(psi, group))
@@ -202,6 +204,7 @@ def solve(
     problem.check_finite()
     u = problem.start
     if robust:
+        # Hampel's weights alone would call most rows outliers of a start that is off: it needs one near the solution.
         u = _coarse(problem, u, stop, progress)
     state = _settle(problem, _State.at(problem, u, robust), robust, stop, progress)
     for share in _BOLDER:
@@ -209,8 +212,10 @@ def solve(
             bold = _State.at(problem, state.u, robust)
             bold.factors = _believed_more(state.factors, share)
             bold = _settle(problem, bold, robust, stop, progress)
+            # Both are rests of the same iteration; the posterior says which of the two explains more with less.
             if bold.surprise(problem) < state.surprise(problem):
                 state = bold
+    # The rounds before rest on a loose tolerance: weights change in between, so only the last fit has to be exact.
     result = problem.fit(state.u, state.weights, state.factors, stop.tolerance, stop.evaluations)
     state.u = result.x
     reason = _REASONS[result.status].format(n=stop.evaluations)
@@ -243,6 +248,8 @@ class _State:
             if robust:
                 self.scales[b] = spread(r, self.used[b])
                 weights = hampel_weights(r, self.scales[b])
+                # Geometric mean: a row at a corner of the weights may jump between two values from round to round for
+                # ever.
                 self.weights[b] = np.sqrt(weights * self.weights[b]) if damped else weights
             self.factors[b] = math.sqrt(excess(r, self.weights[b], self.scales[b], self.used[b], block.group))
 
@@ -274,6 +281,7 @@ def _settle(problem: Stacked, state: _State, robust: bool, stop: Stop, progress:
     for turn in range(_ROUNDS):
         result = problem.fit(state.u, state.weights, state.factors, _LOOSE, min(_FEW, stop.evaluations))
         step = result.x - state.u
+        # Steps in standard deviations of the data: a direction that nothing sees may wander without delaying the rest.
         moved = math.sqrt(float(np.sum((result.jac @ step) ** 2)) / len(step))
         state.u = result.x
         before = list(state.factors)
@@ -331,6 +339,7 @@ def _fit(problem: Stacked, state: _State, reason: str, converged: bool) -> Fit:
         covariance=covariance,
         free_index=free,
         seen=tuple(
+            # Its covariance is that of a value free to move both ways, which one at a bound is not.
             "partly" if name in at_bound and how == "determined" else how
             for name, how in zip(parameters.names, observability.seen, strict=True)
         ),

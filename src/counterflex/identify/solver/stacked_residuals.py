@@ -288,6 +288,7 @@ class Stacked:
         scale[scale == 0.0] = 1.0
         R = triangle(stack / scale, np.ones(len(stack)))
         _, s, vt = np.linalg.svd(R)
+        # Floored, not cut off: a direction that nobody holds must show as a huge variance, not as one that is known.
         inverse = vt.T / np.maximum(s, _FLOOR * s[0]) / scale[:, None]
         used = [float(np.sum((part[:, :f] @ inverse) ** 2)) for part in parts]
         out: Float = inverse @ inverse.T

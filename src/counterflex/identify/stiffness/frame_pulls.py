@@ -181,6 +181,7 @@ def _settled(
 ) -> FrameMotion:
     """The motion, with the standard deviations that grow with it."""
     alignment = float(data.settings.get("sensor_alignment_rad", ALIGNMENT_RAD))
+    # With six sensors the turn is found; with fewer it is left out, and what it would have shown is doubt.
     by = passing(frame, before, reference) if len(frame) < SIX else np.zeros_like(before)
     estimate = motion(frame, before, after, noise, reference)
     for _ in range(_ROUNDS):

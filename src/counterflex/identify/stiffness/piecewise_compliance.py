@@ -217,6 +217,7 @@ def search(
     phi = {r.name: tuple(r.phi(chain, plan, p) for p in pulls) for r in open_}
     for turn in range(MOST):
         gains = _gains(fit, now, [(r.spring, phi[r.name]) for r in open_], parameters)
+        # Over the number of candidates (Bonferroni): of a hundred shapes one gains something by chance.
         limit = float(scipy.stats.f.isf(CHANCE / max(len(open_), 1), 1.0, max(fit.dof - 1.0, 1.0)))
         promising = [int(i) for i in np.argsort(-gains)[:FITTED_CANDIDATES] if gains[i] >= limit]
         if not promising:

@@ -91,6 +91,7 @@ def drifts(group: Int, p_tracker: Float, sigma: Float, time_s: Float | None = No
         spread = np.linalg.svd(a - centre, compute_uv=False)
         if spread[1] < 1e-3 * spread[0]:
             continue
+        # About the centre of the fiducials: there shift and turn are least correlated, and each means what it says.
         J = np.concatenate([np.broadcast_to(np.eye(3), (len(rows), 3, 3)), -rotation.skew(a - centre)], axis=-1)
         s = np.sqrt(sigma[before] ** 2 + sigma[rows] ** 2)
         weighted = (J / s[:, :, None]).reshape(-1, 6)

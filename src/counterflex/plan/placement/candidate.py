@@ -170,6 +170,7 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
         way, _ = best_way(cut, robot, survey, rows, steps, site.freedom.weights)
         if way is None:
             return best
+        # Bodies are asked for their distances only where a way exists: that costs far more than the survey.
         close, clearance = (None, np.inf) if around is None else kept(way.q, robot, around)
         if around is not None and close is not None:
             if looked:
@@ -180,6 +181,7 @@ def judge(site: Site, T_base_standing: Float, T_base_before: Float | None = None
         match = _worth(site, robot, way, clearance, passed)
         if best.refused or match.least_damping > best.least_damping:
             best = match
+        # NaN, where nobody looks at chatter, is no reason to try another posture.
         if not match.least_damping < 0.0:
             return match
         tried += 1
@@ -203,7 +205,10 @@ def worth(site: Site, robot: RobotHere, q: Float) -> tuple[float, float, float]:
 def _worth(site: Site, robot: RobotHere, way: Way, clearance_m: float, passed: float) -> Candidate:
     """Accuracy, stability, time and margins of a way."""
     cut, q = site.cut, way.q
-    wrist = np.abs(np.arcsin(np.abs(np.sin(q[:, 4]))))
+    opw = robot.controller_chain.opw
+    assert opw is not None  # the survey has refused a robot without closed-form geometry
+    # The wrist is straight where theta 5 of the geometry is 0: the controller may count axis 5 from elsewhere.
+    wrist = np.arcsin(np.abs(np.sin(opw.signs[4] * q[:, 4] - opw.offsets_rad[4])))
     to_limits = robot.room(q)
     return Candidate(
         "",

@@ -130,6 +130,7 @@ def search(
     cost = partial(_judge, site, region, seen, judged, generations * POPULATION, progress)
     if free.any():
         bounds = list(zip(low[free], high[free], strict=True))
+        # The first generation is the Sobol start, the last is left to Nelder-Mead: count is kept.
         best = scipy.optimize.differential_evolution(
             cost,
             bounds,

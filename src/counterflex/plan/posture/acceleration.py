@@ -74,6 +74,7 @@ def too_fast_at(path: ToolPath, robot: RobotHere, rotations_rad: Float, point: i
     q = survey_path(piece, robot, rotations_rad, np.arange(count)).q
     part = _piece(path, rows)
     for turn, slot in np.argwhere(~np.isnan(q[..., 0]).any(axis=0)).tolist():
+        # Each row is solved within one turn by itself: a jump by a whole one is no motion.
         angles = np.unwrap(q[:, turn, slot], axis=0)
         shown = robot.controller_chain.axes.shown(angles)
         values = joint_accelerations(part, joint_speeds(part, shown), robot.acceleration_m_s2)[here]

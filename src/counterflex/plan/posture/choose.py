@@ -105,6 +105,7 @@ def choose(task: PostureTask, freedom: Freedom, progress: Progress = silent) -> 
     survey = survey_path(cut, task.robot, freedom.grid_rad, rows, parts[SURVEY])
     require_possible(survey, task)
     blocked = cannot_touch(task.setting.datum_points_part, task.robot, freedom) | freedom.left_out()
+    # At the first station alone: points are touched, and a posture is asked for, where the program begins.
     survey.q[0, blocked] = np.nan
     parts[WAY](0.0)
     way, best = _free_way(task, freedom, survey, rows, blocked)

@@ -98,6 +98,7 @@ def too_close(q: Float, rows: Int, robot: RobotHere, around: Surroundings) -> Bo
         placed = poses(
             robot.controller_chain, around.bodies, q[places[place], turn, slot], PartAlongPath(robot.T_base_part)
         )
+        # A bound first: MuJoCo is asked for pairs that may be too close, a small share of all.
         near = at_least(around.bodies, pairs, placed) < least + _NEAR_M
         near &= np.array([mounted[int(around.tool[rows[k]])] for k in places])[place]
         for row in np.flatnonzero(near.any(axis=1)):

@@ -120,6 +120,7 @@ def turn_in_the_air(edges: Edges, rules: Rules, station: int, value: Float, back
     for r in range(count):
         for t in range(TURNS * TURNS):
             s = r * PER_ROTATION + t * SENSES
+            # In the air the sense of turning is forgotten: to turn round there costs nothing.
             for d in (0, 2):
                 if value[s + d] < value[s + 1]:
                     value[s + 1], back[s + 1], hop[s + 1] = value[s + d], back[s + d], hop[s + d]
@@ -135,6 +136,8 @@ def turn_in_the_air(edges: Edges, rules: Rules, station: int, value: Float, back
                 if math.isnan(edges.q[station, to, 0]):
                     continue
                 motion(edges.q[station, r], edges.q[station, to], move, carry)
+                # Full turns are taken out of axes 4 and 6. Where another axis moves by more than half a turn it is
+                # another winding of the pose, not a motion.
                 if max(abs(move[0]), abs(move[1]), abs(move[2]), abs(move[4])) > math.pi:
                     continue
                 for four in range(TURNS):
@@ -202,6 +205,7 @@ def walk(edges: Edges, rules: Rules, back: Int, hop: Int, value: Float) -> int:
                 fast = False
                 for j in range(6):
                     fast = fast or abs(move[j]) > rules.speed[j] * edges.duration[e]
+                # In the air the controller takes the time that it needs; in the cut the feed would fall.
                 if fast and contact:
                     continue
                 if max(abs(move[0]), abs(move[1]), abs(move[2]), abs(move[4])) > math.pi:

@@ -136,6 +136,7 @@ def best_way(
     duration = np.ascontiguousarray(np.diff(path.time_s[rows]))
     stations = _Stations(w, normals, tips, contact, duration, weights.reversals * after[:, None, None], scale)
     one = partial(_best_in_branch, robot, survey, stations, steps, rules, lost_motion(robot))
+    # A branch that cannot take the first station leads nowhere: it costs no thread.
     possible = [slot for slot in range(SLOTS) if not np.isnan(survey.q[0, :, slot, 0]).all()]
     passed = np.zeros(SLOTS, dtype=np.int64)
     results = []

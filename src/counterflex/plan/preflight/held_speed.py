@@ -37,6 +37,7 @@ class SpeedCause(IntEnum):
     STANDSTILL = 8
 
 
+# Speeds that agree to rounding keep the cause that came first.
 _TIE: Final = 1.0 - 1e-9
 _STATION_M: Final = 1e-9
 

@@ -188,6 +188,7 @@ def _solved(setting: Setting, path: ToolPath) -> PathSolution:
     try:
         return joint_angles(path, setting, sigma_floor=0.0)
     except ReachError:
+        # A path beyond the limits is solved all the same: the row says by how much.
         return joint_angles(path, setting, enforce_limits=False, sigma_floor=0.0)
 
 

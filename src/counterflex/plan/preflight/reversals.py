@@ -111,6 +111,7 @@ def unloadings(chain: ElasticChain, q: Float, w_tcp_base: Float, contact: Bool) 
         loaded = np.flatnonzero(np.abs(torque[:, axis]) > LEAST_NM)
         sign = np.sign(torque[loaded, axis])
         for row in loaded[np.flatnonzero(sign[1:] != sign[:-1]) + 1]:
+            # An unloading in the air costs nothing: its play is passed before the tool meets the part.
             if contact[row]:
                 J = jacobian(chain, q[row : row + 1])[0]
                 size = float(abs(torque[row, axis] - weight[row, axis]))

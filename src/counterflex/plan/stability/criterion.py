@@ -51,6 +51,7 @@ def robot_limit(modes: TipModes, A: Float, T: float) -> Limit:
         return Limit(math.inf, math.nan, ZEROTH)
     slow = modes.omega_rad_s * T <= low_frequency.VALID_TO
     low, omega = low_frequency.limit(modes.only(slow), A, T)
+    # Without a limit within its validity the criterion says nothing: a deeper cut may still chatter.
     if np.all(slow) and math.isfinite(low):
         return Limit(low, omega, LOW, low)
     grid, response = _responses(modes)
@@ -77,6 +78,7 @@ class SharedLimits:
 
     def __call__(self, posture: int, structure: TipModes | Response, A: Float, T: float) -> Limit:
         """Return the limit of a structure that is known by the number of its posture."""
+        # The limit of A times a factor is the limit of A over it: cuts of one shape share a solution.
         size = float(np.abs(A).max())
         key = (posture, T, np.round(A / (size * 2.0 * _SAME)).astype(np.int64).tobytes())
         if key not in self._known:

@@ -49,6 +49,7 @@ def diagram(at: Margin, structure: Structure, *, progress: Progress = silent) ->
     checked = programmed * np.linspace(*SPEEDS, CHECKED)
     factors = np.empty(CHECKED)
     for i, speed in enumerate(checked):
+        # Between two lobes the limit may be inf, which would make each guess beside it so.
         guess = float(np.interp(speed, speeds, np.minimum(zeroth, 1e3)))
         factors[i] = semi_discretisation.limit(
             modes, at.process, 2.0 * math.pi / (teeth * speed), most=1.5 * guess, least=0.5 * guess, tolerance=5e-3

@@ -91,6 +91,7 @@ def drawn_modes(
             free = modes(M, stiffness * factor)
             omega = free.omega_rad_s * scale
             shape = at_tip[:3] @ free.shapes * omega
+            # The lowest stays however high it is: a stiff arm would have no mode at all.
             chosen = omega <= max(2.0 * math.pi * HIGHEST_HZ, float(omega[0]))
             robots.append(TipModes(omega[chosen], np.full(int(chosen.sum()), damping_ratio), shape[:, chosen]))
         out.append(robots)

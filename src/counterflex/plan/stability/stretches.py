@@ -207,6 +207,8 @@ def _collected(
         arcs = engaged.arcs(first, last, row, level / size, cutter)
         if len(arcs):
             turns = abs(float(path.spindle_rad_s[row]))
+            # A spindle that stands is refused behind this loop (_check_spindle); until then its period must not divide
+            # by zero.
             period = 2.0 * np.pi / (cutter.flutes * turns) if turns > 0.0 else np.inf
             feed = float(path.feed_m_s[row]) * size / way * period
             yield Stretch(row, int(path.tool[row]), arcs, level / size, axis, feed, period)

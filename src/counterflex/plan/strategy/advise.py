@@ -209,7 +209,7 @@ def outcomes(
         use["thinnest chip of the constants"] = law.h_min_m / cuts.mean_chip_m
         use["thickest chip of the constants"] = cuts.mean_chip_m / law.h_max_m
     for name, value, limit in (
-        ("spindle torque", torque[back], limits.torque_nm),
+        ("spindle torque", torque[back], limits.torque_at(spindle_rad_s)),
         ("spindle power", power, limits.power_w),
         ("highest spindle speed", spindle_rad_s, limits.spindle_max_rad_s),
         ("force", force[back], limits.force_n),
@@ -231,6 +231,8 @@ def outcomes(
     use |= _mode_use(cuts.cutter.flutes, spindle_rad_s, place.swings)
     for name in _SOFT if demands.present is not None else ():
         if demands.present is not None and name in use:
+            # A program that runs beyond such a limit shows how wide it is drawn: a choice may be as far beyond, no
+            # farther.
             use[name] = use[name] / max(1.0, float(demands.present.use[name][0]))
     return Choices(
         cuts=cuts,

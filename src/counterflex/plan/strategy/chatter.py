@@ -82,6 +82,7 @@ def swing_of(
     swings = robot_modes(chain, q, to_part, measured, damping_ratio)
     at_rest = float(normal_part @ compliance_part[:3, :3] @ normal_part)
     share = (normal_part @ swings.shape / swings.omega_rad_s) ** 2 / max(at_rest, 1e-15)
+    # Modes and compliance are computed apart: together the modes must not move more than the whole.
     return Swing(swings.omega_rad_s, swings.damping_ratio, share / max(1.0, float(share.sum())), line)
 
 

@@ -115,6 +115,7 @@ def pieces(start: Float, end: Float, loop: TrochoidLoop, *, up: bool) -> list[Pi
     length = float(np.linalg.norm(end - start))
     x = (end - start) / length
     near = np.array([x[1], -x[0]]) * (-1.0 if up else 1.0) * loop.radius_m  # the loop turns from here to its opposite
+    # Whole loops: a shorter step engages less, a longer one would pass the wanted angle.
     count = max(1, math.ceil(length / loop.step_m - 1e-9))
     step = length / count
     centres = [start + k * step * x for k in range(count + 1)]

@@ -124,6 +124,7 @@ def cut_turning_rows(
     if moving and motion.clock[1] == 0.0:
         rest(motion, first - 1)
     for i in range(first, last):
+        # A column is full: the row is begun once the stock has been given room.
         if tool.space.work[18] != 0.0:
             s.full = i
             return

@@ -70,6 +70,7 @@ class ElasticChain(Segments):
         n, n_robot = len(segments), len(robot.segments)
         fixed = _fixed(robot, tool)
         T_flange_tcp = reduce(np.matmul, (*fixed[n_robot:], T_last_tcp), np.eye(4))
+        # The first body of the end effector is given in the flange, which lies behind the last segment of the robot.
         if n > n_robot:
             fixed[n_robot] = T_segment_flange @ fixed[n_robot]
         else:
@@ -152,6 +153,7 @@ def _six(name: str, value: Float) -> Float:
 
 def _rows(array: Float, lead: tuple[int, ...]) -> Float:
     """(n, 6), C-ordered and writable, as the kernels want it."""
+    # A broadcast view has strides of 0 and is read-only: compiled kernels with stated types take neither.
     rows: Float = np.require(
         np.broadcast_to(array, (*lead, chain_checks.JOINTS)).reshape(-1, chain_checks.JOINTS), requirements=["C", "W"]
     )

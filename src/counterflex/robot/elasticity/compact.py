@@ -126,6 +126,7 @@ def compact(chain: Segments) -> Compact:
             station.mass = total
     _fix(T @ chain.T_last_tcp, stations[-1])
     stations[-1].drive = stations[-1].segment = -1
+    # Each station carries all bodies beyond it: summed once here, so that a pass adds a weight, not a loop.
     stations["carried"][:-1] = np.cumsum(stations["mass"][:-1][::-1])[::-1]
     surroundings[0].gravity[:] = chain.gravity
     if chain.counterbalance is not None:

@@ -165,6 +165,7 @@ def deflection(
         how = batch.SETTLED if equilibrium else batch.ON_RIGID
         if len(q) <= batch.CHUNK:
             failed = batch.deflection_range(chain.compact, q, w, how, int(gravity), out, 0, len(q))
+        # Weight and regions change load and spring from point to point, which the lanes do not have.
         elif len(q) >= LANES_FROM and not (gravity or equilibrium or chain.regions):
             from counterflex.robot.elasticity.kernels.lanes import deflection_lanes
 
@@ -173,6 +174,8 @@ def deflection(
         else:
             failed = batch.deflection_threads(chain.compact, q, w, how, int(gravity), out)
         require_settled(failed)
+        # A curve changes a compliance by its load. To first order that adds; what finite rotations make of the change
+        # is of second order, below what is known of any curve.
         if chain.curves:
             out += (_of_curves(chain, q, w) @ w[:, :, None])[..., 0]
     _plausible(out)
@@ -219,6 +222,7 @@ def linear_gap(
 
 def _plausible(deflections: Float) -> None:
     worst = np.max(np.abs(deflections), axis=0, initial=0.0)
+    # Asked this way round, NaN is refused too.
     if not (np.all(worst[:3] <= LARGEST_TRANSLATION) and np.all(worst[3:] <= LARGEST_ROTATION)):
         raise ModelError(
             "the load deflects the chain beyond any elastic model",

@@ -139,6 +139,7 @@ class DriveErrors:
             out[..., term.axis] += term.sine_rad * np.sin(angle) + term.cosine_rad * (np.cos(angle) - 1.0)
         for axis, (low, high) in enumerate(self.measured_rad):
             beyond = np.maximum(np.maximum(low - q[..., axis], q[..., axis] - high), 0.0)
+            # The sag is added behind the fade: it follows from weights, not from a range of measured angles.
             share = np.clip(1.0 - beyond / FADE_RAD, 0.0, 1.0)
             out[..., axis] *= share * share * (3.0 - 2.0 * share)
         return out if self.sag is None else out + self.sag.turns(q)

@@ -90,6 +90,7 @@ def settle_axis(
     total = 0.0
     for e in range(limit.shape[0]):
         total += limit[e]
+    # Friction holds at most its whole limit either way: the torsion lies between what the spring answers to both.
     low = min(compliance * (torque - total), 0.0) - half_band
     high = max(compliance * (torque + total), 0.0) + half_band
     at_low = imbalance(low, moved, torque, compliance, half_band, limit, slip, force)
@@ -110,6 +111,7 @@ def settle_axis(
             low, at_low = s, remaining
         elif remaining < 0.0:
             high, at_high = s, remaining
+        # Nothing pulls within the play: the bracket closes towards the torsion before.
         elif s <= start:
             low, at_low = s, remaining
         else:
@@ -142,6 +144,7 @@ def follow(
     force = np.zeros(elements)
     for a in range(q.shape[1]):
         force[:] = 0.0
+        # A hanging axis leans on one flank. Without a torque it may be anywhere in its play, so the middle is taken.
         lean = min(max(torque[0, a] / FLOATING_NM, -1.0), 1.0)
         s = compliance[a] * torque[0, a] + lean * half_band[a]
         torsion[0, a] = s
@@ -214,6 +217,7 @@ def axis_torque(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) 
         load = weight_loads(chain, angles[rows], Ts)
         if w_tcp_base is not None:
             load = load + element_loads(chain, angles[rows], w_tcp_base[rows], Ts)
+        # The load is about the frame's z; the controller counts the angle the other way where its sign is -1.
         out[rows] = sign * load[:, chain.torsion, 5]
     return out
 
@@ -240,6 +244,7 @@ def torsion(chain: ElasticChain, q: Float, w_tcp_base: Float | None = None) -> t
     lost: Float = s - soft * torque
     through = (s - np.clip(s, -band, band)) / soft
     without = [entry is None for entry in chain.play]
+    # An axis without an entry is a plain spring: what the search for its root leaves is rounding, no lost motion.
     lost[:, without] = 0.0
     through[:, without] = torque[:, without]
     return lost, through

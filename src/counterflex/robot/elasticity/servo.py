@@ -59,9 +59,12 @@ def yielding(
     for n in range(q.shape[0]):
         if n > 0 and friction > 0.0:
             friction_torque = min(max(friction_torque - friction / slip * (q[n] - q[n - 1]), -friction), friction)
+        # At rest the integral part has taken up the first load: only what changes turns the motor.
         torque = load[n] - load[0] + friction_torque
         h = time_s[n] - time_s[n - 1] if n > 0 else 0.0
         if h > 0.0:
+            # Exact for a torque that runs straight between two points, so that the error does not depend on how finely
+            # a path is sampled.
             decay = math.exp(-fast * h)
             mean = (1.0 - decay) / (fast * h)
             first = decay * first + ((mean - decay) * before + (1.0 - mean) * torque) / fast
@@ -99,6 +102,7 @@ def servo_error(servo: tuple[Servo | None, ...], q: Float, load: Float, time_s: 
             continue
         fast, slow = entry.position_gain_per_s, 1.0 / entry.integral_time_s
         if abs(fast - slow) < _POLE_SEPARATION * slow:
+            # Partial fractions divide by the distance of the poles.
             fast = slow * (1.0 + _POLE_SEPARATION)
         yielding(
             np.ascontiguousarray(angles[:, axis]), np.ascontiguousarray(torque[:, axis]), time,

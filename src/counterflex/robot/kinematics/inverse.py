@@ -104,6 +104,8 @@ def _all(problem: _Problem, target: Float, within_limits: bool, near: Float | No
         choices = opw.turns(q, chain.joint_limits_rad)
         for one in _solutions(chain, target, choices, sigma, wrist):
             (outside if _breaks_coupled(chain, one) else results).append(one)
+        # No turn is within limits: the one nearest to the middle of the range breaks them least, and the error says by
+        # how much.
         if len(choices) == 0:
             middle = chain.joint_limits_rad.mean(axis=1)
             row = opw.nearest_turn(q, middle, chain.joint_limits_rad)
@@ -231,6 +233,7 @@ def inverse_path(
     for first in starts:
         try:
             return _follow(problem, Ts, loads, first, enforce_limits, sigma_floor)
+        # Of the starts that fail the one that came farthest says most about the program.
         except ReachError as fault:
             if furthest is None or fault.data["point"] > furthest.data["point"]:
                 furthest = fault
@@ -268,6 +271,8 @@ def _follow(
         inverse_kernel.Followed(q, out, axes, fault),
     )  # fmt: skip
     if chain.axes.coupled:
+        # The kernel knows a box of limits. A coupled axis 3 cuts across that box, so it is held against its limits
+        # here.
         rooms = room(chain.axes, chain.joint_limits_rad, q[:done])
         out[:done, 0], axes[:done] = rooms.min(axis=1), rooms.argmin(axis=1)
         beyond = np.flatnonzero(out[:done, 0] < -opw.LIMIT_SLACK_RAD)

@@ -64,6 +64,8 @@ def _cholesky(A: Float, C: Float) -> None:
             for k in range(j):
                 s -= C[i, k] * C[j, k]
             if i == j:
+                # At a singularity rounding makes the last pivot negative. A tiny one keeps the solve finite, and sigma
+                # says how near it is.
                 C[i, i] = math.sqrt(s) if s > 1e-30 else 1e-15
             else:
                 C[i, j] = s / C[j, j]
@@ -170,6 +172,7 @@ def newton(
             e[3 + i] = turn[i]
             worst = max(worst, abs(e[i]) * length, abs(turn[i]))
         rigid_jacobian(chain, frame, flat)
+        # Linear rows over L: a metre and a radian then count alike in sigma and in the damping.
         for k in range(18):
             flat[k] /= length
         for i in range(6):
@@ -194,6 +197,7 @@ def newton(
             for i in range(6):
                 size += e[i] * e[i]
             fall = (1.0 - sigma / _SIGMA_0) * _LAMBDA_0
+            # 1e-18, so that a factor exists at an exact singularity too.
             damping = fall * fall * min(1.0, math.sqrt(size) / _E_0) + 1e-18
             for i in range(6):
                 A[i, i] += damping
@@ -318,6 +322,7 @@ def follow(
             lowest = min(lowest, measures[0])
             if not done:
                 fault[0], fault[1] = measures[2], measures[0]
+                # Asked before the failed search: one that fails beside a singularity failed for it.
                 if lowest < sigma_floor:
                     fault[0] = lowest
                     return n, SINGULAR, -1

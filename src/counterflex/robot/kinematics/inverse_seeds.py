@@ -35,6 +35,7 @@ def seeds(chain: ElasticChain, target: Float) -> list[Float]:
     limits = chain.joint_limits_rad
     low = np.maximum(limits[:, 0], limits.mean(axis=1) - np.pi)
     high = np.minimum(limits[:, 1], limits.mean(axis=1) + np.pi)
+    # Evenly spread and the same on every machine: what is reached must not depend on random numbers.
     return [low + (high - low) * u for u in _halton(_STARTS)]
 
 
@@ -42,6 +43,7 @@ def _edge(geometry: Opw, T_base_flange: Float) -> list[Float]:
     reach = T_base_flange[:3, 3] - np.array([0.0, 0.0, geometry.c1_m])
     outward = reach / max(float(np.linalg.norm(reach)), 1e-9)
     for pull in _PULLS_M:
+        # Too far out the arm is too short, too near the elbow cannot fold: the pull goes either way.
         for sign in (1.0, -1.0):
             moved = T_base_flange.copy()
             moved[:3, 3] -= sign * pull * outward

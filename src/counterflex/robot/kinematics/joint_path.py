@@ -137,6 +137,7 @@ def _start(
     except ReachError:
         return branch
     if turns is not None:
+        # Where none has the stated turns the nearest is taken; preflight names these targets (swung_arcs.axes_row).
         near = [q for q in near if turns.agree(q)] or near
     return near[int(np.argmin(np.abs(np.array(near) - before).max(axis=1)))] if near else branch
 

@@ -116,6 +116,7 @@ def path_fault(chain: ElasticChain, T_base_tcp: Float, point: int, code: int, fa
         floor: Smallest sigma_min accepted.
     """
     where = f"path point {point}"
+    # Out of reach first: the search ends beside the stretched arm, whose singularity is not the reason.
     gap = beyond(chain, T_base_tcp)
     if gap is not None:
         return ReachError(

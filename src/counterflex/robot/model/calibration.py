@@ -88,5 +88,6 @@ def _moved(
     out = []
     for segment in segments:
         out.append(segment if before is None else replace(segment, T_prev_seg=frozen(before @ segment.T_prev_seg)))
+        # Displaced is what follows a segment: the move waits for the next pose, of the flange if none follows.
         before = moves.get(segment.name)
     return tuple(out), before

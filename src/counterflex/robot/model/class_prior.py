@@ -304,5 +304,6 @@ def _common(z: Float, known: Bool) -> float:
     """Mean correlation of two axes of one robot, at least 0."""
     pairs = [(i, j) for i in range(AXES) for j in range(i)]
     products = sum(float(z[:, i] @ z[:, j]) for i, j in pairs)
+    # Residuals about the mean of n types have lost 1/n of each product.
     count = sum(float(np.sum(known[:, i] & known[:, j])) for i, j in pairs) * (1.0 - 1.0 / len(z))
     return min(max(products / count, 0.0), 0.9)

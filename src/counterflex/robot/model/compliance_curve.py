@@ -70,6 +70,7 @@ class ComplianceCurve:
         """The product with another curve of the same spring, at the loads of both (the most that a curve may have)."""
         x = np.unique(np.concatenate([self.loads, other.loads]))
         if len(x) > LOADS[1]:
+            # Too many loads for one curve: thinned by their number, so that they stay dense where they were.
             x = np.interp(np.linspace(0.0, 1.0, LOADS[1]), np.linspace(0.0, 1.0, len(x)), x)
         factors = np.interp(x, self.loads, self.factors) * np.interp(x, other.loads, other.factors)
         return ComplianceCurve(self.segment, self.direction, tuple(x.tolist()), tuple(factors.tolist()))

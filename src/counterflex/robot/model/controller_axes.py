@@ -160,6 +160,7 @@ class ControllerAxes:
             raise InputError("the axes have no limits of their own")
         free = self.limits_rad - self.zero[:, None]
         back = np.eye(6) if self.matrix is None else np.linalg.inv(self.matrix)
+        # Interval arithmetic: the box holds every allowed pose, and poses beyond a coupled axis, which room() tests.
         ends = back[:, :, None] * free[None, :, :]
         box = np.stack([ends.min(axis=2).sum(axis=1), ends.max(axis=2).sum(axis=1)], axis=1)
         if q3_limits_rad is not None:

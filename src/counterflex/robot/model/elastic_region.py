@@ -131,6 +131,7 @@ def check_regions(regions: Sequence[ElasticRegion], names: Sequence[str], compli
             )
         if not np.all(np.isfinite(region.factors)) or min(region.factors) <= 0.0:
             raise ModelError("a factor on a compliance is not above 0", where=where, value=region.factors, limit="> 0")
+        # Factors on one spring multiply, and their extremes may meet in one posture.
         low[i, region.direction] *= min(1.0, *region.factors)
         high[i, region.direction] *= max(1.0, *region.factors)
         if low[i, region.direction] < LEAST or high[i, region.direction] > MOST:

@@ -85,6 +85,7 @@ def branches(opw: Opw, Ts_base_flange: Float) -> Float:
     missing = np.isnan(q[..., 0])
     for back in (False, True):
         slots = [k for k in range(8) if BRANCHES[k].startswith("back") == back]
+        # The library gives up where the wrist is straight: a missing branch within reach is such a pose.
         suspects = missing[:, slots].any(axis=1)
         for i in np.flatnonzero(suspects):
             if extension(opw, flat[i], back=back) >= 0.0:  # in reach, so the wrist is singular

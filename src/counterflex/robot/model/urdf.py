@@ -62,9 +62,11 @@ def fit_opw(segments: Sequence[Segment], T_last_flange: Float) -> Opw | None:
         return None
     model = from_opw("fit", opw, _LIMITS)
     R6 = flange_pose(model.segments, model.T_last_flange, np.zeros(6))[:3, :3].T @ T_base_flange[:3, :3]
+    # What is left between both flanges is a turn about axis 6: its zero, which no axis line shows.
     opw = replace(opw, offsets_rad=(*opw.offsets_rad[:5], -float(rotation.log(R6)[2])))
     model = from_opw("fit", opw, _LIMITS)
     for k in range(24):
+        # Rates without a common measure: no two axes repeat together, so that few postures are spread.
         q = np.sin((k + 1.0) * np.array([1.0, 1.7, 2.3, 3.1, 4.3, 5.9])) * 2.0
         gap = pose.difference(
             flange_pose(segments, T_last_flange, q), flange_pose(model.segments, model.T_last_flange, q)
@@ -94,6 +96,7 @@ def _read(point: Float, axis: Float, T_base_flange: Float) -> Opw | None:
     sideways = np.cross(axis[1], up)  # in the plane of the arm, horizontal
     forward = sideways / np.linalg.norm(sideways)
     ahead = float((point[1] - point[0]) @ forward)
+    # Forward is where axis 2 lies; where it meets axis 1, base x decides.
     if ahead < -_SNAP_M or (abs(ahead) <= _SNAP_M and forward[0] < 0.0):
         forward = -forward
     left = np.cross(up, forward)
@@ -283,6 +286,7 @@ def _path(parent_of: dict[str, Any], base: str, tip: str, where: str) -> list[An
     joints: list[Any] = []
     link = tip
     while link != base:
+        # More steps than there are joints: the links go round in a circle.
         if link not in parent_of or len(joints) > len(parent_of):
             raise InputError(f"{where}: link {tip!r} is not connected to link {base!r}")
         joints.append(parent_of[link])

@@ -56,6 +56,7 @@ def _bend_of_path(moved: Float, before: Float, limits: Record, memory: Record) -
         for k in range(3):
             cosine += moved[k] * before[k]
         cosine = min(1.0, max(-1.0, cosine / (way * earlier)))
+        # A turn back is taken as a right angle: beyond it the sine falls again, what the robot is thrown off does not.
         turn = math.sqrt(max(0.0, 1.0 - cosine * cosine)) if cosine > 0.0 else 1.0
         thrown = limits.follow_late_s * max(way, earlier) / (limits.window * limits.period) * turn
     memory.bend = max(thrown, (1.0 - limits.settle_gain) * memory.bend)
@@ -96,6 +97,7 @@ def _nearest_on_leg(legs: Float, begin: int, shown: Float, nearest: Float) -> No
     for k in range(3):
         distance += (shown[k] - legs[begin + k] - u * (legs[begin + 3 + k] - legs[begin + k])) ** 2
     distance = math.sqrt(distance)
+    # Written so that NaN is taken as nearest: it then fails every bound, where it would pass unseen otherwise.
     if not distance >= nearest[6]:
         for k in range(3):
             nearest[k] = legs[begin + k] + u * (legs[begin + 3 + k] - legs[begin + k])
@@ -117,6 +119,8 @@ def _nearest_answer(
     """Nearest of the answers of a robot that is at most ``late`` cycles later than thought, across the motion."""
     nearest[6] = math.inf
     for k in range(3):
+        # The first leg runs from what was sent last to what should act now: a robot that is faster than thought is
+        # right.
         legs[k], legs[3 + k] = state.correction[k], state.in_effect[k]
     _across(memory, legs, 0)
     _across(memory, legs, 3)
@@ -151,6 +155,7 @@ def _says_nothing(
 ) -> bool:
     """Return whether the reported pose says nothing of the correction now: too little is sent, or the arm settles."""
     in_effect = _norm(state.in_effect[:], 0)
+    # Learnt at rest only: with the motion in it, the trailing of the robot would pass for a standing offset.
     if not corrects and in_effect < _STILL_M and _norm(moved, 0) < _STILL_M:
         for k in range(3):
             memory.standing[k] += _SETTLE * (difference[k] - memory.standing[k])
@@ -214,6 +219,7 @@ def judge_answer(
     for k in range(3):
         shown[k] = difference[k] - memory.standing[k]
     _across(memory, shown, 0)
+    # Two spans of lateness: the early test may be sooner only because it grants the robot more time to answer.
     _nearest_answer(state, ring, here, limits.early_late, shown, legs, nearest, memory)
     expected, short = _norm(nearest, 0), 0.0
     if expected > 0.0:

@@ -108,6 +108,7 @@ def _travelled(c: Record, trail: Records) -> None:
 @kernel("void(Check, float64[::1])", Check=CHECK)
 def _place_in_part(c: Record, tip: Float) -> None:
     """Pose of the tool in the part frame from that of the hand (12,), base frame: into ``own``."""
+    # The robot holds the part: the tool stands in base axes, and its pose seen from the part is ``T_hand^-1 T_tool``.
     if c.holds_part == 1:
         tool = c.T_base_tcp
         for i in range(3):
@@ -133,6 +134,7 @@ def _learn_offset(c: Record, trail: Records, exact: bool) -> None:
     if not stands:
         return
     pose_deviation(c.lead[:], 0, c.own[:], c.nothing[:], c.found[:])
+    # The first pose counts whole: from zero the mean would start with an offset that is nobody's.
     share = _LEARN if c.learnt == 1 else 1.0
     for k in range(6):
         c.offset[k] += share * (c.found[k] - c.offset[k])
@@ -149,6 +151,8 @@ def _allowed(c: Record, correction: Float) -> tuple[float, float]:
     if c.learnt == 1:
         way, turned = _square_distance(c.lead[:], c.place[:])
     turned, way = _angle(turned), math.sqrt(way)
+    # An offset in which TOOL is wrong turns with the tool, one in which BASE is wrong grows with the way: either shows
+    # only behind the place where it was learnt, so both widen the bound by what they can have become.
     least_m = c.limit_m if c.learnt == 1 else c.offset_limit_m
     least_rad = c.limit_rad if c.learnt == 1 else c.offset_limit_rad
     least_m += _length(correction, 0)
@@ -227,6 +231,7 @@ def angles_agree(
     """
     table = tables[0]
     c = carray(to_pointer(table.checks.place), (1,), CHECK)[0]
+    # Not judged here, since the step faults on it as NOT_FINITE: one cause for one telegram.
     if not (all_finite(q) and all_finite(commanded)):
         return AGREE
     trail, frame = carray(to_pointer(table.trail.place), (table.trail.rows,), TRAIL), matrix(table.frame)
@@ -256,6 +261,8 @@ def angles_agree(
     ):
         return OFFSET_TOO_LARGE
     if not agreed:
+        # The Jacobian of a doubted pose could turn the correction round; that of the pose before differs by a cycle's
+        # way.
         if c.good == 1:
             q[:] = c.angles
         return DISAGREE

@@ -156,6 +156,7 @@ def causes(doubt: int, at_state: int) -> tuple[int, int]:
         wrong = _SHORT
     elif doubt & tests.DOUBT_RESIDUAL:
         wrong = _DIVERGENCE
+    # In a fault the first cause stands: what the arm does while it stops would write over why.
     if at_state == _FAULT:
         return 0, 0
     if wrong != 0 and at_state >= _ARMED:
@@ -191,6 +192,8 @@ def before_step(
         for k in range(6):
             memory.force[k] = given.wrench[k]
     else:
+        # The step takes the force whole in any case: a last good one beside the cause of a hold, instead of a gap that
+        # the filters of the force would carry on as NaN for ever.
         for k in range(6):
             given.wrench[k] = memory.force[k]
         given.force_age = max(given.force_age, settings.stale)
@@ -201,6 +204,7 @@ def before_step(
     if not all_finite(given.torque[:]):
         for k in range(6):
             given.torque[k] = 0.0
+        # Currents are an optional source: without them the loop goes on, so they get an age and no cause.
         given.current_age = _NO_CURRENTS
     if given.is_reported == 1 and not all_finite(given.reported[:]):
         given.is_reported = 0
@@ -221,6 +225,8 @@ def before_step(
         alone = settings.force == _FUSED and settings.has_plan == 0 and given.sources == _TRACKER
         if alone and state.disbelieved >= settings.disbelieved:
             soft = next_cause(settings, soft, memory.why)
+    # What the last cycle found is handed over here and not where it was found: the supervisor takes one cause in a
+    # cycle, and a recorded cycle run again must find the same one in its memory.
     given.soft = next_cause(settings, soft, memory.soft)
     if given.hard == 0:
         given.hard = memory.hard
@@ -276,6 +282,7 @@ def after_step(
     if given.is_reported == 1 and given.elapsed > 0:
         whole = work.two[:3]
         for k in range(3):
+            # The program carries what it contains of the correction: the drives see that as path, not as load.
             whole[k] = result.deflection[k] - cycle.contained[k]
         doubt |= watch_robot(given, settings, ring, state, whole, acts, limits, memory, work)
     if (settings.tracker != 0 or settings.force == _FUSED) and given.tracker_new == 1:

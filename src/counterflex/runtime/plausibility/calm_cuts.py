@@ -87,6 +87,7 @@ def _unlike(now: Record, kind: Record) -> float:
     known, expected = size(kind.cut.residual[:]), kind.cut.planned[:]
     faster = max(now.cut.way, kind.cut.way)
     uneven = abs(now.cut.way - kind.cut.way) / faster if faster > 0.0 else 0.0
+    # A plan that was off by a share here is believed to be off by the same share there: the one difference allowed.
     wrong = _OTHER + known / max(size(expected), _EVEN_N)
     measured = size(planned) + max(residual, known)
     turned = _TURNED_N * distance(now.feed[:], kind.feed[:])
@@ -122,6 +123,7 @@ def _approach(now: Float, out: Float, seen: float) -> None:
 @kernel("void(int64, boolean, Cut, float64[::1], float64, Memory)", **LOOP_TYPES)
 def _keep(i: int, new: bool, cut: Record, feed: Float, seen: float, memory: Record) -> None:
     """Into row i, or as a new kind that counts as seen so often."""
+    # A full table gives up the kind seen least, not the oldest: a program of passes comes back to its kinds.
     if new and memory.calm_rows < CALM_MOST:
         i = memory.calm_rows
         memory.calm_rows += 1
@@ -137,6 +139,7 @@ def _keep(i: int, new: bool, cut: Record, feed: Float, seen: float, memory: Reco
         for k in range(3):
             kind.feed[k] = feed[k]
         return
+    # The cap turns the mean over all periods into one of the last minute, which follows wear and warmth.
     kind.seen = min(kind.seen + 1.0, _MEMORY)
     _approach(cut.residual[:], kind.cut.residual[:], kind.seen)
     _approach(cut.planned[:], kind.cut.planned[:], kind.seen)
@@ -202,6 +205,7 @@ def _is_calm(memory: Record, now: Record) -> bool:
     alike = alike and distance(cut.planned[:], last.planned[:]) < _EVEN_N + _EVEN * load
     copy_cut(cut, last)
     memory.calm_long = memory.calm_long + 1 if even and (alike or memory.calm_long == 0) else 0
+    # One calm period can be the zero crossing of a slow swing; two in a row of alike residual cannot.
     if memory.calm_long < 2:
         memory.calm_off = 0
         return False
@@ -215,6 +219,7 @@ def _expect(limits: Record, memory: Record, now: Record) -> float:
     copy_cut(now.cut, before)
     for k in range(6):
         before.residual[k] = 0.0
+    # What is known may only narrow the bound: a kind that is unlike enough says less than the plan itself.
     largest = limits.step_n + _UNKNOWN * load
     like = _most_like(now, memory, _KNOWN)
     if like >= 0:

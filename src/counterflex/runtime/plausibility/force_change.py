@@ -38,6 +38,7 @@ def missing(residual: Float, planned: Float, limits: Record, noise: float) -> bo
     """Return whether next to nothing is measured where a force is planned: no cut, or a tool that is gone."""
     x, y, z = residual[0] + planned[0], residual[1] + planned[1], residual[2] + planned[2]
     least = max(limits.idle_n, _MISSING * size(planned)) + noise
+    # Twice: where the planned force is itself near the bound, nothing measured and all measured look the same.
     return bool(x * x + y * y + z * z < least * least and size(planned) > 2.0 * least)
 
 
@@ -155,7 +156,9 @@ def by_currents(change: Float, jac: Float, first: int, settings: Record, limits:
     less_force(change, jac, settings.R_base_part[:], expected)
     both = square = 0.0
     for k in range(6):
+        # Axes by the inverse of their variance: friction hides a change in the large axes that the wrist shows.
         weight = 1.0 / max(settings.torque_variance[k] * limits.step_torque, 1e-9)
+        # ``less_force`` has written ``-J^T dw``: hence the minus, and a share of 1 where the process has changed.
         both -= weight * expected[k] * (now[k] - before[k])
         square += weight * expected[k] * expected[k]
     if square * _SHARE_SIGMA * _SHARE_SIGMA < 1.0:

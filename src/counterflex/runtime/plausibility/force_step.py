@@ -128,6 +128,8 @@ def _take(given: Record, way: float, swing_n: float, state: Record, limits: Reco
     row.cut.way, row.change = way, 0.0
     memory.sample_row = (place + 1) % STEP_MOST
     if memory.samples_filled > 0 and memory.step == 0:
+        # Half: a difference of two samples has twice the variance of one. Capped: a step must not raise the noise by
+        # which it is judged so far that it hides itself.
         change = min(0.5 * change, (_SIGMAS * limits.step_n) ** 2)
         memory.noise = _NOISE_KEEP * memory.noise + (1.0 - _NOISE_KEEP) * change
     memory.samples_filled = min(memory.samples_filled + 1, STEP_MOST)

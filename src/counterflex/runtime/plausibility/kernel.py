@@ -69,6 +69,7 @@ def idle_is_wrong(measured: Float, air: bool, swing_n: float, limits: Record, me
         Whether it was above the limits over ``idle_cycles`` in a row.
     """
     moment = math.sqrt(measured[3] ** 2 + measured[4] ** 2 + measured[5] ** 2)
+    # In air the sensor still feels what hangs behind it: at each turn of the path the mass would pass for an offset.
     share = 1.0 + swing_n / limits.idle_n
     bad = air and not (size(measured) <= share * limits.idle_n and moment <= share * limits.idle_nm)
     memory.idle = memory.idle + 1 if bad else 0
@@ -154,6 +155,7 @@ def residual_grows(
             both += change * grown
             square += change * change
             mismatch += (grown + change) ** 2
+        # Below a third of the least deviation the change is the tracker's noise, whose sign says nothing.
         conclusive = math.sqrt(square) > 0.3 * limits.least_m
         against = conclusive and both < -limits.against * square
         mirrored = conclusive and mismatch < limits.mirrored**2 * square
@@ -161,8 +163,10 @@ def residual_grows(
         old.deviation[k], old.in_effect[k] = deviation[k], in_effect[k]
     memory.window_row = (place + 1) % window
     memory.window_filled = min(window, memory.window_filled + 1)
+    # Fading, not now: behind the end of a cut the arm swings back later than the force is gone.
     memory.expected = max(expected_m, _FADE * memory.expected)
     if not active:
+        # Learnt while nothing is corrected: play and an old calibration are there before, and are no wrong sign.
         memory.start += _SETTLE * (size - memory.start)
         memory.residual = memory.sign = 0
         return False
@@ -229,6 +233,7 @@ def return_is_believed(
             predicted = memory.deviation[k] + in_effect[k] + expected[k] - memory.model[k]
             gap += (deviation[k] - predicted) ** 2
         if memory.known == 0:
+            # Of the first sample nothing is known to go on from: only that it is this tool and not another reflector.
             gap, least, largest = _norm(deviation) ** 2, 1, limits.frame_m
         memory.agreed = memory.agreed + 1 if math.sqrt(gap) <= largest else 0
         if memory.agreed < least:

@@ -66,6 +66,10 @@ def hold_against_plan(state: Record, result: Record, feed: float, ratio: float, 
     elif abs(memory.plan_force - 1.0) > limits.plan_force:
         result.doubt |= DOUBT_FORCE
         cause = _FORCE
+    # A place that is only told must not hide a feed that holds: both differ where the controller runs another program.
+    if soft == 0 and memory.plan_feed - 1.0 > limits.plan_feed:
+        result.doubt |= DOUBT_FEED
+        soft = _FEED
     if cause != 0 and result.degraded == 0:
         result.degraded = cause
     if soft != 0 and memory.soft == 0:

@@ -237,6 +237,7 @@ def sample_doubt(
     turned = 0.0
     for k in range(3):
         turned += (deviation[3 + k] - memory.turn[k]) ** 2
+    # The turn is judged before the place: the correction moves a tool but does not turn it by 0.2 deg in a pause.
     if not math.sqrt(turned) <= limits.frame_rad:
         return DOUBT_JUMP
     if memory.waiting == 1 or memory.unseen >= gap_cycles(limits, memory):  # its place is judged as a return
@@ -254,9 +255,11 @@ def sample_doubt(
         bent += expected[k] ** 2
     along = abs(along) / speed if speed > 0.0 else 0.0
     across = math.sqrt(max(0.0, gap - along * along))
+    # Behind a rejected sample time does not widen the gate: else a jump would be believed by waiting.
     unseen = dt if memory.why == 0 else min(dt, 1.0 + memory.pause)
     bound = SIGMAS * max(LEAST_SIGMA_M, given.tracker_sigma) + min(RATE_M_S * period * unseen, MOST_M)
     bound += math.sqrt(change) + math.sqrt(rate) * period * dt
+    # A fifth of the way of two cycles: stamps are good to that; a change of speed comes with the robot's lag on top.
     bound += 0.2 * speed * min(dt, 2.0) + 2.0 * _turned(ring, here, v) * dt
     # NaN is no agreement.
     return 0 if across <= bound and along <= bound + 2.0 * speed * (dt + 1.0) else DOUBT_JUMP

@@ -79,6 +79,7 @@ def follow(plan: Records, place: Float, x: float, y: float, z: float, window: in
         elif not anywhere and i > row and math.sqrt(d) > math.sqrt(best) + GIVE_UP_M:
             looked = i + 1
             break
+    # Less than half as far: a place that is merely a little nearer is a neighbouring pass, and the window holds many.
     if not anywhere and best > LOST_M * LOST_M:
         near = 0.25 * best
         for i in range(looked, end + 1):

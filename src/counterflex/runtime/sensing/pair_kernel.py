@@ -97,6 +97,7 @@ def _agree(c: Record, p: Record) -> bool:
             gap -= share * (p.reading[j] - p.x[3 + j])
             noise += share * share * p.noise[j]
         p.gap_n = max(p.gap_n, abs(gap))
+        # Not ``>``: a NaN of either sensor must not agree.
         if not abs(gap) <= c.gate * math.sqrt(_spread(p) + noise) + c.floor_n:
             agree = False
     return agree
@@ -115,6 +116,7 @@ def pair_step(c: Record, p: Record, dt: float, fresh: int) -> bool:
         p.covariance[i, i] += dt * (c.slew if i < 3 else c.walk[i - 3])
     if fresh == FIRST | SECOND:
         agree = _agree(c, p)
+        # Counts down by one, not to zero: two sensors that agree in every other cycle differ.
         p.differing = min(p.differing + 1, c.patience) if not agree else max(p.differing - 1, 0)
         if p.differing >= c.patience:
             p.alarm = 1

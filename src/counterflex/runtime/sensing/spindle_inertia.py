@@ -172,6 +172,8 @@ class SpindleInertia:
         self._inertia = records(INERTIA)
         one = self._inertia[0]
         one.low = low
+        # Bilinear ``s = 2 / T (1 - z^-1) / (1 + z^-1)``: the double zero of L at -1 cancels, ``L s^2`` keeps L's poles,
+        # so both stay in phase at every frequency.
         square = (2.0 / period_s) ** 2 * low[0]
         one.second = square, -2.0 * square, square, low[3], low[4]
         one.com = R_tcp_sensor @ (sensor.p_sensor_com - T_sensor_tcp[:3, 3])

@@ -55,7 +55,9 @@ OBSERVED: Final = record(
     normal=(float, 9),
     right=(float, 3),
     fitted=(float, 3),
-    warm_c=float,  # last temperature
+    warm_c=float,  # last temperature that is believed
+    other_c=float,  # last one that is not
+    others=int,  # samples in a row that are not and agree with each other
     time_ns=int,
     begun=int,
     used=int,  # bridges with a reading in this cycle
@@ -67,7 +69,10 @@ _LONGEST_S: Final = 1.0
 _NS: Final = 1e-9
 _GATE: Final = 5.0
 _MOST_C: Final = 5.0
-"""Most kelvin that the temperature may change between two samples that tell one; else it is not believed."""
+"""Most kelvin that the temperature may change between two samples that tell one; else it is not believed at once."""
+_OTHERS: Final = 100
+"""Samples in a row that agree on another temperature after which that is the holder's: a bad telegram is shorter. Else
+the value with which an amplifier starts, or the one before a pause, would be the holder's for ever."""
 
 
 @kernel("boolean(float64[::1], float64[::1], float64[::1])")
@@ -92,6 +97,20 @@ def solve3(a: Float, b: Float, x: Float) -> bool:
     return True
 
 
+@kernel("void(Observed, float64)", Observed=OBSERVED)
+def take_temperature(o: Record, c: float) -> None:
+    """Take a temperature, deg C: at once where it is near the last one, else once enough samples agree on it."""
+    if not math.isfinite(c):
+        return
+    if not (math.isfinite(o.warm_c) and abs(c - o.warm_c) > _MOST_C):
+        o.warm_c, o.others = c, 0
+        return
+    o.others = o.others + 1 if o.others > 0 and abs(c - o.other_c) <= _MOST_C else 1
+    o.other_c = c
+    if o.others >= _OTHERS:
+        o.warm_c, o.others = c, 0
+
+
 @kernel("void(Holder, Observed, float64[:, ::1], float64[::1], int64)", Holder=HOLDER, Observed=OBSERVED)
 def mean_strain(h: Record, o: Record, samples: Float, warm: Float, count: int) -> None:
     """Mean strain of each bridge in a cycle, less bias, temperature and weight: into ``level`` and ``counted``.
@@ -106,9 +125,7 @@ def mean_strain(h: Record, o: Record, samples: Float, warm: Float, count: int) -
     for k in range(h.bridges):
         o.level[k] = o.counted[k] = 0.0
     for row in range(count):
-        c = warm[row]
-        if math.isfinite(c) and not (math.isfinite(o.warm_c) and abs(c - o.warm_c) > _MOST_C):
-            o.warm_c = c
+        take_temperature(o, warm[row])
         warmer = o.warm_c - h.reference_c if math.isfinite(o.warm_c) else 0.0
         for k in range(h.bridges):
             s = samples[row, k]
@@ -144,6 +161,7 @@ def consistent(h: Record, o: Record) -> bool:
                     a[3 * i + j] += o.gain[k, i] * o.gain[k, j] / h.noise[k]
     o.worst = -1
     if not solve3(a, b, f):
+        # Singular with three bridges or fewer: each reading is some force's, so nothing can contradict.
         return bool(o.used <= 3)
     excess = 1.0
     for k in range(h.bridges):
@@ -184,6 +202,7 @@ def take_reading(h: Record, o: Record, k: int, y: float) -> None:
     for i in range(m):
         part = row[i] / variance
         o.x[i] += part * innovation
+        # Only the lower half is computed and mirrored: rounding of both halves apart loses symmetry, then positiveness.
         for j in range(i + 1):
             o.covariance[i, j] -= part * row[j]
             o.covariance[j, i] = o.covariance[i, j]
@@ -218,10 +237,12 @@ def observe(holders: Records, observeds: Records, samples: Float, warm: Float, t
     warmer = o.warm_c - h.reference_c if math.isfinite(o.warm_c) else 0.0
     for row in range(count):
         dt = (times[row] - o.time_ns) * _NS
+        # A clock that jumps (restart, wrap) would let the walk run for hours at once and forget zeros that are good.
         if o.begun == 0 or not 0.0 < dt <= _LONGEST_S:
             dt = h.step_s
         o.time_ns, o.begun = times[row], 1
         predict(h, o, dt)
+        # The walk goes on while nothing is taken, so that the stated deviation grows with the time without a reading.
         if not agree:
             continue
         for k in range(h.bridges):

@@ -52,6 +52,7 @@ def rates(ring: Records, nominal: Float, period: float, state: Record, zero: Flo
     for k in range(6):
         last, before = work[k] / span, work[6 + k] / span
         second[k] = (last - before) / span
+        # The mean of a span is the speed half a span ago; that half is as long as the lag this is to undo.
         rate[k] = last + 0.5 * span * second[k]
     return True
 

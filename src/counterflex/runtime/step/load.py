@@ -66,6 +66,7 @@ def _use_measured(settings: Record, cycle: Record, result: Record) -> None:
 def _use_blend(given: Record, settings: Record, state: Record, cycle: Record, result: Record, work: Float) -> None:
     """Measured and planned force blended (pilot control)."""
     fresh = given.force_age < settings.stale
+    # No cause for a hold here: the plan alone is what pilot control falls back to for ``bridge`` cycles.
     threshold = settings.threshold if fresh else 0.0  # without a force the plan is blended in
     share = blend(result.measured[:], state.preview[:], state.plan_share, threshold, settings.blend)
     state.plan_share = share
@@ -144,6 +145,7 @@ def find_load(
     elif mode == SCALE:
         _use_scaled(given, settings, state, cycle, result)
     elif mode == FUSED and finite:
+        # A program that stands cuts nothing: what is then measured beside the plan would be learnt as a factor of none.
         known = cycle.sources if cycle.moving == 1 else cycle.sources & ~_PROCESS
         estimate_loads(
             given, known, cycle.moving == 1 and currents_shown(given), settings, work.jacobian[:], state, cycle, result

@@ -38,6 +38,7 @@ def begin(given: Record, settings: Record, state: Record, cycle: Record) -> None
     state.clock += given.elapsed
     cycle.elapsed = min(max(given.elapsed, 0), MOST_ELAPSED)
     cycle.soft, cycle.hard = given.soft, given.hard
+    # The longer loss first: behind the hold it would never be reached.
     if lost >= FAULT_LOST and cycle.hard == 0:
         cycle.hard = _STOPPED
     elif lost >= settings.lost:
@@ -79,6 +80,7 @@ def localize(given: Record, settings: Record, state: Record, plan: Records, cycl
     wrench_at(plan, place, -speed * settings.follow, False, behind)
     wrench_at(plan, place, speed * settings.preview, False, preview)
     for k in range(6):
+        # Force by feed per tooth to a power below 1 (the monitor's exponent): at half speed more than half is left.
         preview[k] *= state.force_at_speed
         predicted[k] *= state.force_at_speed
         ahead[k] *= state.force_at_speed

@@ -46,6 +46,10 @@ class _Limit:
         name, row = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
         value, bound = float(values[name, row]), float(bounds[name, row])
         what = f"axis {name + 1}" if len(self.names) > 1 else f"tool T{int(tool[row])}"
+        share_text = f"{what}, {100 * value / bound:.0f} % of the limit"
+        # Told before anything that is not known, which could only add to it.
+        if known and value > bound * _SLACK:
+            return Row(self.check, self.beyond, value, bound, self.unit, row, share_text, advice=self.advice)
         if value == 0.0 and self.check != "tool bending":
             return Row(self.check, "ok", 0.0, bound if known else None, self.unit, what="nothing asks for it")
         if self.check == "tool bending" and (lacking := _short_of(tool, limits_of)):
@@ -55,17 +59,7 @@ class _Limit:
         if self.check == "deflection" and rigid:
             return Row(self.check, NOT_LOOKED_AT, value, bound, self.unit, row, f"stiffness of {rigid} not known",
                        "robot.elastic")  # fmt: skip
-        over = value > bound * _SLACK
-        return Row(
-            self.check,
-            self.beyond if over else "ok",
-            value,
-            bound,
-            self.unit,
-            row,
-            f"{what}, {100 * value / bound:.0f} % of the limit",
-            advice=self.advice if over else "",
-        )
+        return Row(self.check, "ok", value, bound, self.unit, row, share_text)
 
 
 _AXES: Final = tuple(f"torque of axis {k}" for k in range(1, 7))
@@ -125,7 +119,7 @@ def correction_row(demand: CutDemand, bounds: CheckLimits, rigid: str) -> Row:
     size = np.linalg.norm(demand.displacement_part[:, :3], axis=1)
     row = int(np.argmax(size))
     value, limit = float(size[row]), bounds.correction_m
-    if rigid:
+    if rigid and value <= limit:  # what yields besides could only add to it; beyond the limit compensate refuses now
         text = f"stiffness of {rigid} not known"
         return Row(CORRECTION, NOT_LOOKED_AT, value, limit, "m", row, text, "robot.elastic")
     turn = np.linalg.norm(demand.displacement_part[:, 3:], axis=1)

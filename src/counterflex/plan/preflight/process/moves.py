@@ -37,6 +37,7 @@ def depth_in_stock(stock: HeightMap, p: Float, axis: Float, cutter: Cutter) -> f
     angle = 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
     ring = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
     heights = np.unique(np.append(np.linspace(0.0, length, 60), np.linspace(0.0, cutter.corner_radius_m, 12)))
+    # Just inside the outline: a tool that stands along a wall it has made is clear of it.
     radii = np.array([cutter.radius_at(float(h)) for h in heights]) * (1.0 - 1e-6)
     centre = p + heights[:, None] * axis
     points = [centre + share * radii[:, None] * ring[k] for k in range(_ANGLES) for share in (0.0, 0.5, 1.0)]

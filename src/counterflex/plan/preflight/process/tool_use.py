@@ -84,7 +84,10 @@ def feed_row(
         low[of], high[of] = (LEAST_CHIP_M, LARGEST_CHIP_SHARE * cutter_of(n).diameter_m) if given is None else given
     fz = feed_per_tooth_m
     over, under = fz / high, low / np.maximum(fz, 1e-12)
-    top, bottom = int(rows[np.argmax(over[rows])]), int(rows[np.argmax(under[rows])])
+    # Beyond a stated range is a fail, beyond an assumed one a warning: the fail is told, however far the other is off.
+    refused = rows[stated[rows] & (over[rows] > _MADE)]
+    among = refused if len(refused) else rows
+    top, bottom = int(among[np.argmax(over[among])]), int(rows[np.argmax(under[rows])])
     if over[top] > _MADE:
         text = f"tool T{int(path.tool[top])}, above the largest" + ("" if stated[top] else ", assumed")
         advice = "Lower the feed or raise S" + ("" if stated[top] else "; or state tools.feed_per_tooth_mm")
@@ -115,17 +118,21 @@ def speed_row(
     speed = np.abs(path.spindle_rad_s) * np.array([radius.get(n, 0.0) for n in path.tool.tolist()])
     beyond = np.zeros(len(path))
     limit = np.zeros(len(path))
+    lacking = []
     for n in numbers:
         given = tools.get(n, ToolBounds()).cutting_speed_m_s
         of = contact & (path.tool == n)
         if given is None:
-            row = int(np.argmax(np.where(of, speed, -1.0)))
-            return Row(CUTTING_SPEED, NOT_LOOKED_AT, float(speed[row]) * 60.0, None, "m/min", row, f"tool T{n}",
-                       "tools.cutting_speed_m_min")  # fmt: skip
+            lacking.append(n)
+            continue
         limit[of] = np.where(speed[of] < given[0], given[0], given[1])
         beyond[of] = np.maximum(speed[of] / given[1], given[0] / np.maximum(speed[of], 1e-12))
     row = int(np.argmax(beyond))
     over = beyond[row] > _MADE
+    if lacking and not over:  # a tool whose range is not known hides none that is beyond its own
+        row = int(np.argmax(np.where(contact & (path.tool == lacking[0]), speed, -1.0)))
+        return Row(CUTTING_SPEED, NOT_LOOKED_AT, float(speed[row]) * 60.0, None, "m/min", row, f"tool T{lacking[0]}",
+                   "tools.cutting_speed_m_min")  # fmt: skip
     value, bound, what = float(speed[row]) * 60.0, float(limit[row]) * 60.0, f"tool T{int(path.tool[row])}"
     advice = "Change S to the range of the tool" if over else ""
     return Row(CUTTING_SPEED, "warning" if over else "ok", value, bound, "m/min", row, what, advice=advice)
@@ -192,10 +199,11 @@ def coolant_row(path: ToolPath, contact: Bool, coolant: Int, tools: Mapping[int,
     lacking = [f"T{n}" for n, want in required.items() if want is None]
     if not numbers:
         return Row(COOLANT, "ok", what="nothing is cut")
-    if lacking:
-        return Row(COOLANT, NOT_LOOKED_AT, what=", ".join(lacking), missing="tools.coolant")
     want = np.array([int(bool(required.get(n))) for n in path.tool.tolist()])
-    wrong = contact & (np.maximum(coolant, 0) != want)
+    stated = np.array([required.get(n) is not None for n in path.tool.tolist()])
+    wrong = contact & stated & (np.maximum(coolant, 0) != want)
+    if lacking and not np.any(wrong):  # a tool of which nothing is said hides none that is cut the wrong way
+        return Row(COOLANT, NOT_LOOKED_AT, what=", ".join(lacking), missing="tools.coolant")
     if not np.any(wrong):
         return Row(COOLANT, "ok", 0.0, 0.0, what="as the tools need it")
     row = int(np.argmax(wrong))

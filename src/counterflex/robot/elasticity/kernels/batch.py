@@ -149,6 +149,8 @@ def settle(chain: Compact, trig: Float, q: Float, w: Float, gravity: int, delta:
                     new *= growth_at(chain.regions, i, d, q)
                 change = max(change, abs(new - delta[i, d]))
                 delta[i, d] = new
+        # Rounding keeps the change of a soft chain above 1e-17 rad: once it no longer falls, and is below 1e-14, it is
+        # rounding.
         if change < 1e-17 or (change >= last and change < 1e-14):
             chain_pass(chain, trig, delta, 1, frame)
             return count

@@ -273,6 +273,7 @@ def deflection_blocks(chain: Compact, q: Float, w: Float, out: Float, first: int
         for p in range(min(L, last - n)):
             for k in range(6):
                 out[n + p, k] = E[k * L + p]
+            # Asked this way round, NaN goes to the scalar kernel too.
             if not peak[p] <= SMALL:
                 deflection_range(chain, q, w, ON_RIGID, 0, out, n + p, n + p + 1)
                 redone += 1

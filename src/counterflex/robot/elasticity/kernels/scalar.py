@@ -256,6 +256,7 @@ def pose_difference(a: Float, b: Float, out: Float) -> None:
     for k in range(9):
         trace += a[k] * b[k]
     s2 = x * x + y * y + z * z
+    # The sine is small near 180 deg too: the trace tells the two apart.
     if s2 <= SMALL * SMALL and trace > 1.0:
         ratio = small_asin_ratio(s2)
     else:

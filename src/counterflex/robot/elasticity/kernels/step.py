@@ -44,6 +44,7 @@ def cholesky_inverse(jac: Float, damping2: float, low: Float, inv: Float) -> flo
             for c in range(k):
                 s -= low[i * (i + 1) // 2 + c] * low[k * (k + 1) // 2 + c]
             if i == k:
+                # Below every threshold, so that the caller refuses: beside a singularity no correction is the safe one.
                 if s <= 1e-15:
                     return 0.0
                 low[i * (i + 1) // 2 + i] = 1.0 / math.sqrt(s)
@@ -84,6 +85,7 @@ def newton_step(jac: Float, inv: Float, error: Float, half: Float, step: Float) 
     if peak <= STEP_LIMIT:
         return 0
     for j in range(6):
+        # All joints by one factor: to clamp one alone would turn the way of the tool.
         step[j] *= STEP_LIMIT / peak
     return CLAMPED
 
@@ -160,6 +162,7 @@ def step(elastic: Elastic, inputs: Float, gravity: int) -> int:
         Tc[k] = result.T0[k]
     if status & REFUSED:
         return REFUSED
+    # Two steps whatever the residual: a cycle has a fixed amount of work, and what is left is reported.
     for _ in range(2):
         status |= newton_step(jac, inv, error, half, move)
         for j in range(6):
