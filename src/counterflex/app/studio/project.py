@@ -15,6 +15,8 @@ from counterflex.programs.language import LANGUAGES
 SCANS: Final = (".ply", ".stl", ".obj", ".e57", ".las", ".laz", ".pcd", ".ptx", ".csv", ".xyz", ".asc")
 """Endings of files that may be a scan of a part."""
 SUMMARY: Final = "summary.json"
+_JOBS: Final = {"checks": "preflight", "chosen": "choice"}
+"""Jobs by a key of their summary, where it does not name them."""
 IDENTIFIED: Final = "result.json"
 _HEAD: Final = 4096
 """Bytes at the beginning of a proposal that name its recipe."""
@@ -46,11 +48,15 @@ class Project:
         """Folders of results of jobs for a program, the newest last."""
         folders = []
         for path in sorted(self.folder.glob(f"*/{SUMMARY}"), key=lambda one: one.stat().st_mtime):
-            summary = self.summary(self.name(path.parent))
-            job = summary.get("job", "preflight" if "checks" in summary else "")
-            if job in jobs and summary.get("program") == Path(program).name:
-                folders.append(self.name(path.parent))
+            name = self.name(path.parent)
+            if self.job(name) in jobs and self.summary(name).get("program") == Path(program).name:
+                folders.append(name)
         return folders
+
+    def job(self, folder: str) -> str:
+        """Job that has written the summary of a folder; ``choice``: of a posture or a place."""
+        summary = self.summary(folder)
+        return str(summary.get("job") or next((job for key, job in _JOBS.items() if key in summary), ""))
 
     def plans(self, program: str) -> list[str]:
         """Folders with a plan for a program, the newest last."""

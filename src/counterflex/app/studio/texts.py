@@ -155,6 +155,22 @@ POSTURE: Final = "Choose the posture"
 POSTURE_HELP: Final = "Arm configuration and rotation about the tool with the least deflection; a new cell file"
 PLACE: Final = "Choose the place of the part"
 PLACE_HELP: Final = "Where the arm is stiff and reaches everything; a new cell file"
+STRATEGY: Final = "Choose how to finish the wall"
+STRATEGY_HELP: Final = (
+    "Up- or down-milling, widths, depths, feeds per tooth, spindle speeds (G-code that finishes a wall)"
+)
+FEED: Final = "Keep the programmed feed (else it is lowered where a limit asks for it)"
+CHOICES: Final = "Choices side by side"
+CHOICES_HELP: Final = (
+    "Expected error in mm, median and nine of ten such cells. Posture, place and strategy: before compensation; "
+    "only errors of the same quantity compare."
+)
+CHOICE_COLUMNS: Final = ("choice", "of", "now, mm", "then, mm", "less", "with", "")
+OF_DEFLECTION, OF_WALL, OF_PATH = "deflection", "error normal to the wall", "path error, compensated"
+TURNED: Final = "{branch}, turned to {turn:.0f} deg"
+CUT: Final = "{milling}-milling, ae {ae_mm:g} mm, ap {ap_mm:g} mm, fz {fz_mm:g} mm, {spindle_rpm:.0f} rpm"
+TAKES_S: Final = "{seconds:.0f} s"
+TAKE: Final = "Take this cell"
 ASSUME: Final = "Axes of unknown stiffness: take the median of the robot's class (marked in all results)"
 ASSUMED: Final = "Stiffness of axes is assumed, not measured: {source}"
 COMPENSATE: Final = "Compensate"
@@ -173,6 +189,11 @@ NO_RESULTS: Final = "Nothing yet: compensate the program."
 SCAN, SCAN_HELP = "Scan of the part", "PLY, STL, OBJ, E57, LAS, PCD, PTX or a table of points"
 INSPECT, CORRECT = "Inspect", "Correct the next part"
 MADE_BY: Final = "Made by the plan"
+MEASURED_BY: Final = "Measured in"
+ACCEPT: Final = "This is the plan of the next part"
+HISTORY: Final = "Parts of this program: deviation in mm"
+HISTORY_COLUMNS: Final = ("part", "scan", "surface, 99.7 %", "path, rms", "changed against the part before")
+EXPECTED_PART: Final = "expected of the next part"
 FEATURE_COLUMNS: Final = ("feature", "quantity", "measured", "tolerance", "verdict")
 CORRECTED: Final = "Deviation of the surface, mm (99.7 %): this part, and expected of the next (5 to 95 %)"
 CORRECT_HELP: Final = "Takes back what repeats of the measured deviations; its folder is the plan of the next part"
