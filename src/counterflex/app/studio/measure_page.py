@@ -12,30 +12,24 @@ from nicegui import background_tasks, events, ui
 from nicegui.element import Element
 
 from counterflex.app.panel.cell_scene import CellScene
-from counterflex.app.questions import check_cell
 from counterflex.app.studio import texts
-from counterflex.app.studio.desk import Action, Drop, FaultBanner, SceneView, Workbench, card, result_links, table
+from counterflex.app.studio.desk import Action, Drop, FaultBanner, SceneView, Workbench, table
+from counterflex.app.studio.file_mapping import FileMapping
+from counterflex.app.studio.identified_card import show_identification
 from counterflex.app.studio.jobs import QueuedCommand
-from counterflex.app.studio.measured_file import MeasuredFile, rotations, units_of
-from counterflex.app.studio.measurement_form import MeasurementForm, Remark
-from counterflex.app.studio.reading_check import ReadingCheck, check_readings
+from counterflex.app.studio.measured_file import MeasuredFile
+from counterflex.app.studio.measurement_form import MeasurementForm, ReadingCheck, Remark, check_readings
 from counterflex.core.errors import CounterflexError
 from counterflex.core.next_command import next_command
 from counterflex.core.units import DEG
 from counterflex.files.cell.cell import Cell, read_cell
 from counterflex.files.dataset.proposal import PROPOSAL, form_names, read_proposal
-from counterflex.files.shop_unit import digits_of, shop, unit_of_name
-from counterflex.identify.data.channels import CHANNELS
-from counterflex.identify.recipe import Recipe
+from counterflex.files.shop_unit import digits_of, shop
 from counterflex.identify.recipes import RECIPES, own_title
 
 _COUNT: Final = 20
 _MOST: Final = 200
 """Measurements that can be asked for on the page; the command takes more."""
-_NEXT: Final = 3
-"""Unknowns of the new cell that are shown."""
-_PARAMETERS: Final = 12
-"""Parameters that are shown at once; the report has all."""
 _FIRST: Final = "tracker-frame"
 
 
@@ -76,7 +70,6 @@ class MeasurePage:
     def __init__(self, desk: Workbench) -> None:
         self._desk = desk
         self._form: MeasurementForm | None = None
-        self._file: MeasuredFile | None = None
         self._cell: Cell | None = None
         self._scene: CellScene | None = None
         self._shown = self._posed = ""
@@ -125,7 +118,7 @@ class MeasurePage:
         with self._from_file:
             ui.label(texts.MEASURED_FILE_HELP).classes("st-note")
             Drop(self._desk, "drop-readings", self._dropped)
-            self._mapping = ui.column().classes("st-form")
+            self._mapping = FileMapping(self._map)
         self._from_file.set_visibility(False)
 
     async def choose(self, recipe: str) -> None:
@@ -171,7 +164,7 @@ class MeasurePage:
     def _identify_lines(self) -> list[str]:
         manifest, recipe = self._manifest, self._recipe.value
         typed = self._source.value == "typed"
-        ready = any(one.state in ("done", "odd") for one in self._remarks) if typed else self._file is not None
+        ready = any(one.state in ("done", "odd") for one in self._remarks) if typed else self._mapping.file is not None
         if manifest is None or not self._desk.cell or not ready or (typed and self._lacking() == texts.ROWS_WRONG):
             return []
         name = self._desk.project.name(manifest)
@@ -196,7 +189,7 @@ class MeasurePage:
         self._results.clear()
         with self._results:
             for folder in project.identified(recipe)[-1:]:
-                await self._show_result(folder)
+                await show_identification(self._desk, self.fault, folder, self.choose)
         await self._show_cell()
 
     async def _show_cell(self) -> None:
@@ -223,7 +216,7 @@ class MeasurePage:
         if mark == self._shown:
             return
         form = await self.fault.during(MeasurementForm.read, folder, self._recipe.value)
-        self._form, self._shown, self._file = form, mark, None
+        self._form, self._shown = form, mark
         self._mapping.clear()
         self._show_how(folder)
         if form is None:
@@ -323,9 +316,9 @@ class MeasurePage:
             done = sum(one.state in ("done", "odd") for one in remarks)
             text = texts.COMPLETE.format(done=done, count=len(form.rows))
         else:
-            assert self._file is not None
+            assert self._mapping.file is not None
             lines = ", ".join(str(line) for line in sorted(found.at_line)[:20])
-            text = texts.ROWS_READ.format(count=self._file.count, name=self._file.path.name)
+            text = texts.ROWS_READ.format(count=self._mapping.file.count, name=self._mapping.file.path.name)
             text += texts.LINES_ODD.format(lines=lines) if lines else ""
         odd = len(found.at_line)
         self._checked.set_text(f"{text} {found.fault or texts.JUDGED.format(count=odd)}")
@@ -343,138 +336,21 @@ class MeasurePage:
         if self._form is None:
             return
         file = await self.fault.during(MeasuredFile.read, self._desk.project.folder / name, self._form.folder)
-        self._file = file
         if file is not None:
-            self._show_mapping()
+            self._mapping.show(file, RECIPES[self._recipe.value])
             await self._map()
-
-    def _show_mapping(self) -> None:
-        """The channels of the data, each with the columns of the file."""
-        file = self._file
-        assert file is not None
-        recipe: Recipe = RECIPES[self._recipe.value]
-        none = {"": texts.NO_COLUMN, **{name: name for name in file.header}}
-        self._mapping.clear()
-        with self._mapping:
-            with ui.row().classes("st-row"):
-                kinds = ui.select(list(recipe.kinds), label=texts.KIND, value=file.kind).classes("st-pick")
-                kinds.props('data-test="kind"').on_value_change(lambda event: self._rekind(event.value))
-                group = ui.select(none, label=texts.GROUP, value=file.group).classes("st-pick")
-                group.props('data-test="group"').on_value_change(lambda event: self._regroup(event.value))
-                more = [name for name in CHANNELS if name not in file.channels]
-                ui.select(more, label=texts.MORE_CHANNELS, with_input=True).classes("st-pick").on_value_change(
-                    lambda event: self._add_channel(event.value)
-                )
-            for channel in file.channels:
-                self._channel_row(channel, none)
-
-    def _channel_row(self, channel: str, none: dict[str, str]) -> None:
-        assert self._file is not None
-        mapped, kind = self._file.channels[channel], CHANNELS[channel]
-        with card("st-card", f"channel-{channel}"):
-            ui.label(f"{channel}: {kind.text}").classes("st-title")
-            with ui.element("div").classes("st-columns"):
-                for k, name in enumerate(mapped.columns):
-                    label = kind.components[k] if k < len(kind.components) else str(k + 1)
-                    pick = ui.select(none, label=label or channel, value=name if name in none else "")
-                    pick.props(f'dense data-test="column-{channel}-{k + 1}"')
-                    pick.on_value_change(lambda event, k=k: self._remap(channel, "columns", k, event.value))
-                for k, units in enumerate(units_of(channel)):
-                    if units != ["1"]:
-                        pick = ui.select(
-                            units, label=texts.UNIT, value=mapped.units[k] if mapped.units[k] in units else units[0]
-                        )
-                        pick.props("dense").on_value_change(
-                            lambda event, k=k: self._remap(channel, "units", k, event.value)
-                        )
-                    if not kind.whole:
-                        field = ui.number(texts.SIGMA, value=mapped.sigma[k], min=0).props(
-                            f'dense data-test="sigma-{channel}-{k + 1}"'
-                        )
-                        field.on("change", lambda _, k=k, field=field: self._remap(channel, "sigma", k, field.value))
-                if rotations(channel):
-                    pick = ui.select(list(rotations(channel)), label=texts.ROTATION, value=mapped.rotation).props(
-                        "dense"
-                    )
-                    pick.on_value_change(lambda event: self._turn(channel, event.value))
-
-    async def _rekind(self, kind: str) -> None:
-        assert self._file is not None
-        self._file.choose(kind)
-        self._show_mapping()
-        await self._map()
-
-    async def _regroup(self, column: str) -> None:
-        assert self._file is not None
-        self._file.group = column or ""
-        await self._map()
-
-    def _add_channel(self, channel: str) -> None:
-        assert self._file is not None
-        self._file.add(channel)
-        self._show_mapping()
-
-    async def _turn(self, channel: str, rotation: str) -> None:
-        assert self._file is not None
-        self._file.channels[channel].turn(rotation)
-        self._show_mapping()
-        await self._map()
-
-    async def _remap(self, channel: str, what: str, place: int, value: Any) -> None:
-        assert self._file is not None
-        getattr(self._file.channels[channel], what)[place] = value or ("" if what == "columns" else None)
-        await self._map()
 
     async def _map(self) -> None:
         """Write the manifest of the file, and have it judged."""
         manifest = self._manifest
-        if self._file is not None and manifest is not None:
-            self._checked.set_text(texts.ROWS_READ.format(count=self._file.count, name=self._file.path.name))
-            await self.fault.during(self._file.write, manifest)
+        if self._mapping.file is not None and manifest is not None:
+            self._checked.set_text(
+                texts.ROWS_READ.format(count=self._mapping.file.count, name=self._mapping.file.path.name)
+            )
+            await self.fault.during(self._mapping.file.write, manifest)
             self._identify.refresh()
             if not self.fault.shown:
                 self._check()
-
-    async def _show_result(self, folder: str) -> None:
-        """Values with their intervals, the readings that do not fit, and what to measure next."""
-        result = self._desk.project.identification(folder)
-        with card("st-card", f"identified-{folder}"):
-            ui.label(texts.IDENTIFIED[result["outcome"]].format(folder=folder)).classes("st-title")
-            for one in result["headline"][:2]:
-                before = "" if one["nominal"] is None else texts.SO_FAR_BEFORE.format(value=f"{one['nominal']:.3g}")
-                text = texts.SO_FAR.format(
-                    text=one["text"], value=f"{one['value']:.3g}", unit=unit_of_name(one["name"]), before=before
-                )
-                ui.label(text)
-            rows = [_parameter(row) for fit in result["fits"].values() for row in fit["parameters"] if row["free"]]
-            table(texts.PARAMETER_COLUMNS, rows[:_PARAMETERS], mark="parameters")
-            if len(rows) > _PARAMETERS:
-                with ui.expansion(texts.ALL_PARAMETERS.format(count=len(rows))).props("dense"):
-                    table(texts.PARAMETER_COLUMNS, rows[_PARAMETERS:], mark="more-parameters")
-            for fit in result["fits"].values():
-                for one in fit["outliers"]:
-                    ui.label(f"{one['where']}: {texts.ROW_OUTLIER.format(size=one['size'])}").classes("st-warn")
-            for remark in result["remarks"]:
-                ui.label(remark).classes("st-note")
-            result_links(self._desk, folder)
-            cell = f"{folder}/cell.toml"
-            if self._desk.cell != cell:
-                take = ui.button(texts.TAKE_CELL.format(cell=cell), on_click=lambda: self._desk.choose(cell=cell))
-                take.props('no-caps unelevated data-test="take-cell"')
-            await self._show_next(cell)
-
-    async def _show_next(self, cell: str) -> None:
-        """What is still not known of the new cell, by its cost, each with its own guide."""
-        answer = await self.fault.during(check_cell, str(self._desk.project.folder / cell))
-        if answer is None or answer["unknowns"] is None:
-            return
-        ui.label(texts.NEXT_UNKNOWN).classes("st-title")
-        with ui.row().classes("st-row").props('data-test="next"'):
-            for row in answer["unknowns"]["rows"][:_NEXT]:
-                recipe = row["measure"].split()[1]
-                leaves = "" if row["leaves_mm"] is None else texts.LEAVES.format(leaves=row["leaves_mm"])
-                button = ui.button(f"{row['unknown']}{leaves}: {recipe}", on_click=partial(self.choose, recipe))
-                button.props("no-caps outline").set_enabled(recipe in RECIPES)
 
     def _draw(self) -> None:
         """Send the bodies of the cell to the browser, at the first pose."""
@@ -499,9 +375,3 @@ class MeasurePage:
 
 def _title(name: str) -> str:
     return own_title(name) if name in RECIPES.own else str(RECIPES[name].title)
-
-
-def _parameter(row: dict[str, Any]) -> list[str]:
-    interval = texts.INTERVAL.format(low=digits_of(row["low"], 4), high=digits_of(row["high"], 4))
-    before = "" if row["nominal"] is None else digits_of(row["nominal"], 4)
-    return [row["label"], digits_of(row["value"], 4), interval, row["unit"], before, row["seen"]]

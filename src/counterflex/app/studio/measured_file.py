@@ -145,19 +145,23 @@ class MeasuredFile:
         used = {name: one for name, one in self.channels.items() if any(one.columns)}
         if not used:
             raise FileFormatError(texts.NOTHING_MAPPED, where=str(self.path))
-        files = [self.how.model_dump(exclude_defaults=True)]
-        if any(name.startswith(_PLANNED) for one in used.values() for name in one.columns):
-            files.append({"path": ROWS, "prefix": _PLANNED})
-        data: dict[str, Any] = {"format": KIND, "version": VERSION, "name": self.path.stem, "kind": self.kind}
-        data |= {"group": [self.group]} if self.group else {}
+        path = Path(os.path.relpath(self.path, self.folder)).as_posix()
+        files = [{**self.how.model_dump(exclude_defaults=True), "path": path}]
+        names = [name for one in used.values() for name in one.columns]
+        files += [{"path": ROWS, "prefix": _PLANNED}] if any(name.startswith(_PLANNED) for name in names) else []
+        group = {"group": [self.group]} if self.group else {}
         known = {key: value for key, value in self.settings.items() if key in _STATED}
-        data |= {"settings": known} if known else {}
-        data["files"] = [
-            {**one, "path": Path(os.path.relpath(self.path, self.folder)).as_posix()} if k == 0 else one
-            for k, one in enumerate(files)
-        ]
-        data["rows"] = {"drop_incomplete": True}
-        data["channels"] = {name: one.table(CHANNELS[name]) for name, one in used.items()}
+        data = {
+            "format": KIND,
+            "version": VERSION,
+            "name": self.path.stem,
+            "kind": self.kind,
+            **group,
+            **({"settings": known} if known else {}),
+            "files": files,
+            "rows": {"drop_incomplete": True},
+            "channels": {name: one.table(CHANNELS[name]) for name, one in used.items()},
+        }
         write_toml(manifest, data)
 
 
@@ -179,7 +183,7 @@ def _sniffed(path: Path) -> tuple[FileTable, TextTable]:
             try:
                 table = read_table(path, how)
                 if len(table) > 1 and not _numbers(table, 0, 1) and _numbers(table, 1, 2):  # a row of units
-                    how = replace_lines(how, (int(table.lines[0]),))
+                    how = how.model_copy(update={"skip_lines": (int(table.lines[0]),)})
                     table = read_table(path, how)
             except CounterflexError as fault:
                 refused = refused or fault
@@ -190,11 +194,6 @@ def _sniffed(path: Path) -> tuple[FileTable, TextTable]:
     if best is None or best[0] == 0:
         raise refused or FileFormatError(texts.NO_COLUMNS, where=str(path))
     return best[1], best[2]
-
-
-def replace_lines(how: FileTable, lines: tuple[int, ...]) -> FileTable:
-    """Return a way of writing with lines to skip."""
-    return how.model_copy(update={"skip_lines": lines})
 
 
 def _numbers(table: TextTable, begin: int, end: int) -> int:

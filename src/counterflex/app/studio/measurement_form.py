@@ -9,17 +9,20 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import tomlkit
 
+from counterflex.app.identification.cell_model import model_of
+from counterflex.app.identification.identify import prepare
 from counterflex.app.studio import texts
 from counterflex.core import atomic, file_content
-from counterflex.core.errors import FileFormatError, OutputError
+from counterflex.core.errors import CounterflexError, FileFormatError, InputError, ModelError, OutputError
 from counterflex.files.cell.document import new_table
 from counterflex.files.dataset.proposal import ROWS, form_names, planned_for
 from counterflex.files.dataset.writer import column_names
@@ -31,11 +34,12 @@ _UNIT_RATIO: Final = 200.0
 of an arm is 200 times farther away than the median one."""
 _ENOUGH: Final = 4
 """Rows whose median says how large a reading is."""
+_LINE: Final = re.compile(r":(\d+)(?::|$)")
 _WITHOUT_SIGMA: Final = ("time_s", "temperature_c")
 
 
 @dataclass(frozen=True)
-class Column:
+class FormColumn:
     """A column of the table."""
 
     name: str
@@ -51,8 +55,7 @@ class Column:
         return CHANNELS[self.channel]
 
 
-@dataclass(frozen=True)
-class Remark:
+class Remark(NamedTuple):
     """A finding on a row: ``todo`` (nothing measured), ``bad`` (cannot be used as it is), ``odd`` (look at it)."""
 
     state: str = "done"
@@ -65,7 +68,7 @@ class MeasurementForm:
 
     folder: Path
     recipe: str
-    columns: list[Column]
+    columns: list[FormColumn]
     rows: list[list[str]]
     sigma: dict[tuple[str, str], float] = field(default_factory=dict)  # by channel and unit
     _seen: tuple[bytes, bytes] = (b"", b"")
@@ -116,9 +119,9 @@ class MeasurementForm:
         text = text.strip().replace("\u2212", "-")
         self.rows[row][column] = text.replace(",", ".") if _NUMBER.fullmatch(text) else text
 
-    def used(self) -> list[Column]:
+    def used(self) -> list[FormColumn]:
         """Columns that hold something, and those without which they mean nothing."""
-        out: list[Column] = []
+        out: list[FormColumn] = []
         for columns in _by_channel(self.columns).values():
             filled = [any(row[self.columns.index(one)] for row in self.rows) for one in columns]
             most = max((k + 1 for k, one in enumerate(filled) if one), default=0)
@@ -134,42 +137,36 @@ class MeasurementForm:
         measured = [k for k, one in zip(places, used, strict=True) if not one.planned]
         out: list[Remark] = []
         for number, row in enumerate(self.rows):
-            empty = [self.columns[k] for k in places if not row[k]]
             wrong = [k for k in places if row[k] and not _NUMBER.fullmatch(row[k])]
+            empty = ", ".join(self.columns[k].label for k in places if not row[k])
             if wrong:
-                label = f"{self.columns[wrong[0]].channel} {self.columns[wrong[0]].label}"
+                label = self.columns[wrong[0]].label
                 out.append(Remark("bad", texts.ROW_NO_NUMBER.format(column=label, text=row[wrong[0]])))
-            elif not measured or all(not row[k] for k in measured):
+            elif not any(row[k] for k in measured):
                 out.append(Remark("todo", texts.ROW_TODO))
             elif empty:
-                out.append(Remark("bad", texts.ROW_INCOMPLETE.format(columns=", ".join(one.label for one in empty))))
+                out.append(Remark("bad", texts.ROW_INCOMPLETE.format(columns=empty)))
             else:
                 out.append(Remark("odd", odd[number]) if number in odd else Remark())
         return out
 
-    def _odd(self, used: Sequence[Column]) -> dict[int, str]:
+    def _odd(self, used: Sequence[FormColumn]) -> dict[int, str]:
         """Rows whose reading is of another size than that of the others, or the same again."""
         out: dict[int, str] = {}
-        known: dict[tuple[str, ...], int] = {}
-        quantities = dict.fromkeys((one.channel, one.unit) for one in used if not one.planned and not one.kind.whole)
-        for channel, unit in quantities:
-            places = [self.columns.index(one) for one in used if (one.channel, one.unit) == (channel, unit)]
-            sizes = {
-                number: float(np.linalg.norm([float(row[k]) for k in places]))
-                for number, row in enumerate(self.rows)
-                if all(_NUMBER.fullmatch(row[k]) for k in places)
-            }
-            if len(sizes) < _ENOUGH or channel in _WITHOUT_SIGMA:
-                continue
-            for number, size in sizes.items():
-                usual = float(np.median([one for k, one in sizes.items() if k != number]))
-                ratio = size / usual if usual > 0.0 else 1.0
-                if ratio > _UNIT_RATIO or ratio < 1.0 / _UNIT_RATIO:
-                    out[number] = texts.ROW_UNIT.format(size=f"{size:.4g}", usual=f"{usual:.4g}", unit=unit)
-                same = tuple(self.rows[number][k] for k in places)
-                if size > 0.0 and known.setdefault((channel, unit, *same), number) != number:
-                    out.setdefault(number, texts.ROW_TWICE.format(row=known[channel, unit, *same] + 1))
+        taken = [one for one in used if not (one.planned or one.kind.whole or one.channel in _WITHOUT_SIGMA)]
+        for channel, unit in dict.fromkeys((one.channel, one.unit) for one in taken):
+            readings = self._readings([one for one in taken if (one.channel, one.unit) == (channel, unit)])
+            out |= _odd_readings(readings, unit) if len(readings) >= _ENOUGH else {}
         return out
+
+    def _readings(self, columns: Sequence[FormColumn]) -> dict[int, tuple[float, ...]]:
+        """Numbers of some columns, of the rows that have all of them."""
+        places = [self.columns.index(one) for one in columns]
+        return {
+            number: tuple(float(row[k]) for k in places)
+            for number, row in enumerate(self.rows)
+            if all(_NUMBER.fullmatch(row[k]) for k in places)
+        }
 
     def save(self) -> None:
         """Write table and manifest: columns that are empty throughout are left out of the manifest, and rows too.
@@ -196,7 +193,7 @@ class MeasurementForm:
         atomic.write_text(self.manifest, tomlkit.dumps(doc))
         self._seen = self._content()
 
-    def _map(self, table: Any, channel: str, columns: Sequence[Column]) -> None:
+    def _map(self, table: Any, channel: str, columns: Sequence[FormColumn]) -> None:
         units = list(dict.fromkeys(one.unit for one in columns))
         table["columns"] = [one.name for one in columns]
         if units != ["1"]:
@@ -213,12 +210,27 @@ class MeasurementForm:
         return file_content.content(self.manifest), file_content.content(self.table)
 
 
+def _odd_readings(readings: Mapping[int, tuple[float, ...]], unit: str) -> dict[int, str]:
+    """Rows of one quantity whose size is another, or whose numbers were there before."""
+    out: dict[int, str] = {}
+    sizes = {number: float(np.linalg.norm(reading)) for number, reading in readings.items()}
+    known: dict[tuple[float, ...], int] = {}
+    for number, size in sizes.items():
+        usual = float(np.median([one for k, one in sizes.items() if k != number]))
+        first = known.setdefault(readings[number], number)
+        if max(size, usual) > _UNIT_RATIO * min(size, usual) > 0.0:
+            out[number] = texts.ROW_UNIT.format(size=f"{size:.4g}", usual=f"{usual:.4g}", unit=unit)
+        elif size > 0.0 and first != number:
+            out[number] = texts.ROW_TWICE.format(row=first + 1)
+    return out
+
+
 def _proposed(folder: Path) -> list[str]:
     """Columns of the proposal in a folder."""
     return file_content.content(folder / ROWS).decode("utf-8", "replace").split("\n", 1)[0].strip().split(",")
 
 
-def _columns(header: Sequence[str], proposed: Sequence[str]) -> list[Column]:
+def _columns(header: Sequence[str], proposed: Sequence[str]) -> list[FormColumn]:
     """Columns of a table by their names."""
     known = {
         name: (channel, label, unit)
@@ -236,12 +248,44 @@ def _columns(header: Sequence[str], proposed: Sequence[str]) -> list[Column]:
             raise FileFormatError("the form has a column of another name", value=name, limit="those it came with")
         channel, label, unit = known[name]
         planned = bool(planned_for(name, channel, proposed))
-        out.append(Column(name, channel, label, unit, planned, planned and CHANNELS[channel].nature == "joints"))
+        out.append(FormColumn(name, channel, label, unit, planned, planned and CHANNELS[channel].nature == "joints"))
     return out
 
 
-def _by_channel(columns: Sequence[Column]) -> dict[str, list[Column]]:
-    out: dict[str, list[Column]] = {}
+def _by_channel(columns: Sequence[FormColumn]) -> dict[str, list[FormColumn]]:
+    out: dict[str, list[FormColumn]] = {}
     for column in columns:
         out.setdefault(column.channel, []).append(column)
     return out
+
+
+class ReadingCheck(NamedTuple):
+    """What a recipe says of readings."""
+
+    fault: str = ""  # why it does not take them
+    at_line: Mapping[int, str] = MappingProxyType({})  # by line of the file
+
+
+def check_readings(recipe: str, manifest: Path, cell: Path) -> ReadingCheck:
+    """Identify from the readings there are, write nothing, and return what the recipe says about them."""
+    try:
+        task = prepare(recipe, [manifest], cell)
+        # Predicting the same readings spares the fits of the folds: their error says nothing, and is not shown.
+        found = task.recipe.identify(model_of(task.cell), task.data, task.data, task.settings)
+    except (FileFormatError, InputError, ModelError) as fault:
+        return _refused(fault)
+    except ArithmeticError as fault:  # too few readings for the algebra
+        return ReadingCheck(fault=str(fault))
+    place = task.place_of(found)
+    at_line = {}
+    for fit in found.fits.values():
+        for one in fit.outliers:
+            match = _LINE.search(place(one.block, one.row))
+            if match is not None:
+                at_line[int(match[1])] = texts.ROW_OUTLIER.format(size=one.size)
+    return ReadingCheck(at_line=at_line)
+
+
+def _refused(fault: CounterflexError) -> ReadingCheck:
+    match = _LINE.search(str(fault.where or ""))
+    return ReadingCheck(str(fault), at_line={} if match is None else {int(match[1]): fault.what})
