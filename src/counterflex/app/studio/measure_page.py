@@ -79,13 +79,13 @@ class MeasurePage:
             with ui.column().classes("st-block"):
                 self._choice()
             self._view = SceneView(self._draw).classes("st-pose-view")
+        self.fault = FaultBanner("measure-fault")
         with ui.column().classes("st-block") as self._readings:
             self._source = ui.toggle(texts.SOURCES, value="typed", on_change=self._show_source)
             self._source.props('no-caps data-test="source"')
             self._typed = ui.column().classes("st-block")
             self._from_file = ui.column().classes("st-block")
             self._checked = ui.label("").classes("st-note").props('data-test="checked" aria-live="polite"')
-            self.fault = FaultBanner("measure-fault")
             self._identify = Action(
                 desk, "identify", texts.IDENTIFY, self._identify_lines, self._lacking, self._identified
             )
@@ -212,6 +212,12 @@ class MeasurePage:
             self._how.clear()
             return
         names = [PROPOSAL, *form_names(self._recipe.value)]
+        if not all((folder / name).is_file() for name in names):
+            self._form, self._remarks, self._shown = None, [], ""
+            self._readings.set_visibility(False)
+            self.fault.show(texts.NO_FORM.format(folder=self._desk.project.name(folder)))
+            self._show_how(folder)
+            return
         mark = " ".join(f"{folder / name} {(folder / name).stat().st_mtime_ns}" for name in names)
         if mark == self._shown:
             return
@@ -316,7 +322,8 @@ class MeasurePage:
             done = sum(one.state in ("done", "odd") for one in remarks)
             text = texts.COMPLETE.format(done=done, count=len(form.rows))
         else:
-            assert self._mapping.file is not None
+            if self._mapping.file is None:
+                return
             lines = ", ".join(str(line) for line in sorted(found.at_line)[:20])
             text = texts.ROWS_READ.format(count=self._mapping.file.count, name=self._mapping.file.path.name)
             text += texts.LINES_ODD.format(lines=lines) if lines else ""

@@ -274,7 +274,7 @@ def check_readings(recipe: str, manifest: Path, cell: Path) -> ReadingCheck:
         found = task.recipe.identify(model_of(task.cell), task.data, task.data, task.settings)
     except (FileFormatError, InputError, ModelError) as fault:
         return _refused(fault)
-    except ArithmeticError as fault:  # too few readings for the algebra
+    except (ArithmeticError, np.linalg.LinAlgError) as fault:  # too few readings for the algebra
         return ReadingCheck(fault=str(fault))
     place = task.place_of(found)
     at_line = {}

@@ -73,6 +73,7 @@ SOURCES: Final = {"typed": "Type the readings", "file": "File of the instrument"
 TYPED_HELP: Final = "Select a row: the robot stands at its pose. Paste blocks from a spreadsheet; each entry is saved."
 MEASURED_FILE_HELP: Final = "CSV, Parquet, LVM, TDMS or MAT, as the instrument wrote it; the file is not changed."
 FORM: Final = {"row": "no.", "pose": "axes, deg"}
+NO_FORM: Final = "{folder} has no form for such data: write a manifest for them, and identify at the prompt."
 WILL_FIND: Final = "Determines {count} parameters: standard deviations to expect"
 EXPECTED_COLUMNS: Final = ("parameter", "standard deviation", "unit")
 SPREAD: Final = "Std. deviation of {channel}, {unit}"
