@@ -59,7 +59,17 @@ class InspectPage:
     def _lacking(self, what: str) -> str:
         return self._desk.lacking() or texts.NEEDS.format(what=what)
 
+    def _used_before(self) -> bool:
+        """The chosen plan has come of the chosen scan: it shows an earlier part."""
+        if not self._plan.value or not self._measured.value:
+            return False
+        parts = self._desk.project.summary(self._plan.value).get("correct", {}).get("parts", [])
+        judged = self._desk.project.summary(self._measured.value).get("parts", {}).values()
+        return bool({part["source"] for part in parts} & {one["scan"]["file"] for one in judged if "scan" in one})
+
     def _lacking_for_correction(self) -> str:
+        if self._used_before():
+            return texts.SCAN_OF_EARLIER
         return self._lacking(texts.MADE_BY if not self._plan.value else texts.INSPECT)
 
     async def _dropped(self, name: str) -> None:
@@ -75,7 +85,7 @@ class InspectPage:
 
     def _correct_line(self) -> list[str]:
         plan, scan = self._plan.value, self._measured.value
-        if self._desk.lacking() or not scan or not plan:
+        if self._desk.lacking() or not scan or not plan or self._used_before():
             return []
         out = f"{plan}-next"
         return [next_command("correct", self._desk.program, cell=self._desk.cell, plan=plan, scan=scan, out=out)]
