@@ -40,7 +40,7 @@ _ARGUMENTS = f"functions with more than {MANY_ARGUMENTS} arguments outside kerne
 _WIDE, _BIG = f"folders above {WIDE} modules", f"modules above {LONG_MODULE} lines"
 CEILINGS = {
     "modules": 1234,
-    "lines": 219_217,
+    "lines": 219_216,
     _BIG: 7,
     _WIDE: 7,
     _PATHS: 0,

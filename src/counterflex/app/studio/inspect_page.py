@@ -124,9 +124,8 @@ class InspectPage:
                     now, *after = (expected[key] / 1000.0 for key in _EXPECTED)
                     error_bars(texts.CORRECTED, (now, now, now), after, mark=f"bars-{folder}")
                     result_links(self._desk, folder)
-                    if folder != self._plan.value:
-                        accept = ui.button(texts.ACCEPT, on_click=partial(self._plan.set_value, folder))
-                        accept.props("no-caps outline").props["data-test"] = f"accept-{folder}"
+                    accept = ui.button(texts.ACCEPT, on_click=partial(self._plan.set_value, folder))
+                    accept.props("no-caps outline").props["data-test"] = f"accept-{folder}"
 
     def _show_history(self, correct: dict[str, Any]) -> None:
         """Parts of the program one after the other, and what is expected of the next."""
